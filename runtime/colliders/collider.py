@@ -1,0 +1,82 @@
+"""What every collider offers: a signed distance (negative inside, metres) with gradient and Hessian.
+
+All coordinates are the collider's own; `RigidPose` takes them to the world. The Hessian matters: without the
+curvature of the distance the Newton iterations of contact converge only linearly (DESIGN.md, part 3).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from runtime.arrays import Array, BoolArray, IntArray
+
+
+class SdfDerivatives(NamedTuple):
+    """Signed distance at n points: value (n,) [m], gradient (n, dim) [1], Hessian (n, dim, dim) [1/m]."""
+
+    value: Array
+    gradient: Array
+    hessian: Array
+
+    def take(self, index: IntArray | BoolArray) -> SdfDerivatives:
+        return SdfDerivatives(self.value[index], self.gradient[index], self.hessian[index])
+
+
+class Collider(Protocol):
+    """A rigid solid. `lower` and `upper` (dim,) bound it in its own coordinates; `size` is half of its
+    largest extent [m]."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def dim(self) -> int: ...
+    @property
+    def lower(self) -> Array: ...
+    @property
+    def upper(self) -> Array: ...
+    @property
+    def size(self) -> float: ...
+
+    def sdf(self, z: Array) -> Array:
+        """Signed distance (n,) [m] at local points z (n, dim); the cheap call, for culling."""
+        ...
+
+    def sdf_derivatives(self, z: Array) -> SdfDerivatives:
+        """Signed distance, gradient and Hessian at local points z (n, dim)."""
+        ...
+
+
+class ColliderBase:
+    """What follows from the bounds and the derivatives."""
+
+    name: str
+    lower: Array
+    upper: Array
+
+    @property
+    def dim(self) -> int:
+        return int(self.lower.size)
+
+    @property
+    def size(self) -> float:
+        return float(0.5 * (self.upper - self.lower).max())
+
+    def sdf(self, z: Array) -> Array:
+        return self.sdf_derivatives(z).value
+
+    def sdf_derivatives(self, z: Array) -> SdfDerivatives:
+        raise NotImplementedError
+
+
+def norm_derivatives(v: Array) -> SdfDerivatives:
+    """|v| with gradient v/|v| and Hessian (I - n n^T)/|v| for v (n, dim).
+
+    At v = 0, the kink of the norm, gradient and Hessian are zero, so that a Newton step stays finite there.
+    """
+    length = np.linalg.norm(v, axis=1)
+    inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
+    n = v * inverse[:, None]
+    hessian = (np.eye(v.shape[1]) - n[:, :, None] * n[:, None, :]) * inverse[:, None, None]
+    return SdfDerivatives(length, n, hessian)

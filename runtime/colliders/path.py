@@ -1,0 +1,87 @@
+"""Keyframed motion of a collider or of a kinematic handle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation, Slerp
+
+from runtime.arrays import Array
+from runtime.colliders.pose import RigidPose
+from runtime.errors import SoftprintError
+
+
+class KeyframedPath:
+    """A rigid pose over time, given at keyframes and held before the first and after the last of them.
+
+    Positions follow a monotone cubic (Fritsch and Carlson), which is C1 and never overshoots a keyframe, so
+    that a collider told to stop at the surface does not dip into it. Rotations in 3D follow the shortest arc
+    (slerp) between keyframes; the angle in 2D follows the same monotone cubic, so whole turns are kept.
+
+    times: (k,) [s], strictly increasing; positions: (k, dim) [m]; rotation_vectors: (k,) or (k, 1) angles in
+    2D, (k, 3) axis times angle in 3D [rad], None for no rotation. Raises SoftprintError for anything else.
+    """
+
+    def __init__(
+        self, times: ArrayLike, positions: ArrayLike, rotation_vectors: ArrayLike | None = None
+    ) -> None:
+        self.times: Array = np.atleast_1d(np.asarray(times, dtype=float))
+        self.positions: Array = np.asarray(positions, dtype=float)
+        count = self.times.size
+        if self.positions.shape not in ((count, 2), (count, 3)):
+            raise SoftprintError(
+                f"a path with {count} keyframe(s) needs positions of shape ({count}, 2) or ({count}, 3), "
+                f"not {self.positions.shape}"
+            )
+        columns = 1 if self.dim == 2 else 3
+        rotations = (
+            np.zeros((count, columns))
+            if rotation_vectors is None
+            else np.asarray(rotation_vectors, dtype=float)
+        )
+        if rotations.size != count * columns:
+            wanted = "one angle" if self.dim == 2 else "axis times angle, three numbers,"
+            raise SoftprintError(
+                f"each of the {count} keyframe(s) of a {self.dim}D path needs {wanted} as its rotation; "
+                f"got an array of shape {rotations.shape}"
+            )
+        self.rotation_vectors: Array = rotations.reshape(count, columns)
+        if count == 0 or not all(
+            np.isfinite(a).all() for a in (self.times, self.positions, self.rotation_vectors)
+        ):
+            raise SoftprintError(
+                "a path needs at least one keyframe, with finite times, positions and rotations"
+            )
+        if (np.diff(self.times) <= 0).any():
+            raise SoftprintError(f"keyframe times must increase strictly; got {self.times.tolist()}")
+        self._constant = count == 1
+        if not self._constant:
+            self._position = PchipInterpolator(self.times, self.positions)
+            if self.dim == 2:
+                self._angle = PchipInterpolator(self.times, self.rotation_vectors)
+            else:
+                self._slerp = Slerp(self.times, Rotation.from_rotvec(self.rotation_vectors))
+
+    @classmethod
+    def constant(cls, pose: RigidPose) -> KeyframedPath:
+        """A path that stays at one pose."""
+        return cls([0.0], pose.translation[None], pose.rotation_vector[None])
+
+    @property
+    def dim(self) -> int:
+        return int(self.positions.shape[1])
+
+    @property
+    def duration(self) -> float:
+        """Time from the first keyframe to the last [s]."""
+        return float(self.times[-1] - self.times[0])
+
+    def pose(self, time: float) -> RigidPose:
+        """The pose at `time` [s]; the first or last keyframe's outside the keyframed interval."""
+        if self._constant:
+            return RigidPose.from_rotation_vector(self.rotation_vectors[0], self.positions[0])
+        t = float(np.clip(time, self.times[0], self.times[-1]))
+        if self.dim == 2:
+            return RigidPose.from_rotation_vector(self._angle(t), self._position(t))
+        return RigidPose(self._slerp(t).as_matrix(), self._position(t))

@@ -1,0 +1,1 @@
+"""Contact potentials between surface points and colliders: penalty and regularised Coulomb friction."""
