@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from runtime.arrays import Array
 from runtime.errors import SoftprintError
 
-
 # A rotation read from a file has passed through decimal text; anything looser than this is not a rotation.
 ORTHONORMAL_TOLERANCE = 1e-6
 

@@ -1,8 +1,8 @@
 """Rounded convex corners that are exact distances outside and stay C1 at every depth.
 
 The distance to a box rounded by r has kinks on its inner medial axis, from depth r on, where a penetrating
-surface node would make Newton cycle. Here the corner of every level set keeps a radius instead: at depth d the
-level set is the box moved in by d, with corners rounded by
+surface node would make Newton cycle. Here the corner of every level set keeps a radius: at depth d the level
+set is the box moved in by d, with corners rounded by
 
     R(d) = r - d                    outside (d <= 0), the exact offset surface
     R(d) = r - d + d^2 / (2 r)      for 0 <= d <= r
@@ -80,7 +80,7 @@ def rounded_corner(q: Array, rounding: float) -> SdfDerivatives:
 
 
 def smooth_abs(x: Array, width: float) -> tuple[Array, Array, Array]:
-    """|x| made C2 within `width` of zero by an even quartic: value, first and second derivative, shaped as x."""
+    """|x| made C2 within `width` of zero by an even quartic: value, first, second derivative, shaped as x."""
     t = np.clip(x / width, -1.0, 1.0)
     inside = np.abs(x) < width
     value = np.where(inside, width * (3.0 + 6.0 * t**2 - t**4) / 8.0, np.abs(x))

@@ -1,1 +1,9 @@
-"""Contact potentials between surface points and colliders: penalty and regularised Coulomb friction."""
+"""Contact potentials between surface points and colliders: penalty and regularised Coulomb friction.
+
+They take world positions and areas and know nothing of bodies, so reduced and full space share them.
+"""
+
+from runtime.contact.friction import CoulombFriction, FrictionTerms, LaggedContact
+from runtime.contact.penalty import ContactTerms, PenaltyContact
+
+__all__ = ["ContactTerms", "CoulombFriction", "FrictionTerms", "LaggedContact", "PenaltyContact"]

@@ -1,0 +1,105 @@
+"""Coulomb friction as a lagged, smoothed dissipative potential (Li et al. 2020, Incremental Potential Contact).
+
+Over one step of length h a contact point moves by u_i relative to the collider; with P_i = I - n_i n_i^T,
+the normal force N_i and the normal n_i held from the last evaluation of contact (lagged),
+
+    D(x) = sum_i mu N_i f0(|P_i u_i|),    u_i = x_i - T_end T_start^-1 x_i,start,
+
+    f0(y) = y^2/eps - y^3/(3 eps^2) + eps/3   for y < eps,   else y          (C2)
+    f1(y) = f0'(y) = 2 y/eps - y^2/eps^2      for y < eps,   else 1          (C1; IPC eq. 14)
+
+where eps = slip_velocity h. Points slower than slip_velocity stick, up to that creep; faster ones feel mu N.
+The Hessian is positive semi-definite. u_i is measured against where the collider's own motion over the step
+would have carried the point, so a body that rides along with the collider feels nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.colliders.pose import RigidPose
+from runtime.contact.penalty import ContactTerms
+from runtime.errors import SoftprintError
+
+
+class LaggedContact(NamedTuple):
+    """What friction holds fixed within a minimisation, for the m points in contact; world coordinates.
+
+    index (m,) of the points; force (m,) normal force [N]; normal (m, dim); anchor (m, dim): where the point
+    would be at the end of the step if it stuck to the collider [m].
+    """
+
+    index: IntArray
+    force: Array
+    normal: Array
+    anchor: Array
+
+
+class FrictionTerms(NamedTuple):
+    """energy [J]; index (m,) of the points; gradient (m, dim) [N], the friction force being its negative;
+    hessian (m, dim, dim) [N/m]; world coordinates."""
+
+    energy: float
+    index: IntArray
+    gradient: Array
+    hessian: Array
+
+
+@dataclass(frozen=True)
+class CoulombFriction:
+    """coefficient mu [1] and slip_velocity [m/s], below which contact counts as sticking."""
+
+    coefficient: float
+    slip_velocity: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.coefficient) and self.coefficient >= 0):
+            raise SoftprintError(f"the friction coefficient must be zero or positive, not {self.coefficient}")
+        if not (np.isfinite(self.slip_velocity) and self.slip_velocity > 0):
+            raise SoftprintError(
+                f"the slip velocity must be a positive number of m/s, not {self.slip_velocity}"
+            )
+
+    def lag(
+        self, contact: ContactTerms, start: Array, pose_start: RigidPose, pose_end: RigidPose
+    ) -> LaggedContact:
+        """Hold the normals and normal forces of `contact`, evaluated with the collider at pose_end.
+
+        start: (n, dim) world positions at the start of the step of the same points that `contact` was evaluated
+        at; pose_start, pose_end: the collider's pose at the start and at the end of the step.
+        """
+        return LaggedContact(
+            index=contact.index,
+            force=np.linalg.norm(contact.gradient, axis=1),
+            normal=contact.normal,
+            anchor=pose_end.apply(pose_start.apply_inverse(start[contact.index])),
+        )
+
+    def terms(self, x: Array, lagged: LaggedContact, time_step: float) -> FrictionTerms:
+        """Energy, gradient and Hessian at world points x (n, dim) [m] for a step of time_step [s]."""
+        eps = self.slip_velocity * time_step
+        n = lagged.normal
+        u = x[lagged.index] - lagged.anchor
+        u = u - (u * n).sum(axis=1, keepdims=True) * n
+        y = np.linalg.norm(u, axis=1)
+        slips = y >= eps
+        moving = np.where(slips, y, 1.0)  # a divisor that is never zero
+        f0 = np.where(slips, y, y**2 / eps - y**3 / (3 * eps**2) + eps / 3)
+        f1_over_y = np.where(slips, 1.0 / moving, 2.0 / eps - y / eps**2)
+        # (f1'(y) - f1(y)/y) / y^2; at y = 0 it multiplies u u^T = 0, so any finite number will do there.
+        curvature = -np.where(slips, moving**-3, 1.0 / (eps**2 * np.where(y > 0, y, 1.0)))
+        weight = self.coefficient * lagged.force
+        tangent = np.eye(x.shape[1]) - n[:, :, None] * n[:, None, :]
+        hessian = (
+            f1_over_y[:, None, None] * tangent + curvature[:, None, None] * u[:, :, None] * u[:, None, :]
+        )
+        return FrictionTerms(
+            energy=float(weight @ f0),
+            index=lagged.index,
+            gradient=(weight * f1_over_y)[:, None] * u,
+            hessian=weight[:, None, None] * hessian,
+        )

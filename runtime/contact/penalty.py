@@ -1,0 +1,89 @@
+"""Penalty contact of surface points with one collider (W_contact of thesis eq. 5.5).
+
+    W(x) = sum_i a_i (k/3) depth_i^3,   depth_i = max(0, -s(T^-1 x_i)),
+
+a_i [m^2; in 2D m, a metre of thickness] being the lumped surface area of point i and k [N/m^4; Pa/m^2] the
+stiffness, so that the contact pressure is k depth^2. With n the world gradient and H the world Hessian of the
+signed distance s:
+
+    gradient  dW/dx_i      = -a_i k depth_i^2 n_i                                  [N]
+    Hessian   d2W/dx_i^2   =  a_i k (2 depth_i n_i n_i^T - depth_i^2 H_i)          [N/m]
+
+W is C2 in depth. The second term of the Hessian is the curvature of the collider: without it Newton converges
+only linearly. It makes the Hessian indefinite where the collider is convex; solvers must expect that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.colliders.collider import Collider
+from runtime.colliders.pose import RigidPose
+from runtime.errors import SoftprintError
+
+
+class ContactTerms(NamedTuple):
+    """Contact of the m penetrating points among the n points given; world coordinates.
+
+    energy [J]; index (m,) of the points; gradient (m, dim) [N], the contact force being its negative;
+    hessian (m, dim, dim) [N/m]; depth (m,) [m]; normal (m, dim), the unit outward normal of the collider.
+    """
+
+    energy: float
+    index: IntArray
+    gradient: Array
+    hessian: Array
+    depth: Array
+    normal: Array
+
+
+def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[IntArray, Array]:
+    """Which of the world points x (n, dim) lie inside the collider: index (m,) and their local coordinates."""
+    z = pose.apply_inverse(x)
+    near = np.flatnonzero(((z >= collider.lower) & (z <= collider.upper)).all(axis=1))
+    if near.size:
+        near = near[collider.sdf(z[near]) < 0]
+    return near, z[near]
+
+
+@dataclass(frozen=True)
+class PenaltyContact:
+    """Contact that costs (stiffness / 3) depth^3 for each unit of surface area; stiffness in N/m^4."""
+
+    stiffness: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.stiffness) and self.stiffness > 0):
+            raise SoftprintError(
+                f"contact stiffness must be a positive number of N/m^4, not {self.stiffness}"
+            )
+
+    def energy(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> float:
+        """The contact energy alone [J], for line searches; arguments as for `terms`."""
+        index, z = penetrating_points(x, collider, pose)
+        if index.size == 0:
+            return 0.0
+        return float(self.stiffness / 3.0 * (areas[index] @ np.maximum(-collider.sdf(z), 0.0) ** 3))
+
+    def terms(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> ContactTerms:
+        """Energy, gradient and Hessian at world points x (n, dim) [m] with lumped areas (n,)."""
+        index, z = penetrating_points(x, collider, pose)
+        distance = collider.sdf_derivatives(z)
+        depth = np.maximum(-distance.value, 0.0)
+        slope = pose.rotate(distance.gradient)
+        length = np.linalg.norm(slope, axis=1, keepdims=True)
+        weight = self.stiffness * areas[index]
+        hessian = (2.0 * weight * depth)[:, None, None] * (slope[:, :, None] * slope[:, None, :])
+        hessian -= (weight * depth**2)[:, None, None] * pose.rotate_matrices(distance.hessian)
+        return ContactTerms(
+            energy=float(weight @ depth**3 / 3.0),
+            index=index,
+            gradient=-(weight * depth**2)[:, None] * slope,
+            hessian=hessian,
+            depth=depth,
+            normal=np.divide(slope, length, out=np.zeros_like(slope), where=length > 0),
+        )
