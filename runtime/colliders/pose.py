@@ -87,7 +87,7 @@ class RigidPose:
         """Angle, shape (1,), in 2D; axis times angle, shape (3,), in 3D [rad]."""
         if self.dim == 2:
             return np.array([np.arctan2(self.rotation[1, 0], self.rotation[0, 0])])
-        return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec(), dtype=float)
+        return np.asarray(Rotation.from_matrix(self.rotation.copy()).as_rotvec(), dtype=float)
 
     def apply(self, points: Array) -> Array:
         """Local points (n, dim) to the world: R z + t."""

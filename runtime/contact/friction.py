@@ -1,4 +1,4 @@
-"""Coulomb friction as a lagged, smoothed dissipative potential (Li et al. 2020, Incremental Potential Contact).
+"""Coulomb friction as a lagged, smoothed dissipative potential (IPC: Li et al. 2020).
 
 Over one step of length h a contact point moves by u_i relative to the collider; with P_i = I - n_i n_i^T,
 the normal force N_i and the normal n_i held from the last evaluation of contact (lagged),
@@ -69,8 +69,8 @@ class CoulombFriction:
     ) -> LaggedContact:
         """Hold the normals and normal forces of `contact`, evaluated with the collider at pose_end.
 
-        start: (n, dim) world positions at the start of the step of the same points that `contact` was evaluated
-        at; pose_start, pose_end: the collider's pose at the start and at the end of the step.
+        start: (n, dim) world positions at the start of the step of the points `contact` was given;
+        pose_start, pose_end: the collider's pose at the start and at the end of the step.
         """
         return LaggedContact(
             index=contact.index,

@@ -42,7 +42,7 @@ class ContactTerms(NamedTuple):
 
 
 def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[IntArray, Array]:
-    """Which of the world points x (n, dim) lie inside the collider: index (m,) and their local coordinates."""
+    """Which of the world points x (n, dim) lie inside the collider: index (m,) and local coordinates."""
     z = pose.apply_inverse(x)
     near = np.flatnonzero(((z >= collider.lower) & (z <= collider.upper)).all(axis=1))
     if near.size:
