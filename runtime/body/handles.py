@@ -1,0 +1,183 @@
+"""Handles: what the reduced model moves, and the tangent space in which Newton's method steps them.
+
+The reduced state is kept as *handle rows* (n_rows, dim): first one row for each point handle (its position), then
+dim+1 rows for each rigid frame: the dim rows of R^T, then the translation t, so that a rest point X of the frame sits
+at x = X R^T + t. Reduced positions are linear in the rows, x = U rows (thesis eq. 4.1 without r).
+
+Frames are stepped in the tangent space of their pose (thesis 4.2.3): an increment is a translation u and a world
+rotation vector w about the frame's *pivot*, the centroid of its region as it now stands,
+
+    R' = exp(w) R,    p' = p + u,    p = X_pivot R^T + t.
+
+Rotating about the pivot and not about the far-away origin keeps u and w uncoupled in the mass matrix of the region.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.body.rotations import nearest_rotation, rotation_dofs, rotation_exponential, skew
+from runtime.errors import SoftprintError
+
+
+@dataclass(frozen=True, eq=False)
+class FrameHandle:
+    """A rigid region. nodes: (n,) indices, ascending; pivot: (dim,) rest centroid of the region [m]."""
+
+    name: str
+    nodes: IntArray
+    pivot: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Handles:
+    """Point handles (node indices) and rigid frames. Points are addressed by number, frames by name."""
+
+    dim: int
+    points: IntArray
+    frames: tuple[FrameHandle, ...]
+
+    @property
+    def n_points(self) -> int:
+        return len(self.points)
+
+    @property
+    def n_rows(self) -> int:
+        return self.n_points + len(self.frames) * (self.dim + 1)
+
+    @property
+    def n_dofs(self) -> int:
+        """Minimal coordinates: dim a point, dim + dim(dim-1)/2 a frame."""
+        return self.n_points * self.dim + len(self.frames) * (self.dim + rotation_dofs(self.dim))
+
+    @property
+    def frame_nodes(self) -> IntArray:
+        """All nodes in the regions of frames, ascending."""
+        return np.sort(np.concatenate([frame.nodes for frame in self.frames] or [np.empty(0, dtype=np.int64)]))
+
+    def rows_of(self, handle: int | str) -> slice:
+        """Rows of one handle: a point by number, a frame by name."""
+        if isinstance(handle, str):
+            start = self.n_points + self._frame_index(handle) * (self.dim + 1)
+            return slice(start, start + self.dim + 1)
+        return slice(self._point_index(handle), handle + 1)
+
+    def dofs_of(self, handle: int | str) -> slice:
+        """Minimal coordinates of one handle; for a frame the translation comes first, then the rotation vector."""
+        if isinstance(handle, str):
+            width = self.dim + rotation_dofs(self.dim)
+            start = self.n_points * self.dim + self._frame_index(handle) * width
+            return slice(start, start + width)
+        return slice(self._point_index(handle) * self.dim, (handle + 1) * self.dim)
+
+    def _frame_index(self, name: str) -> int:
+        for index, frame in enumerate(self.frames):
+            if frame.name == name:
+                return index
+        known = ", ".join(frame.name for frame in self.frames) or "none"
+        raise SoftprintError(f"the body has no frame named {name!r}; its frames: {known}")
+
+    def _point_index(self, number: int) -> int:
+        if not 0 <= number < self.n_points:
+            raise SoftprintError(f"the body has no point handle {number}; they are numbered 0 to {self.n_points - 1}")
+        return number
+
+    def rest_rows(self, points: Array) -> Array:
+        """(n_rows, dim) rows at rest, from the rest positions (n_nodes, dim) of the mesh's nodes."""
+        frame = np.vstack([np.eye(self.dim), np.zeros(self.dim)])
+        return np.vstack([points[self.points], *([frame] * len(self.frames))])
+
+    def position(self, rows: Array, handle: int | str) -> Array:
+        """(dim,) where a point handle is, or the pivot of a frame [m]."""
+        block = rows[self.rows_of(handle)]
+        if not isinstance(handle, str):
+            return block[0]
+        return self.frames[self._frame_index(handle)].pivot @ block[:-1] + block[-1]
+
+    def with_frame(self, rows: Array, name: str, rotation: Array, translation: Array) -> Array:
+        """Rows with the frame ``name`` at the pose x = rotation X + translation."""
+        moved = rows.copy()
+        moved[self.rows_of(name)] = np.vstack([rotation.T, translation])
+        return moved
+
+    def rigid(self, rows: Array) -> Array:
+        """Rows whose frames are rigid: each affine frame is replaced by its nearest rotation, its pivot kept in place.
+
+        Rows that come from a projection of full positions are affine in general.
+        """
+        result = rows.copy()
+        for index, frame in enumerate(self.frames):
+            block = result[self._frame_rows(index)]
+            pivot = frame.pivot @ block[:-1] + block[-1]
+            block[:-1] = nearest_rotation(block[:-1])
+            block[-1] = pivot - frame.pivot @ block[:-1]
+        return result
+
+    def check_rows(self, rows: Array, what: str = "rows") -> None:
+        """Refuse rows of a wrong shape, not finite, or whose frames are not rotations."""
+        if rows.shape != (self.n_rows, self.dim):
+            raise SoftprintError(f"{what}: shape {rows.shape}, but this body has handle rows {(self.n_rows, self.dim)}")
+        if not np.isfinite(rows).all():
+            raise SoftprintError(f"{what}: holds numbers that are not finite")
+        for index, frame in enumerate(self.frames):
+            rotation = rows[self._frame_rows(index)][:-1]
+            # 1e-6: far above the drift of many thousand float64 retractions, far below any real deformation.
+            if np.abs(rotation @ rotation.T - np.eye(self.dim)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+                raise SoftprintError(f"{what}: frame {frame.name!r} is not a rotation; Handles.rigid makes it one")
+
+    def _frame_rows(self, index: int) -> slice:
+        start = self.n_points + index * (self.dim + 1)
+        return slice(start, start + self.dim + 1)
+
+    def tangent(self, rows: Array) -> Array:
+        """T (n_rows*dim, n_dofs): d rows.ravel() = T v to first order in the increment v of :meth:`retract`."""
+        dim, spin = self.dim, rotation_dofs(self.dim)
+        tangent = np.zeros((self.n_rows * dim, self.n_dofs))
+        diagonal = np.arange(self.n_points * dim)
+        tangent[diagonal, diagonal] = 1.0
+        for index, frame in enumerate(self.frames):
+            block = rows[self._frame_rows(index)]
+            row = (self.n_points + index * (dim + 1)) * dim
+            column = self.n_points * dim + index * (dim + spin)
+            last = slice(row + dim * dim, row + dim * (dim + 1))
+            tangent[last, column : column + dim] = np.eye(dim)
+            for axis in range(spin):
+                # exp(w)^T = I - W + ...: d(R^T) = -R^T W and, the pivot staying, dt = X_pivot R^T W.
+                turned = block[:-1] @ skew(np.eye(spin)[axis])
+                tangent[row : row + dim * dim, column + dim + axis] = -turned.ravel()
+                tangent[last, column + dim + axis] = frame.pivot @ turned
+        return tangent
+
+    def retract(self, rows: Array, increment: Array) -> Array:
+        """Rows after the increment v (n_dofs,) [m, rad]: points are added, frames move by the exponential map."""
+        dim, spin = self.dim, rotation_dofs(self.dim)
+        result = rows.copy()
+        result[: self.n_points] += increment[: self.n_points * dim].reshape(-1, dim)
+        for index, frame in enumerate(self.frames):
+            start = self.n_points * dim + index * (dim + spin)
+            shift, turn = increment[start : start + dim], increment[start + dim : start + dim + spin]
+            block = result[self._frame_rows(index)]
+            pivot = frame.pivot @ block[:-1] + block[-1] + shift
+            block[:-1] = block[:-1] @ rotation_exponential(turn).T
+            block[-1] = pivot - frame.pivot @ block[:-1]
+        return result
+
+    def curvature(self, rows: Array, gradient: Array) -> Array:
+        """(n_dofs, n_dofs): second derivative of the retraction at v = 0, contracted with dE/drows (n_rows, dim).
+
+        With it Newton's Hessian T^T (d2E/drows2) T + curvature is exact. From exp(w)^T = I - W + W^2/2 and
+        W^2 = w w^T - |w|^2 I in 3D, -w^2 I in 2D; M = R (dE/dR^T - X_pivot (x) dE/dt).
+        """
+        dim, spin = self.dim, rotation_dofs(self.dim)
+        curvature = np.zeros((self.n_dofs, self.n_dofs))
+        for index, frame in enumerate(self.frames):
+            block, slope = rows[self._frame_rows(index)], gradient[self._frame_rows(index)]
+            moment = block[:-1].T @ (slope[:-1] - np.outer(frame.pivot, slope[-1]))
+            start = self.n_points * dim + index * (dim + spin) + dim
+            turn = slice(start, start + spin)
+            symmetric = 0.5 * (moment + moment.T) if dim == 3 else np.zeros((1, 1))
+            curvature[turn, turn] = symmetric - np.trace(moment) * np.eye(spin)
+        return curvature

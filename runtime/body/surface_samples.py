@@ -1,0 +1,30 @@
+"""The surface points at which the runtime feels contact: at most so many, each with the area it stands for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from runtime.arrays import Array, IntArray
+from runtime.body.farthest_points import farthest_points
+from runtime.mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSamples:
+    """nodes: (s,) surface node indices, ascending; areas: (s,) [m^(dim-1)], together the whole surface."""
+
+    nodes: IntArray
+    areas: Array
+
+
+def sample_surface(mesh: Mesh, at_most: int) -> SurfaceSamples:
+    """At most so many surface nodes by farthest point; every surface node gives its area to the nearest of them."""
+    points = mesh.points[mesh.surface_nodes]
+    if len(points) <= at_most:
+        return SurfaceSamples(mesh.surface_nodes, mesh.surface_areas)
+    chosen = np.sort(farthest_points(points, at_most))
+    _, nearest = cKDTree(points[chosen]).query(points)
+    return SurfaceSamples(mesh.surface_nodes[chosen], np.bincount(nearest, mesh.surface_areas, minlength=len(chosen)))

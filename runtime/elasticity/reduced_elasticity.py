@@ -1,0 +1,123 @@
+"""The elastic energy on the cubature cells of a reduced body, and its derivatives by the handle rows.
+
+With the basis gradients D_c (n_rows, dim) of a cell, F_c,ij = sum_r rows_ri D_c,rj (thesis eq. 3.11), so
+
+    dE/drows_ri           = sum_c w_c D_c,rj P_c,ij
+    d2E/drows_ri drows_sk = sum_c w_c D_c,rj A_c,ijkl D_c,sl,
+
+each written as one matrix product over (cell, j). Where a correction moves the corners of a cell too, F depends on
+all rows and the general form with B = dF/drows is used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from runtime.arrays import Array, BoolArray, IntArray
+from runtime.body.body import ReducedBody
+from runtime.elasticity.materials import Material
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedElasticity:
+    """m cubature cells of a body.
+
+    weights: (m,) [m^dim]; material: at those cells; basis_gradient: D (m, n_rows, dim) [1/m]; corners: (m, dim+1) node
+    indices and hat_gradients: (m, dim+1, dim) [1/m] of the cells, for corrections that move their corners.
+    """
+
+    weights: Array
+    material: Material
+    basis_gradient: Array
+    corners: IntArray
+    hat_gradients: Array
+
+    @classmethod
+    def of(cls, body: ReducedBody) -> ReducedElasticity:
+        """On the body's cubature."""
+        return cls.on_cells(body, body.cubature.cells, body.cubature.weights)
+
+    @classmethod
+    def on_cells(cls, body: ReducedBody, cells: IntArray, weights: Array) -> ReducedElasticity:
+        """On cells and weights of one's own choice; all cells with their volumes give full integration."""
+        corners, gradients = body.mesh.cells[cells], body.mesh.cell_gradients[cells]
+        basis_gradient = body.basis[corners].transpose(0, 2, 1) @ gradients
+        return cls(weights, body.material.at(cells), basis_gradient, corners, gradients)
+
+    def take(self, which: IntArray | BoolArray | slice) -> ReducedElasticity:
+        """Some of the cells."""
+        return ReducedElasticity(
+            self.weights[which],
+            self.material.at(which),
+            self.basis_gradient[which],
+            self.corners[which],
+            self.hat_gradients[which],
+        )
+
+    @property
+    def n_cells(self) -> int:
+        return len(self.weights)
+
+    @cached_property
+    def _flat(self) -> Array:
+        """D as a matrix (m*dim, n_rows) over (cell, j)."""
+        return np.ascontiguousarray(self.basis_gradient.transpose(0, 2, 1).reshape(-1, self.basis_gradient.shape[1]))
+
+    @cached_property
+    def _flat_weighted(self) -> Array:
+        """(n_rows, m*dim) with the weights multiplied in."""
+        return np.ascontiguousarray((np.repeat(self.weights, self.basis_gradient.shape[2])[:, None] * self._flat).T)
+
+    def deformation_gradients(self, rows: Array) -> Array:
+        """F (m, dim, dim) of the reduced positions."""
+        dim = rows.shape[1]
+        return (self._flat @ rows).reshape(-1, dim, dim).transpose(0, 2, 1)
+
+    def correction_gradients(self, displacement: Array) -> Array:
+        """What a displacement (n_nodes, dim) of the nodes adds to F: (m, dim, dim)."""
+        return displacement[self.corners].transpose(0, 2, 1) @ self.hat_gradients
+
+    def energy(self, F: Array) -> float:
+        """E [J] at deformation gradients F (m, dim, dim)."""
+        return float(self.weights @ self.material.energy_density(F))
+
+    def gradient(self, F: Array) -> Array:
+        """dE/drows (n_rows, dim) [N] where F moves with the rows through the basis alone."""
+        stress = self.material.first_piola(F)
+        return self._flat_weighted @ stress.transpose(0, 2, 1).reshape(-1, stress.shape[1])
+
+    def hessian(self, F: Array) -> Array:
+        """d2E/drows2 (n_rows*dim, n_rows*dim) [N/m], row-major in (row, axis); basis alone."""
+        count, n_rows, dim = self.basis_gradient.shape
+        tangent = self.material.tangent(F)
+        # Only k >= i is multiplied out: the block (k, i) is the transpose of (i, k).
+        low, high = np.triu_indices(dim)
+        half = tangent.transpose(0, 2, 1, 3, 4)[:, :, low, high].reshape(count, -1, dim)  # (c, j.ik, l)
+        right = (half @ self.basis_gradient.transpose(0, 2, 1)).reshape(count * dim, -1)  # (c.j, ik.s)
+        blocks = (self._flat_weighted @ right).reshape(n_rows, len(low), n_rows)
+        result = np.empty((n_rows, dim, n_rows, dim))
+        for index, (i, k) in enumerate(zip(low, high, strict=True)):
+            result[:, i, :, k] = blocks[:, index]
+            if i != k:
+                result[:, k, :, i] = blocks[:, index].T
+        return result.reshape(n_rows * dim, n_rows * dim)
+
+    def general_gradient(self, F: Array, derivative: Array) -> Array:
+        """dE/drows (n_rows, dim) for a given B = dF/drows (m, dim, dim, n_rows, dim)."""
+        stress = self.weights[:, None, None] * self.material.first_piola(F)
+        return (stress.ravel() @ derivative.reshape(stress.size, -1)).reshape(derivative.shape[-2:])
+
+    def general_hessian(self, F: Array, derivative: Array) -> Array:
+        """sum_c w B^T A B (n_rows*dim, n_rows*dim) for a given B: the Hessian less the term in d2F/drows2."""
+        count, size = len(F), F.shape[1] * F.shape[2]
+        tangent = self.weights[:, None, None] * self.material.tangent(F).reshape(count, size, size)
+        B = derivative.reshape(count, size, -1)
+        return B.reshape(count * size, -1).T @ (tangent @ B).reshape(count * size, -1)
+
+    def basis_derivative(self) -> Array:
+        """B (m, dim, dim, n_rows, dim) of the basis alone: dF_ij/drows_rk = D_rj delta_ik."""
+        dim = self.basis_gradient.shape[2]
+        return np.einsum("crj,ik->cijrk", self.basis_gradient, np.eye(dim))
