@@ -1,0 +1,131 @@
+"""What a truth file holds: every column with its type, unit and meaning, in one table.
+
+Reader, writer and shards all go by this table, so a column is added here and nowhere else. Shapes are those of one row;
+the words ``nodes``, ``rows`` and ``dim`` stand for the sizes of the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.errors import SoftprintError
+
+KIND = "truth"
+VERSION = 1
+
+# Status of a sample. Only `CONVERGED` ones have a displacement; the others hold NaN, which no training can mistake.
+CONVERGED = 0
+NOT_CONVERGED = 1
+UNREACHED = 2
+STATUS_NAMES = {
+    CONVERGED: "converged",
+    NOT_CONVERGED: "not converged: the solver gave up at this depth, even in smaller steps",
+    UNREACHED: "unreached: an earlier depth of the same contact did not converge, so there was nothing to start from",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: dtype ("str" for text), shape of a row, unit, meaning; ``measured``: differs from run to run."""
+
+    dtype: str
+    meaning: str
+    unit: str = ""
+    shape: tuple[str, ...] = ()
+    measured: bool = False
+
+    def row_shape(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
+        return tuple(sizes[word] for word in self.shape)
+
+
+STATES: dict[str, Column] = {
+    "rows": Column("f8", "handle rows of the reduced state", "m (R^T rows of frames: 1)", ("rows", "dim")),
+    "internal": Column("f8", "internal correction: internal equilibrium minus U q", "m", ("nodes", "dim")),
+    "residual": Column("f8", "relative residual of the internal equilibrium", "1"),
+    "decrement": Column("f8", "relative Newton decrement of the internal equilibrium", "1"),
+    "min_det_F": Column("f8", "smallest det F of the internal equilibrium", "1"),
+    "energy": Column("f8", "potential energy of the internal equilibrium", "J"),
+    "stable": Column("?", "no negative curvature on the null space"),
+    "scene": Column("str", "recorded scene the state comes from"),
+    "frame": Column("i8", "frame of the recording"),
+    "time": Column("f8", "time in the recording", "s"),
+    "seconds": Column("f8", "core-seconds of the internal solve", "s", measured=True),
+}
+
+# Candidates whose internal equilibrium was refused: kept, so that nothing is silently dropped.
+REFUSED: dict[str, Column] = {
+    "rows": STATES["rows"],
+    "reason": Column("str", "why the state was refused"),
+    "scene": STATES["scene"],
+    "frame": STATES["frame"],
+    "time": STATES["time"],
+}
+
+CONTACTS: dict[str, Column] = {
+    "unit": Column("i8", "number of the contact in the order of work of the whole plan"),
+    "state": Column("i8", "row of states/"),
+    "collider": Column("i8", "index into the attribute `colliders`"),
+    "place": Column("i8", "surface node (mesh number) at which the collider is aimed"),
+    "rotation_index": Column("i8", "index of the collider's rotation"),
+    "rotation": Column("f8", "rotation of the collider", "1", ("dim", "dim")),
+    "direction": Column("f8", "direction in which the collider advances", "1", ("dim",)),
+    "seconds": Column("f8", "core-seconds of the whole contact, second path included", "s", measured=True),
+}
+
+SAMPLES: dict[str, Column] = {
+    "contact": Column("i8", "row of contacts/"),
+    "depth_index": Column("i8", "number of the depth along the contact's path, shallow to deep"),
+    "depth": Column("f8", "deepest point of the collider below the internal equilibrium's surface nodes", "m"),
+    "pose_rotation": Column("f8", "rotation of the collider: world = R z + t", "1", ("dim", "dim")),
+    "pose_translation": Column("f8", "translation of the collider: world = R z + t", "m", ("dim",)),
+    "displacement": Column(
+        "f4", "contact displacement: equilibrium minus internal equilibrium", "m", ("nodes", "dim")
+    ),
+    "status": Column("i4", "see the attribute `status_codes`"),
+    "reason": Column("str", "the solver's sentence"),
+    "branch_flag": Column("?", "the displacement jumped against the depth before it"),
+    "jump": Column("f8", "speed of the fastest node along the path over that of the depth before", "1"),
+    "residual": Column("f8", "relative residual", "1"),
+    "decrement": Column("f8", "relative Newton decrement", "1"),
+    "newton_iterations": Column("i8", "Newton iterations, extra steps of the path included"),
+    "cg_iterations": Column("i8", "conjugate gradient iterations, extra steps of the path included"),
+    "min_det_F": Column("f8", "smallest det F", "1"),
+    "max_depth": Column("f8", "largest penetration left at equilibrium", "m"),
+    "energy": Column("f8", "potential energy at equilibrium", "J"),
+    "seconds": Column("f8", "core-seconds of the solve", "s", measured=True),
+}
+
+REPEAT: dict[str, Column] = {
+    "sample": Column("i8", "row of samples/ that was solved a second time, along another path"),
+    "displacement": Column("f4", "contact displacement at the end of the other path", "m", ("nodes", "dim")),
+    "status": Column("i4", "see the attribute `status_codes`"),
+    "spread": Column("f8", "|u2 - u1| / |u1|: the label noise of the sample (NaN where either did not converge)", "1"),
+}
+
+TABLES: dict[str, dict[str, Column]] = {
+    "states": STATES,
+    "refused": REFUSED,
+    "contacts": CONTACTS,
+    "samples": SAMPLES,
+    "repeat": REPEAT,
+}
+
+
+def checked_table(name: str, values: Mapping[str, object], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
+    """``values`` as arrays of the types of table ``name``; raises SoftprintError on a missing, extra or misshapen one."""
+    columns = TABLES[name]
+    if set(values) != set(columns):
+        missing, extra = sorted(set(columns) - set(values)), sorted(set(values) - set(columns))
+        raise SoftprintError(f"truth table {name!r}: missing columns {missing}, unknown columns {extra}")
+    arrays: dict[str, np.ndarray] = {}
+    for key, column in columns.items():
+        array = np.asarray(values[key], dtype=object if column.dtype == "str" else column.dtype)
+        length = len(next(iter(arrays.values()))) if arrays else len(array)
+        if array.shape != (length, *column.row_shape(sizes)):
+            wanted = (length, *column.row_shape(sizes))
+            raise SoftprintError(f"truth column {name}/{key}: shape {array.shape}, expected {wanted}")
+        arrays[key] = array
+    return arrays
