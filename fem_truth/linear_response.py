@@ -1,0 +1,35 @@
+"""Elasticity linearised about an internal equilibrium: the baseline a learned correction has to beat.
+
+    W(x) ~ W(x0) + g^T u + 1/2 u^T H u,   u = x - x0,   g = W'(x0),  H = W''(x0).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fem_truth.block_matrix import BlockMatrix
+from fem_truth.full_space_elasticity import FullSpaceElasticity
+from runtime.arrays import Array
+
+
+class QuadraticElasticity:
+    """The second-order model of the elastic energy about x0 (n_nodes, dim); assembled once."""
+
+    def __init__(self, elasticity: FullSpaceElasticity, x0: Array) -> None:
+        self._x0 = x0
+        self._energy, self._gradient = elasticity.energy(x0), elasticity.gradient(x0)
+        self._hessian = elasticity.hessian(x0)
+        self._matrix = self._hessian.sparse()
+
+    def energy(self, x: Array) -> float:
+        u = x - self._x0
+        return self._energy + float(np.vdot(self._gradient + 0.5 * self._apply(u), u))
+
+    def gradient(self, x: Array) -> Array:
+        return self._gradient + self._apply(x - self._x0)
+
+    def hessian(self, x: Array) -> BlockMatrix:
+        return self._hessian.copy()
+
+    def _apply(self, u: Array) -> Array:
+        return np.asarray(self._matrix @ u.ravel()).reshape(u.shape)

@@ -1,0 +1,171 @@
+"""The terms of the energy other than elasticity, each with value, gradient and what it adds to the Hessian.
+
+All act on node positions x (n_nodes, dim) in the mesh's order. Contact is summed over all surface nodes with their
+lumped areas, as in the runtime, whose potentials these are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from fem_truth.block_matrix import BlockMatrix
+from runtime.arrays import Array, IntArray
+from runtime.colliders.collider import Collider
+from runtime.colliders.pose import RigidPose
+from runtime.contact import ContactTerms, CoulombFriction, LaggedContact, PenaltyContact
+
+
+class Potential(Protocol):
+    """A term W(x) [J] of the energy; `add_hessian` adds its second derivative at x to the matrix."""
+
+    def energy(self, x: Array) -> float: ...
+    def gradient(self, x: Array) -> Array: ...
+    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Gravity:
+    """W = - sum_i m_i g . (x_i - X_i). mass: (n_nodes,) [kg]; acceleration: g (dim,) [m/s^2]; rest: X (n_nodes, dim)."""
+
+    mass: Array
+    acceleration: Array
+    rest: Array
+
+    def energy(self, x: Array) -> float:
+        return -float(self.mass @ ((x - self.rest) @ self.acceleration))
+
+    def gradient(self, x: Array) -> Array:
+        return -self.mass[:, None] * self.acceleration
+
+    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+        """Nothing: the energy is linear in x."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """W = 1/(2 h^2) sum_i m_i |x_i - x*_i|^2, thesis eq. 5.5. predicted: x* = x_old + h v_old; time_step: h [s]."""
+
+    mass: Array
+    predicted: Array
+    time_step: float
+
+    def energy(self, x: Array) -> float:
+        return 0.5 / self.time_step**2 * float(self.mass @ ((x - self.predicted) ** 2).sum(axis=1))
+
+    def gradient(self, x: Array) -> Array:
+        return (self.mass / self.time_step**2)[:, None] * (x - self.predicted)
+
+    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+        matrix.add_diagonal(np.arange(len(x)), (self.mass / self.time_step**2)[:, None, None])
+
+
+@dataclass(frozen=True, eq=False)
+class MeanSpring:
+    """W = k/2 |w^T x - target|^2: a spring [N/m] on the mean of some nodes, weights w (n_nodes,) summing to one."""
+
+    weights: Array
+    stiffness: float
+    target: Array
+
+    def energy(self, x: Array) -> float:
+        return 0.5 * self.stiffness * float(((self.weights @ x - self.target) ** 2).sum())
+
+    def gradient(self, x: Array) -> Array:
+        return self.stiffness * self.weights[:, None] * (self.weights @ x - self.target)
+
+    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+        matrix.add_low_rank(self.weights, self.stiffness)
+
+
+class SurfaceContact:
+    """Penalty contact of the surface nodes with one collider at one pose; the curvature of the distance included.
+
+    The terms of the last x are kept, for gradient and Hessian are asked for at the same x.
+    """
+
+    def __init__(
+        self, contact: PenaltyContact, nodes: IntArray, areas: Array, collider: Collider, pose: RigidPose
+    ) -> None:
+        self.contact, self.nodes, self.areas = contact, nodes, areas
+        self.collider, self.pose = collider, pose
+        self._at: Array | None = None
+        self._terms: ContactTerms
+
+    def terms(self, x: Array) -> ContactTerms:
+        """Contact terms at x; their index counts surface nodes, `nodes[index]` are mesh nodes."""
+        if self._at is not x:
+            self._terms = self.contact.terms(x[self.nodes], self.areas, self.collider, self.pose)
+            self._at = x
+        return self._terms
+
+    def energy(self, x: Array) -> float:
+        return self.contact.energy(x[self.nodes], self.areas, self.collider, self.pose)
+
+    def gradient(self, x: Array) -> Array:
+        terms, gradient = self.terms(x), np.zeros_like(x)
+        gradient[self.nodes[terms.index]] = terms.gradient
+        return gradient
+
+    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+        terms = self.terms(x)
+        matrix.add_diagonal(self.nodes[terms.index], terms.hessian)
+
+    def max_depth(self, x: Array) -> float:
+        """Deepest penetration of a surface node [m]; 0 without contact."""
+        return float(self.terms(x).depth.max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class LaggedFriction:
+    """Regularised Coulomb friction with normal forces held from the last evaluation of contact."""
+
+    friction: CoulombFriction
+    nodes: IntArray
+    lagged: LaggedContact
+    time_step: float
+
+    def energy(self, x: Array) -> float:
+        return self.friction.terms(x[self.nodes], self.lagged, self.time_step).energy
+
+    def gradient(self, x: Array) -> Array:
+        terms, gradient = self.friction.terms(x[self.nodes], self.lagged, self.time_step), np.zeros_like(x)
+        gradient[self.nodes[terms.index]] = terms.gradient
+        return gradient
+
+    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+        terms = self.friction.terms(x[self.nodes], self.lagged, self.time_step)
+        matrix.add_diagonal(self.nodes[terms.index], terms.hessian)
+
+
+class Elastic(Protocol):
+    """What `FullSpaceElasticity` offers and its quadratic model imitates."""
+
+    def energy(self, x: Array) -> float: ...
+    def gradient(self, x: Array) -> Array: ...
+    def hessian(self, x: Array) -> BlockMatrix: ...
+
+
+class TotalEnergy:
+    """Elasticity and other terms, summed."""
+
+    def __init__(self, elastic: Elastic, terms: Sequence[Potential]) -> None:
+        self.elastic, self.terms = elastic, tuple(terms)
+
+    def energy(self, x: Array) -> float:
+        return self.elastic.energy(x) + sum(term.energy(x) for term in self.terms)
+
+    def gradient(self, x: Array) -> Array:
+        gradient = self.elastic.gradient(x)
+        for term in self.terms:
+            gradient += term.gradient(x)
+        return gradient
+
+    def hessian(self, x: Array) -> BlockMatrix:
+        matrix = self.elastic.hessian(x)
+        for term in self.terms:
+            term.add_hessian(x, matrix)
+        return matrix
