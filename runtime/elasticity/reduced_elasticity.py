@@ -13,12 +13,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from runtime.arrays import Array, BoolArray, IntArray
-from runtime.body.body import ReducedBody
 from runtime.elasticity.materials import Material
+from runtime.mesh import Mesh
+
+if TYPE_CHECKING:
+    from runtime.body.body import ReducedBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +42,17 @@ class ReducedElasticity:
     @classmethod
     def of(cls, body: ReducedBody) -> ReducedElasticity:
         """On the body's cubature."""
-        return cls.on_cells(body, body.cubature.cells, body.cubature.weights)
+        return cls.on_cells(body.mesh, body.basis, body.material, body.cubature.cells, body.cubature.weights)
 
     @classmethod
-    def on_cells(cls, body: ReducedBody, cells: IntArray, weights: Array) -> ReducedElasticity:
-        """On cells and weights of one's own choice; all cells with their volumes give full integration."""
-        corners, gradients = body.mesh.cells[cells], body.mesh.cell_gradients[cells]
-        basis_gradient = body.basis[corners].transpose(0, 2, 1) @ gradients
-        return cls(weights, body.material.at(cells), basis_gradient, corners, gradients)
+    def on_cells(cls, mesh: Mesh, basis: Array, material: Material, cells: IntArray, weights: Array) -> ReducedElasticity:
+        """On cells and weights of one's own choice; all cells with their volumes give full integration.
+
+        basis: (n_nodes, n_rows); material: of all cells of the mesh.
+        """
+        corners, gradients = mesh.cells[cells], mesh.cell_gradients[cells]
+        basis_gradient = basis[corners].transpose(0, 2, 1) @ gradients
+        return cls(weights, material.at(cells), basis_gradient, corners, gradients)
 
     def take(self, which: IntArray | BoolArray | slice) -> ReducedElasticity:
         """Some of the cells."""

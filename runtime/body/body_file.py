@@ -1,0 +1,119 @@
+"""The body file (HDF5): a reduced body, whole, with the hash of its content. SI units throughout.
+
+    mesh/points (n_nodes, dim) m, mesh/cells          handles/points, handles/frames/<number>/{nodes, pivot} @name
+    basis (n_nodes, n_rows)                           material/{young Pa, poisson} @model, density kg/m^dim
+    node_mass kg, reduced_mass kg                     cubature/{cells, weights m^dim} @energy_error @force_error
+    surface/{nodes, areas m^(dim-1)}
+
+Attributes: softprint_kind "body", softprint_version, provenance, name, content_hash (what defines the body: see
+:attr:`ReducedBody.content_hash`), file_hash (all of the above).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.body.body import ReducedBody
+from runtime.body.cubature import Cubature
+from runtime.body.handles import FrameHandle, Handles
+from runtime.body.surface_samples import SurfaceSamples
+from runtime.elasticity.materials import make_material
+from runtime.errors import SoftprintError
+from runtime.files import content_hash, create_softprint_h5, open_softprint_h5
+from runtime.mesh import Mesh
+
+KIND = "body"
+VERSION = 1
+
+
+def save_body(path: Path | str, body: ReducedBody) -> None:
+    """Write the body file, atomically."""
+    arrays = _arrays(body)
+    with create_softprint_h5(path, KIND, VERSION) as file:
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array, compression="gzip" if array.size > 1000 else None, shuffle=array.size > 1000)
+        for index, frame in enumerate(body.handles.frames):
+            file[f"handles/frames/{index}"].attrs["name"] = frame.name
+        file["material"].attrs["model"] = body.material.model
+        file["cubature"].attrs["energy_error"] = body.cubature.energy_error
+        file["cubature"].attrs["force_error"] = body.cubature.force_error
+        file.attrs["name"] = body.name
+        file.attrs["content_hash"] = body.content_hash
+        file.attrs["file_hash"] = content_hash({**arrays, "content_hash": body.content_hash})
+
+
+def load_body(path: Path | str) -> ReducedBody:
+    """Read and check a body file. Raises SoftprintError where it is missing, foreign, truncated, altered or incomplete."""
+    with open_softprint_h5(path, KIND, VERSION) as file:
+        handles = Handles(
+            int(file["mesh/points"].shape[1]),
+            _indices(file, "handles/points"),
+            tuple(
+                FrameHandle(str(group.attrs["name"]), _indices(group, "nodes"), _numbers(group, "pivot"))
+                for group in _frame_groups(file)
+            ),
+        )
+        body = ReducedBody(
+            mesh=Mesh(_numbers(file, "mesh/points"), _indices(file, "mesh/cells")),
+            handles=handles,
+            basis=_numbers(file, "basis"),
+            material=make_material(
+                str(file["material"].attrs["model"]), _numbers(file, "material/young"), _numbers(file, "material/poisson")
+            ),
+            density=_numbers(file, "density"),
+            node_mass=_numbers(file, "node_mass"),
+            reduced_mass=_numbers(file, "reduced_mass"),
+            cubature=Cubature(
+                _indices(file, "cubature/cells"),
+                _numbers(file, "cubature/weights"),
+                float(file["cubature"].attrs["energy_error"]),
+                float(file["cubature"].attrs["force_error"]),
+            ),
+            surface=SurfaceSamples(_indices(file, "surface/nodes"), _numbers(file, "surface/areas")),
+            name=str(file.attrs["name"]),
+        )
+        recorded, file_hash = str(file.attrs["content_hash"]), str(file.attrs["file_hash"])
+    if body.content_hash != recorded or content_hash({**_arrays(body), "content_hash": recorded}) != file_hash:
+        raise SoftprintError(f"{path}: the body file was altered or damaged (its hash does not match): make it again")
+    return body
+
+
+def _frame_groups(file: h5py.File) -> list[h5py.Group]:
+    """The frames in the order of their numbers; a body without frames has no such group."""
+    frames = file["handles"].get("frames", {})
+    return [frames[str(index)] for index in range(len(frames))]
+
+
+def _arrays(body: ReducedBody) -> dict[str, np.ndarray]:
+    """Every array of the body under its name in the file."""
+    arrays = {
+        "mesh/points": body.mesh.points,
+        "mesh/cells": body.mesh.cells,
+        "handles/points": body.handles.points,
+        "basis": body.basis,
+        "material/young": body.material.young,
+        "material/poisson": body.material.poisson,
+        "density": body.density,
+        "node_mass": body.node_mass,
+        "reduced_mass": body.reduced_mass,
+        "cubature/cells": body.cubature.cells,
+        "cubature/weights": body.cubature.weights,
+        "surface/nodes": body.surface.nodes,
+        "surface/areas": body.surface.areas,
+    }
+    for index, frame in enumerate(body.handles.frames):
+        arrays[f"handles/frames/{index}/nodes"] = frame.nodes
+        arrays[f"handles/frames/{index}/pivot"] = frame.pivot
+    return arrays
+
+
+def _numbers(group: h5py.Group, name: str) -> Array:
+    return np.asarray(group[name][()], dtype=np.float64)
+
+
+def _indices(group: h5py.Group, name: str) -> IntArray:
+    return np.asarray(group[name][()], dtype=np.int64)

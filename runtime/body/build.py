@@ -1,0 +1,107 @@
+"""Making a reduced body: from an experiment's [body] table, or from parts made in Python."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from runtime.arrays import Array
+from runtime.body.basis import biharmonic_basis
+from runtime.body.body import ReducedBody
+from runtime.body.cubature import build_cubature
+from runtime.body.handles import Handles
+from runtime.body.placement import frame_in_box, in_box, place_handles
+from runtime.body.surface_samples import sample_surface
+from runtime.elasticity.materials import Material, make_material
+from runtime.errors import SoftprintError
+from runtime.mesh import Mesh, read_mesh
+
+if TYPE_CHECKING:
+    from runtime.experiment import BodySpec, MaterialSpec
+
+log = logging.getLogger(__name__)
+
+
+def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0) -> ReducedBody:
+    """The body of an experiment's [body] table; paths in it are relative to base_dir.
+
+    ``seed`` draws only the states at which the cubature error is measured. Raises SoftprintError for all that can be
+    wrong with the mesh, the handles and the material.
+    """
+    path = Path(base_dir) / spec.mesh
+    mesh = read_mesh(path)
+    frames = [frame_in_box(mesh, frame.name, frame.box) for frame in spec.handles.frames]
+    handles = place_handles(mesh, spec.handles.points, frames)
+    material, density = material_of_cells(mesh, spec.material)
+    return assemble_body(
+        mesh,
+        handles,
+        material,
+        density,
+        points_per_row=spec.cubature.points_per_row,
+        surface_samples=spec.surface.samples,
+        rng=np.random.default_rng(seed),
+        name=path.stem,
+    )
+
+
+def material_of_cells(mesh: Mesh, spec: MaterialSpec) -> tuple[Material, Array]:
+    """Material and density (n_cells,) [kg/m^dim]: a later region overrides an earlier one where it gives a value.
+
+    A cell belongs to a region when its centroid lies in the region's box.
+    """
+    values = {key: np.full(mesh.n_cells, float(getattr(spec, key))) for key in ("young", "poisson", "density")}
+    for number, region in enumerate(spec.regions):
+        inside = in_box(mesh.cell_centroids, region.box)
+        if not inside.any():
+            raise SoftprintError(f"body.material.regions[{number}]: no cell has its centroid in the box {region.box}")
+        for key, array in values.items():
+            if getattr(region, key) is not None:
+                array[inside] = getattr(region, key)
+    return make_material(spec.model, values["young"], values["poisson"]), values["density"]
+
+
+def assemble_body(
+    mesh: Mesh,
+    handles: Handles,
+    material: Material,
+    density: ArrayLike,
+    *,
+    points_per_row: int = 10,
+    surface_samples: int = 3000,
+    rng: np.random.Generator | None = None,
+    name: str = "body",
+) -> ReducedBody:
+    """A reduced body from its parts: basis, lumped mass, cubature and surface samples are computed here.
+
+    material and density [kg/m^dim] may be scalars: they are spread over all cells.
+    """
+    material = make_material(
+        material.model, np.full(mesh.n_cells, material.young), np.full(mesh.n_cells, material.poisson)
+    )
+    cell_density = np.full(mesh.n_cells, np.asarray(density, dtype=np.float64))
+    if not (np.isfinite(cell_density).all() and (cell_density > 0).all()):
+        raise SoftprintError(f"body: density must be positive, it is {cell_density.min()} kg/m^{mesh.dim}")
+    basis = biharmonic_basis(mesh, handles)
+    node_mass = mesh.lump(mesh.cell_volumes * cell_density)
+    cubature = build_cubature(mesh, basis, handles, material, points_per_row, rng or np.random.default_rng(0))
+    log.info(
+        "%s: %d cubature cells of %d, energy error %.2g %%, force error %.2g %%",
+        *(name, len(cubature.cells), mesh.n_cells, 100 * cubature.energy_error, 100 * cubature.force_error),
+    )
+    return ReducedBody(
+        mesh=mesh,
+        handles=handles,
+        basis=basis,
+        material=material,
+        density=cell_density,
+        node_mass=node_mass,
+        reduced_mass=basis.T @ (node_mass[:, None] * basis),
+        cubature=cubature,
+        surface=sample_surface(mesh, surface_samples),
+        name=name,
+    )
