@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from runtime.arrays import Array, IntArray
+from runtime.elasticity.determinant import cofactor, determinant
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,13 @@ class BlockMatrix:
             (self.blocks, self.pattern.columns, self.pattern.row_starts), shape=(size, size), copy=False
         )
 
+    def apply(self, v: Array) -> Array:
+        """The product with a node vector v (n, dim)."""
+        product = np.asarray(self.sparse() @ v.ravel()).reshape(v.shape)
+        for weights, stiffness in self.low_rank:
+            product += stiffness * weights[:, None] * (weights @ v)
+        return product
+
     def diagonal_blocks(self) -> Array:
         """(n, dim, dim), a copy, low-rank terms included."""
         diagonal = self.blocks[self.pattern.diagonal]
@@ -75,20 +83,30 @@ def spd_inverse(blocks: Array) -> Array:
     In a block that is indefinite the eigenvalues are replaced by their absolute values (at least 1e-3 of the largest
     one), the usual cure: a preconditioner has to be positive definite, and it decides nothing but the speed.
     """
-    blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1))
+    det, cofactors = determinant(blocks), cofactor(blocks)
     scale = np.trace(blocks, axis1=1, axis2=2) / blocks.shape[1]
-    positive = scale > 0
-    for order in range(1, blocks.shape[1] + 1):  # Sylvester's criterion
-        positive &= np.linalg.det(blocks[:, :order, :order]) > 1e-9 * np.abs(scale) ** order
-    inverse = np.empty_like(blocks)
-    inverse[positive] = np.linalg.inv(blocks[positive])
+    # Sylvester's criterion; in 2D the last cofactor is the first entry itself.
+    positive = (
+        (blocks[:, 0, 0] > 0) & (cofactors[:, -1, -1] > 0) & (det > 1e-9 * np.abs(scale) ** blocks.shape[1])
+    )
+    inverse = cofactors / np.where(positive, det, 1.0)[:, None, None]
     if not positive.all():
         values, vectors = np.linalg.eigh(blocks[~positive])
-        values = np.abs(values)
-        values = np.maximum(values, 1e-3 * values.max(axis=1, keepdims=True))
-        values[values <= 0] = 1.0  # a node that nothing holds: any scaling will do
-        inverse[~positive] = (vectors / values[:, None, :]) @ vectors.transpose(0, 2, 1)
+        inverse[~positive] = (vectors / _positive(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
     return inverse
+
+
+def positive_part(blocks: Array) -> Array:
+    """The nearest positive semi-definite blocks to (n, dim, dim) symmetric ones."""
+    values, vectors = np.linalg.eigh(blocks)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1))
+
+
+def _positive(values: Array) -> Array:
+    """Eigenvalues (n, dim) made positive; 1 for a node that nothing holds, where any scaling will do."""
+    values = np.abs(values)
+    values = np.maximum(values, 1e-3 * values.max(axis=1, keepdims=True))
+    return np.where(values > 0, values, 1.0)
 
 
 def block_diagonal(blocks: Array) -> sp.bsr_matrix:

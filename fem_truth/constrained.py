@@ -17,8 +17,9 @@ from fem_truth.full_space_elasticity import FullSpaceElasticity
 from fem_truth.linear_response import QuadraticElasticity
 from fem_truth.newton import NewtonResult, NewtonSettings, Status, minimise
 from fem_truth.null_space import NullSpace
-from fem_truth.potentials import Elastic, Gravity, Potential, SurfaceContact, TotalEnergy
+from fem_truth.potentials import Gravity, Potential, SurfaceContact
 from fem_truth.stability import smallest_ritz_value
+from fem_truth.total_energy import Elastic, ElasticTangent, Gradient, TotalEnergy
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
@@ -60,6 +61,9 @@ class Solution:
         return self.status.sentence
 
 
+#: A contact sample: an error of about 1 % in the energy norm before the last Newton step, much less after it.
+CONTACT_SETTINGS = NewtonSettings()
+
 #: An internal equilibrium is the zero from which contact displacement is measured: it is worth six more digits.
 INTERNAL_SETTINGS = NewtonSettings(gradient_tolerance=1e-7, decrement_tolerance=1e-12, cg_tolerance_min=1e-4)
 
@@ -69,15 +73,17 @@ _FORCE_FLOOR = 1e-3
 
 
 class InternalEnergy(TotalEnergy):
-    """Elasticity and gravity; forces are measured against the elastic forces, unprojected, energies against W."""
+    """Elasticity and gravity: forces are measured against the elastic forces, unprojected, energies against W."""
 
-    def __init__(self, elasticity: FullSpaceElasticity, terms: Sequence[Potential]) -> None:
-        super().__init__(elasticity, terms)
+    def __init__(
+        self, elasticity: FullSpaceElasticity, terms: Sequence[Potential], null_space: NullSpace
+    ) -> None:
+        super().__init__(elasticity, terms, null_space)
         self._force_floor = 1e-9 * elasticity.force_scale
         self._energy_floor = 1e-12 * elasticity.energy_scale
 
-    def force_scale(self, x: Array) -> float:
-        return max(float(np.linalg.norm(self.elastic.gradient(x))), self._force_floor)
+    def force_scale(self, x: Array, gradient: Gradient) -> float:
+        return max(float(np.linalg.norm(gradient.elastic)), self._force_floor)
 
     def energy_scale(self, x: Array) -> float:
         return max(self.elastic.energy(x), self._energy_floor)
@@ -85,7 +91,7 @@ class InternalEnergy(TotalEnergy):
 
 class ContactEnergy(TotalEnergy):
     """Elasticity, gravity and contact. Forces are measured against the contact force, projected; energies against the
-    work of the contact force over the displacement it caused, f . (x - internal) ~ u^T K u."""
+    work of the contact force over the displacement it caused, f . (x - reference) ~ u^T K u."""
 
     def __init__(
         self,
@@ -93,20 +99,21 @@ class ContactEnergy(TotalEnergy):
         terms: Sequence[Potential],
         contact: SurfaceContact,
         null_space: NullSpace,
-        internal: Array,
+        tangent: ElasticTangent,
+        reference: Array,
         floors: tuple[float, float],
     ) -> None:
-        super().__init__(elastic, (*terms, contact))
-        self._contact, self._null_space, self._internal = contact, null_space, internal
+        super().__init__(elastic, (*terms, contact), null_space, tangent)
+        self._contact, self._reference = contact, reference
         self._force_floor, self._energy_floor = floors
 
-    def force_scale(self, x: Array) -> float:
-        force = self._null_space.project(self._contact.gradient(x))
+    def force_scale(self, x: Array, gradient: Gradient) -> float:
+        force = self.null_space.project(self._contact.gradient(x))
         return max(float(np.linalg.norm(force)), self._force_floor)
 
     def energy_scale(self, x: Array) -> float:
         terms = self._contact.terms(x)
-        moved = (x - self._internal)[self._contact.nodes[terms.index]]
+        moved = (x - self._reference)[self._contact.nodes[terms.index]]
         return max(abs(float(np.vdot(terms.gradient, moved))), terms.energy, self._energy_floor)
 
 
@@ -123,10 +130,9 @@ class ConstrainedProblem:
         self.elasticity, self.contact, self.body = elasticity, contact, body
         mesh = body.mesh
         self.null_space = NullSpace(body.basis, body.handles.frame_nodes)
-        self._surface_nodes, self._surface_areas = mesh.surface_nodes, mesh.surface_areas
-        self._terms: tuple[Potential, ...] = ()
+        self.terms: tuple[Potential, ...] = ()
         if gravity is not None and np.any(gravity):
-            self._terms = (Gravity(body.node_mass, np.asarray(gravity, dtype=float), mesh.points),)
+            self.terms = (Gravity(body.node_mass, np.asarray(gravity, dtype=float), mesh.points),)
 
     def constrained(self, rows: Array, x: Array) -> Array:
         """The positions nearest to x (n_nodes, dim) that satisfy the constraint of the state `rows` exactly."""
@@ -142,11 +148,16 @@ class ConstrainedProblem:
     ) -> Solution:
         """The equilibrium without contact, from x0 or the reduced positions. A saddle gets the status UNSTABLE."""
         start = self.constrained(rows, self.body.reduced_positions(rows) if x0 is None else x0)
-        energy = InternalEnergy(self.elasticity, self._terms)
-        result = minimise(energy, self.null_space, start, settings)
-        lowest = smallest_ritz_value(energy.hessian(result.x), self.null_space) if result.converged else np.nan
+        result = minimise(InternalEnergy(self.elasticity, self.terms, self.null_space), start, settings)
+        lowest = np.nan
+        if result.converged:
+            lowest = smallest_ritz_value(self.elasticity.hessian(result.x), self.null_space)
         status = Status.UNSTABLE if lowest <= 0 else result.status
-        return self._solution(result, status, 0.0, lowest)
+        return _solution(self.elasticity, result, status, 0.0, lowest)
+
+    def path(self, rows: Array, collider: Collider, internal: Array) -> ContactPath:
+        """One contact, to be approached from shallow to deep; internal: the state's internal equilibrium."""
+        return ContactPath(self, self.elasticity, ElasticTangent(self.elasticity), rows, collider, internal)
 
     def solve(
         self,
@@ -154,15 +165,16 @@ class ConstrainedProblem:
         collider: Collider,
         pose: RigidPose,
         x0: Array,
-        settings: NewtonSettings = NewtonSettings(),
+        settings: NewtonSettings = CONTACT_SETTINGS,
         internal: Array | None = None,
     ) -> Solution:
-        """The equilibrium with the collider at `pose`, from x0: the internal equilibrium, or the last shallower depth.
+        """A single equilibrium with the collider at `pose`, from x0: the internal equilibrium, or a shallower depth.
 
         internal: the internal equilibrium (n_nodes, dim), from which the scale of the decrement is measured; x0 if it
-        is not given, which is stricter.
+        is not given, which is stricter. `path` is faster where several depths follow each other.
         """
-        return self._solve_contact(self.elasticity, rows, collider, pose, x0, settings, internal)
+        path = self.path(rows, collider, x0 if internal is None else internal)
+        return path.solve(pose, settings, x0)
 
     def linear_response(
         self,
@@ -170,49 +182,92 @@ class ConstrainedProblem:
         collider: Collider,
         pose: RigidPose,
         x_internal: Array,
-        settings: NewtonSettings = NewtonSettings(),
+        settings: NewtonSettings = CONTACT_SETTINGS,
         x0: Array | None = None,
-        linearised: QuadraticElasticity | None = None,
     ) -> Solution:
-        """Baseline: elasticity linearised about x_internal, contact as it is. `linearised`, the elasticity that
-        `QuadraticElasticity(elasticity, x_internal)` makes, spares its assembly where one state has many contacts."""
-        linear = QuadraticElasticity(self.elasticity, x_internal) if linearised is None else linearised
-        start = x_internal if x0 is None else x0
-        return self._solve_contact(linear, rows, collider, pose, start, settings, x_internal)
+        """Baseline: elasticity linearised about x_internal, contact as it is."""
+        return self.linear_path(rows, collider, x_internal).solve(pose, settings, x0)
 
-    def _solve_contact(
+    def linear_path(self, rows: Array, collider: Collider, internal: Array) -> ContactPath:
+        """As `path`, with elasticity linearised about the internal equilibrium."""
+        linear = QuadraticElasticity(self.elasticity, internal)
+        return ContactPath(self, linear, ElasticTangent(linear), rows, collider, internal)
+
+
+class ContactPath:
+    """One contact of one state, solved at one pose after another; each solve starts from the last.
+
+    The answers depend on nothing but the arguments and the poses solved so far, so a path is the unit of work that
+    ranks may share out.
+    """
+
+    def __init__(
         self,
+        problem: ConstrainedProblem,
         elastic: Elastic,
+        tangent: ElasticTangent,
         rows: Array,
         collider: Collider,
-        pose: RigidPose,
-        x0: Array,
-        settings: NewtonSettings,
-        internal: Array | None,
-    ) -> Solution:
-        contact = SurfaceContact(self.contact, self._surface_nodes, self._surface_areas, collider, pose)
-        start = self.constrained(rows, x0)
-        floors = (
-            max(_FORCE_FLOOR * float(np.linalg.norm(elastic.gradient(start))), 1e-9 * self.elasticity.force_scale),
-            max(_FORCE_FLOOR**2 * abs(elastic.energy(start)), 1e-12 * self.elasticity.energy_scale),
+        internal: Array,
+    ) -> None:
+        self._problem, self._elastic, self._tangent = problem, elastic, tangent
+        self._rows, self._collider = rows, collider
+        self._internal = self._x = problem.constrained(rows, internal)
+        elasticity = problem.elasticity
+        force, energy = (
+            float(np.linalg.norm(elastic.gradient(self._internal))),
+            abs(elastic.energy(self._internal)),
         )
-        reference = start if internal is None else internal
-        energy = ContactEnergy(elastic, self._terms, contact, self.null_space, reference, floors)
-        result = minimise(energy, self.null_space, start, settings)
-        return self._solution(result, result.status, contact.max_depth(result.x), np.nan)
+        self._floors = (
+            max(_FORCE_FLOOR * force, 1e-9 * elasticity.force_scale),
+            max(_FORCE_FLOOR**2 * energy, 1e-12 * elasticity.energy_scale),
+        )
 
-    def _solution(self, result: NewtonResult, status: Status, max_depth: float, min_eigenvalue: float) -> Solution:
-        return Solution(
-            x=result.x,
-            status=status,
-            residual=result.residual,
-            decrement=result.decrement,
-            newton_iterations=result.newton_iterations,
-            cg_iterations=result.cg_iterations,
-            min_det_F=self.elasticity.min_det_F(result.x),
-            max_depth=max_depth,
-            energy=result.energy,
-            seconds=result.seconds,
-            stable=status is not Status.UNSTABLE and result.negative_curvature is None,
-            min_eigenvalue=min_eigenvalue,
+    def solve(
+        self, pose: RigidPose, settings: NewtonSettings = CONTACT_SETTINGS, x0: Array | None = None
+    ) -> Solution:
+        """The equilibrium with the collider at `pose`, from the last one of this path, or from x0 (n_nodes, dim)."""
+        problem = self._problem
+        contact = SurfaceContact(
+            problem.contact,
+            problem.body.mesh.surface_nodes,
+            problem.body.mesh.surface_areas,
+            self._collider,
+            pose,
         )
+        start = self._x if x0 is None else problem.constrained(self._rows, x0)
+        energy = ContactEnergy(
+            self._elastic,
+            problem.terms,
+            contact,
+            problem.null_space,
+            self._tangent,
+            self._internal,
+            self._floors,
+        )
+        result = minimise(energy, start, settings)
+        self._x = result.x
+        return _solution(problem.elasticity, result, result.status, contact.max_depth(result.x), np.nan)
+
+
+def _solution(
+    elasticity: FullSpaceElasticity,
+    result: NewtonResult,
+    status: Status,
+    max_depth: float,
+    min_eigenvalue: float,
+) -> Solution:
+    return Solution(
+        x=result.x,
+        status=status,
+        residual=result.residual,
+        decrement=result.decrement,
+        newton_iterations=result.newton_iterations,
+        cg_iterations=result.cg_iterations,
+        min_det_F=elasticity.min_det_F(result.x),
+        max_depth=max_depth,
+        energy=result.energy,
+        seconds=result.seconds,
+        stable=status is not Status.UNSTABLE and result.negative_curvature is None,
+        min_eigenvalue=min_eigenvalue,
+    )

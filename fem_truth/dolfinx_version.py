@@ -88,7 +88,7 @@ def _geometry_table(domain: Any, n_cells: int) -> IntArray:
 def compile_form(form: ufl.Form) -> Any:
     """Compile a UFL form to native code, from the cache where it was compiled before.
 
-    The first compilation takes a second or two; ranks must not race there (see `fem_truth.warm_jit`).
+    The first compilation takes a second or two; ranks must not race there (see `full_space_elasticity.warm_jit`).
     """
     if NEW_NAMES:
         return fem.form(form, jit_options=JIT_OPTIONS)
@@ -149,14 +149,17 @@ class BlockMatrixAssembler:
         self.matrix.assemble()
 
     def blocks(self) -> Array:
-        """(n_blocks, b, b) assembled blocks, a view; BAIJ stores each block column by column, hence the transpose.
+        """(n_blocks, b, b) assembled blocks, a view that the next assembly overwrites. BAIJ stores each block column by
+        column, hence the transpose.
 
         petsc4py has no accessor for the values of a BAIJ matrix, so PETSc's C function is called.
         """
         values = ctypes.POINTER(ctypes.c_double)()
         error = _petsc_library().MatSeqBAIJGetArray(ctypes.c_void_p(self.matrix.handle), ctypes.byref(values))
         if error:
-            raise RuntimeError(f"PETSc could not give the blocks of its matrix (MatSeqBAIJGetArray: error {error})")
+            raise RuntimeError(
+                f"PETSc could not give the blocks of its matrix (MatSeqBAIJGetArray: error {error})"
+            )
         size = self.block_size
         flat = np.ctypeslib.as_array(values, shape=(len(self.columns), size, size))
         return flat.transpose(0, 2, 1)

@@ -43,7 +43,9 @@ DENSITIES: dict[str, Callable[[Any, Any, Any], Any]] = {
 def energy_density(model: str, F: Any, mu: Any, lam: Any) -> Any:
     """psi [Pa] of the named material model; raises SoftprintError for a name that there is not."""
     if model not in DENSITIES:
-        raise SoftprintError(f"no UFL form for the material model {model!r}; there are: {', '.join(DENSITIES)}")
+        raise SoftprintError(
+            f"no UFL form for the material model {model!r}; there are: {', '.join(DENSITIES)}"
+        )
     return DENSITIES[model](F, mu, lam)
 
 

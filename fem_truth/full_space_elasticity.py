@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 
 from fem_truth import dolfinx_version as dfx
 from fem_truth.block_matrix import BlockMatrix, BlockPattern
@@ -40,7 +41,9 @@ class FullSpaceElasticity:
             mu.x.array[:], lam.x.array[:] = mu_values[cell_of_dof], lam_values[cell_of_dof]
 
             F = ufl.Identity(mesh.dim) + ufl.grad(self._u)
-            dx = ufl.dx(domain, metadata={"quadrature_degree": 1})  # F is constant in a P1 cell: one point is exact
+            dx = ufl.dx(
+                domain, metadata={"quadrature_degree": 1}
+            )  # F is constant in a P1 cell: one point is exact
             energy = energy_density(material.model, F, mu, lam) * dx
             gradient = ufl.derivative(energy, self._u)
             self._energy = dfx.compile_form(energy)
@@ -71,7 +74,10 @@ class FullSpaceElasticity:
         """d2W/dx2 as blocks [N/m], assembled by DOLFINx into BAIJ and handed over in node order."""
         self._set(x)
         self._hessian.assemble()
-        return BlockMatrix(self._pattern, self._hessian.blocks()[self._block_order])
+        blocks = np.take(
+            self._hessian.blocks(), self._block_order, axis=0
+        )  # C order: scipy copies anything else
+        return BlockMatrix(self._pattern, blocks)
 
     def deformation_gradients(self, x: Array) -> Array:
         """F (n_cells, dim, dim)."""
@@ -95,3 +101,18 @@ class FullSpaceElasticity:
         ordered.sort_indices()
         return BlockPattern.from_csr(ordered.indptr, ordered.indices), ordered.data - 1
 
+
+def warm_jit(comm: MPI.Intracomm, body: ReducedBody) -> None:
+    """Compile the forms of `body` on rank 0 while the other ranks of `comm` wait, so that they find them in the cache.
+
+    Collective. A failure on rank 0 is raised on every rank.
+    """
+    failure: Exception | None = None
+    if comm.rank == 0:
+        try:
+            FullSpaceElasticity(body)
+        except Exception as error:  # noqa: BLE001 - raised again below, on all ranks
+            failure = error
+    failure = comm.bcast(failure, root=0)
+    if failure is not None:
+        raise failure

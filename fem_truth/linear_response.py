@@ -1,6 +1,6 @@
 """Elasticity linearised about an internal equilibrium: the baseline a learned correction has to beat.
 
-    W(x) ~ W(x0) + g^T u + 1/2 u^T H u,   u = x - x0,   g = W'(x0),  H = W''(x0).
+W(x) ~ W(x0) + g^T u + 1/2 u^T H u,   u = x - x0,   g = W'(x0),  H = W''(x0).
 """
 
 from __future__ import annotations

@@ -15,13 +15,11 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix
-from fem_truth.null_space import NullSpace
 from fem_truth.projected_cg import projected_cg
+from fem_truth.total_energy import Gradient, TotalEnergy
 from runtime.arrays import Array
 
 
@@ -70,16 +68,6 @@ class NewtonSettings:
     line_search_halvings: int = 25
 
 
-class Energy(Protocol):
-    """What is minimised, and the two scales that residual [N] and decrement [J] are measured against at x."""
-
-    def energy(self, x: Array) -> float: ...
-    def gradient(self, x: Array) -> Array: ...
-    def hessian(self, x: Array) -> BlockMatrix: ...
-    def force_scale(self, x: Array) -> float: ...
-    def energy_scale(self, x: Array) -> float: ...
-
-
 @dataclass(frozen=True, eq=False)
 class NewtonResult:
     x: Array
@@ -97,24 +85,30 @@ class NewtonResult:
         return self.status is Status.CONVERGED
 
 
-def minimise(problem: Energy, null_space: NullSpace, x0: Array, settings: NewtonSettings) -> NewtonResult:
+def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> NewtonResult:
     """Minimise from x0 (n, dim), which has to satisfy the constraint already."""
     start = time.process_time()
     x, energy = x0, problem.energy(x0)
-    decrement, status, cg_total, iteration = np.inf, Status.MAX_ITERATIONS, 0, 0
+    gradient = problem.gradient(x)
+    residual, decrement = gradient.norm / problem.force_scale(x, gradient), np.inf
+    status, iteration, cg_total, eta = Status.MAX_ITERATIONS, 0, 0, settings.cg_tolerance
     direction: Array | None = None
-    gradient = null_space.project(problem.gradient(x))
-    norm, eta = float(np.linalg.norm(gradient)), settings.cg_tolerance
-    residual = norm / problem.force_scale(x)
-    if not (np.isfinite(energy) and np.isfinite(norm)):
+    finite = bool(np.isfinite(energy) and np.isfinite(gradient.norm))
+    if not finite:
         status = Status.NOT_FINITE
-    for iteration in range(1, settings.max_iterations + 1) if status is not Status.NOT_FINITE else ():
-        cg = projected_cg(problem.hessian(x), gradient, null_space, eta, settings.cg_max_iterations)
+    for iteration in range(1, settings.max_iterations + 1) if finite else ():
+        cg = projected_cg(
+            problem.hessian(x), gradient.projected, problem.null_space, eta, settings.cg_max_iterations
+        )
         cg_total += cg.iterations
         direction = cg.direction
-        if cg.negative_curvature and residual <= settings.gradient_tolerance:
-            status = Status.UNSTABLE
-            break
+        if direction is not None:
+            if residual <= settings.gradient_tolerance:
+                status = Status.UNSTABLE
+                break
+            convex = problem.hessian(x, convex=True)
+            cg = projected_cg(convex, gradient.projected, problem.null_space, eta, settings.cg_max_iterations)
+            cg_total += cg.iterations
         found = _line_search(problem, x, energy, cg.step, cg.slope, settings.line_search_halvings)
         if found is None:
             # A step too small for round-off to see is no failure if the balance it should improve is there.
@@ -122,33 +116,39 @@ def minimise(problem: Energy, null_space: NullSpace, x0: Array, settings: Newton
             met = residual <= settings.gradient_tolerance and decrement <= settings.decrement_tolerance
             status = Status.CONVERGED if met else Status.LINE_SEARCH_FAILED
             break
-        length, x, energy, raw_gradient = found
-        gradient = null_space.project(raw_gradient)
-        norm, previous = float(np.linalg.norm(gradient)), norm
-        residual = norm / problem.force_scale(x)
+        previous = gradient
+        length, x, energy, gradient = found
+        problem.stepped(length * cg.step, previous, gradient)
+        residual = gradient.norm / problem.force_scale(x, gradient)
         decrement = -0.5 * cg.slope / problem.energy_scale(x)
-        full_step = length == 1.0 and not cg.negative_curvature
-        if full_step and residual <= settings.gradient_tolerance and decrement <= settings.decrement_tolerance:
+        full_step = length == 1.0 and direction is None
+        if (
+            full_step
+            and residual <= settings.gradient_tolerance
+            and decrement <= settings.decrement_tolerance
+        ):
             status = Status.CONVERGED
             break
-        eta = _forcing(norm, previous, eta, settings)
+        eta = _forcing(gradient.norm / previous.norm, eta, residual, settings)
     return NewtonResult(
         x, status, residual, decrement, iteration, cg_total, energy, time.process_time() - start, direction
     )
 
 
-def _forcing(norm: float, previous: float, eta: float, settings: NewtonSettings) -> float:
-    """Eisenstat and Walker's choice 2, safeguarded against a sudden fall."""
-    proposed = 0.9 * (norm / previous) ** 2 if previous > 0 else settings.cg_tolerance_min
+def _forcing(fall: float, eta: float, residual: float, settings: NewtonSettings) -> float:
+    """Eisenstat and Walker's choice 2 for the next linear solve, safeguarded against a sudden fall of the residual,
+    and against solving more than the last step needs: to half of what would just meet the tolerance."""
+    proposed = 0.9 * fall**2
     if 0.9 * eta**2 > 0.1:
         proposed = max(proposed, 0.9 * eta**2)
-    return float(np.clip(proposed, settings.cg_tolerance_min, settings.cg_tolerance))
+    enough = 0.5 * settings.gradient_tolerance / residual if residual > 0 else settings.cg_tolerance
+    return float(np.clip(max(proposed, enough), settings.cg_tolerance_min, settings.cg_tolerance))
 
 
 def _line_search(
-    problem: Energy, x: Array, energy: float, step: Array, slope: float, halvings: int
-) -> tuple[float, Array, float, Array] | None:
-    """Backtrack until Armijo's condition holds: (length, x, energy, full gradient), or None.
+    problem: TotalEnergy, x: Array, energy: float, step: Array, slope: float, halvings: int
+) -> tuple[float, Array, float, Gradient] | None:
+    """Backtrack until Armijo's condition holds: (length, x, energy, gradient), or None.
 
     Where the predicted change drowns in the round-off of the energy, the slope at the end of the step decides
     instead (the approximate Wolfe condition of Hager and Zhang 2005).
@@ -163,7 +163,7 @@ def _line_search(
                 return length, trial, value, problem.gradient(trial)
             if value <= energy + noise:
                 gradient = problem.gradient(trial)
-                if abs(float(np.vdot(gradient, step))) <= 0.9 * abs(slope):
+                if abs(float(np.vdot(gradient.projected, step))) <= 0.9 * abs(slope):
                     return length, trial, value, gradient
         length *= 0.5
     return None

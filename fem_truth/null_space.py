@@ -80,5 +80,3 @@ def _condition(basis: Array, n_free: int) -> float:
             "move them apart or take one away"
         )
     return condition
-
-

@@ -6,13 +6,12 @@ lumped areas, as in the runtime, whose potentials these are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix
+from fem_truth.block_matrix import BlockMatrix, positive_part
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
@@ -20,11 +19,12 @@ from runtime.contact import ContactTerms, CoulombFriction, LaggedContact, Penalt
 
 
 class Potential(Protocol):
-    """A term W(x) [J] of the energy; `add_hessian` adds its second derivative at x to the matrix."""
+    """A term W(x) [J] of the energy; `add_hessian` adds its second derivative at x to the matrix, or
+    (convex) the positive semi-definite part of it."""
 
     def energy(self, x: Array) -> float: ...
     def gradient(self, x: Array) -> Array: ...
-    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None: ...
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Gravity:
     def gradient(self, x: Array) -> Array:
         return -self.mass[:, None] * self.acceleration
 
-    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         """Nothing: the energy is linear in x."""
 
 
@@ -59,7 +59,7 @@ class Inertia:
     def gradient(self, x: Array) -> Array:
         return (self.mass / self.time_step**2)[:, None] * (x - self.predicted)
 
-    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         matrix.add_diagonal(np.arange(len(x)), (self.mass / self.time_step**2)[:, None, None])
 
 
@@ -77,7 +77,7 @@ class MeanSpring:
     def gradient(self, x: Array) -> Array:
         return self.stiffness * self.weights[:, None] * (self.weights @ x - self.target)
 
-    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         matrix.add_low_rank(self.weights, self.stiffness)
 
 
@@ -110,9 +110,11 @@ class SurfaceContact:
         gradient[self.nodes[terms.index]] = terms.gradient
         return gradient
 
-    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         terms = self.terms(x)
-        matrix.add_diagonal(self.nodes[terms.index], terms.hessian)
+        matrix.add_diagonal(
+            self.nodes[terms.index], positive_part(terms.hessian) if convex else terms.hessian
+        )
 
     def max_depth(self, x: Array) -> float:
         """Deepest penetration of a surface node [m]; 0 without contact."""
@@ -136,36 +138,6 @@ class LaggedFriction:
         gradient[self.nodes[terms.index]] = terms.gradient
         return gradient
 
-    def add_hessian(self, x: Array, matrix: BlockMatrix) -> None:
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         terms = self.friction.terms(x[self.nodes], self.lagged, self.time_step)
         matrix.add_diagonal(self.nodes[terms.index], terms.hessian)
-
-
-class Elastic(Protocol):
-    """What `FullSpaceElasticity` offers and its quadratic model imitates."""
-
-    def energy(self, x: Array) -> float: ...
-    def gradient(self, x: Array) -> Array: ...
-    def hessian(self, x: Array) -> BlockMatrix: ...
-
-
-class TotalEnergy:
-    """Elasticity and other terms, summed."""
-
-    def __init__(self, elastic: Elastic, terms: Sequence[Potential]) -> None:
-        self.elastic, self.terms = elastic, tuple(terms)
-
-    def energy(self, x: Array) -> float:
-        return self.elastic.energy(x) + sum(term.energy(x) for term in self.terms)
-
-    def gradient(self, x: Array) -> Array:
-        gradient = self.elastic.gradient(x)
-        for term in self.terms:
-            gradient += term.gradient(x)
-        return gradient
-
-    def hessian(self, x: Array) -> BlockMatrix:
-        matrix = self.elastic.hessian(x)
-        for term in self.terms:
-            term.add_hessian(x, matrix)
-        return matrix

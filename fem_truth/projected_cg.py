@@ -62,4 +62,6 @@ def projected_cg(
         p = z + (rho / previous) * p
     step = project(step)  # sweeps up the round-off that has drifted out of the null space
     scale = float(np.linalg.norm(gradient))
-    return CgResult(step, float(np.vdot(gradient, step)), iteration, False, None, norm / scale if scale else 0.0)
+    return CgResult(
+        step, float(np.vdot(gradient, step)), iteration, False, None, norm / scale if scale else 0.0
+    )

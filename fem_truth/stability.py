@@ -40,8 +40,12 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
             product += stiffness * weights[:, None] * (weights @ z)
         alpha = float(np.vdot(z, product))
         diagonal.append(alpha)
-        r = null_space.project(product) - alpha * v - beta * previous if len(diagonal) > 1 else (
-            null_space.project(product) - alpha * v
+        r = (
+            null_space.project(product) - alpha * v - beta * previous
+            if len(diagonal) > 1
+            else (null_space.project(product) - alpha * v)
         )
         previous = v
-    return float(eigvalsh_tridiagonal(np.array(diagonal), np.array(off_diagonal), select="i", select_range=(0, 0))[0])
+    return float(
+        eigvalsh_tridiagonal(np.array(diagonal), np.array(off_diagonal), select="i", select_range=(0, 0))[0]
+    )
