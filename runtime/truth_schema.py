@@ -16,14 +16,17 @@ from runtime.errors import SoftprintError
 KIND = "truth"
 VERSION = 1
 
-# Status of a sample. Only `CONVERGED` ones have a displacement; the others hold NaN, which no training can mistake.
+# Status of a sample: the codes of the full-space solver, and one of the sampling. Only converged samples have a
+# displacement; the others hold NaN, which no training can mistake for truth.
 CONVERGED = 0
-NOT_CONVERGED = 1
-UNREACHED = 2
+UNREACHED = 5
 STATUS_NAMES = {
     CONVERGED: "converged",
-    NOT_CONVERGED: "not converged: the solver gave up at this depth, even in smaller steps",
-    UNREACHED: "unreached: an earlier depth of the same contact did not converge, so there was nothing to start from",
+    1: "max_iterations",
+    2: "line_search_failed",
+    3: "unstable",
+    4: "not_finite",
+    UNREACHED: "unreached",
 }
 
 
@@ -47,6 +50,7 @@ STATES: dict[str, Column] = {
     "residual": Column("f8", "relative residual of the internal equilibrium", "1"),
     "decrement": Column("f8", "relative Newton decrement of the internal equilibrium", "1"),
     "min_det_F": Column("f8", "smallest det F of the internal equilibrium", "1"),
+    "min_eigenvalue": Column("f8", "lowest Ritz value on the null space, relative to the block diagonal", "1"),
     "energy": Column("f8", "potential energy of the internal equilibrium", "J"),
     "stable": Column("?", "no negative curvature on the null space"),
     "scene": Column("str", "recorded scene the state comes from"),

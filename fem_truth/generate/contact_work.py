@@ -1,0 +1,148 @@
+"""One unit of work: a planned contact, solved at all its depths, as rows of the truth file's tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fem_truth.constrained import ConstrainedProblem, Solution
+from fem_truth.generate.shards import Tables
+from fem_truth.newton import NewtonSettings
+from fem_truth.sampling.approach import Approach, OutOfReach
+from fem_truth.sampling.contact_path import JUMP_LIMIT, ContactPath, PathSample, jumps
+from fem_truth.sampling.contact_plan import ContactPlan, PlannedContact
+from fem_truth.sampling.depths import noisy_depths
+from runtime.arrays import Array, IntArray
+from runtime.colliders.collider import Collider
+from runtime.mesh import Mesh
+from runtime.truth_schema import UNREACHED
+
+_UNREACHED = "An earlier depth of the same contact did not converge, so there was nothing to start from."
+
+
+@dataclass(frozen=True, eq=False)
+class ContactWork:
+    """Everything that the contacts of a plan share.
+
+    rows: (n_states, n_rows, dim) and internal: (n_states, n_nodes, dim) internal equilibria [m] of the states; places:
+    (n_places,) mesh nodes; rotations: (n_rotations, dim, dim); depths: how many a contact, up to max_depth [m], with
+    noise as a share of their step.
+    """
+
+    problem: ConstrainedProblem
+    collider: Collider
+    collider_index: int
+    plan: ContactPlan
+    rows: Array
+    internal: Array
+    places: IntArray
+    rotations: Array
+    depths: int
+    max_depth: float
+    depth_noise: float
+    settings: NewtonSettings
+    _surfaces: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+
+    def solve(self, unit: int) -> Tables:
+        """The tables `contacts` (one row), `samples` and `repeat` of a unit; rows count from 0 within the unit."""
+        contact = self.plan[unit]
+        approach = self._approach(contact)
+        depths = noisy_depths(self.depths, self.max_depth, self.depth_noise, self.plan.depth_rng(contact))
+        path = ContactPath(
+            self.problem,
+            self.collider,
+            self.rows[contact.state],
+            self.internal[contact.state],
+            approach,
+            self.settings,
+        )
+        again: list[Solution | None] = []
+        unreached = _UNREACHED
+        try:
+            samples = path.load(depths)
+            again = path.unload(samples) if contact.repeated else []
+        except OutOfReach as error:
+            clear = approach.pose(approach.clear_of_surface)
+            samples, unreached = [PathSample(depth, clear, None) for depth in depths], str(error)
+        return self._tables(contact, approach, samples, again, unreached)
+
+    def _approach(self, contact: PlannedContact) -> Approach:
+        """Aimed at the place on the deformed surface of the internal equilibrium, along its normal there."""
+        mesh, place = self.problem.body.mesh, self.places[contact.place]
+        if contact.state not in self._surfaces:
+            deformed = Mesh(self.internal[contact.state], mesh.cells)
+            self._surfaces[contact.state] = deformed.points[mesh.surface_nodes], deformed.surface_normals
+        surface, normals = self._surfaces[contact.state]
+        aimed = int(np.searchsorted(mesh.surface_nodes, place))
+        return Approach(self.collider, surface, surface[aimed], normals[aimed], self.rotations[contact.rotation])
+
+    def _tables(
+        self,
+        contact: PlannedContact,
+        approach: Approach,
+        samples: list[PathSample],
+        again: list[Solution | None],
+        unreached: str,
+    ) -> Tables:
+        internal = self.internal[contact.state]
+        first = [_displacement(sample.solution, internal) for sample in samples]
+        second = [_displacement(solution, internal) for solution in again]
+        jump = jumps(first, np.array([sample.depth for sample in samples]))
+        blank = np.full(internal.shape, np.nan, dtype=np.float32)
+        seconds = sum(sample.work.seconds for sample in samples)
+        seconds += sum(solution.seconds for solution in again if solution is not None)
+        contacts = {
+            "unit": [contact.unit],
+            "state": [contact.state],
+            "collider": [self.collider_index],
+            "place": [self.places[contact.place]],
+            "rotation_index": [contact.rotation],
+            "rotation": [approach.rotation],
+            "direction": [-approach.normal],
+            "seconds": [seconds],
+        }
+        columns = {
+            "contact": [0] * len(samples),
+            "depth_index": range(len(samples)),
+            "depth": [sample.depth for sample in samples],
+            "pose_rotation": [sample.pose.rotation for sample in samples],
+            "pose_translation": [sample.pose.translation for sample in samples],
+            "displacement": [blank if u is None else u for u in first],
+            "status": [_status(sample.solution) for sample in samples],
+            "reason": [unreached if sample.solution is None else sample.solution.reason for sample in samples],
+            "branch_flag": jump > JUMP_LIMIT,
+            "jump": jump,
+            "newton_iterations": [sample.work.newton_iterations for sample in samples],
+            "cg_iterations": [sample.work.cg_iterations for sample in samples],
+            "seconds": [sample.work.seconds for sample in samples],
+        }
+        for measure in ("residual", "decrement", "min_det_F", "max_depth", "energy"):
+            columns[measure] = [
+                np.nan if sample.solution is None else getattr(sample.solution, measure) for sample in samples
+            ]
+        repeat = {
+            "sample": list(range(len(again))),
+            "displacement": np.array([blank if u is None else u for u in second]).reshape(-1, *internal.shape),
+            "status": [_status(solution) for solution in again],
+            "spread": [_spread(u1, u2) for u1, u2 in zip(first, second, strict=False)],
+        }
+        return {
+            name: {key: np.asarray(column) for key, column in table.items()}
+            for name, table in (("contacts", contacts), ("samples", columns), ("repeat", repeat))
+        }
+
+
+def _displacement(solution: Solution | None, internal: Array) -> Array | None:
+    """Contact displacement [m], or None where there is no equilibrium."""
+    return solution.x - internal if solution is not None and solution.converged else None
+
+
+def _status(solution: Solution | None) -> int:
+    return UNREACHED if solution is None else int(solution.status)
+
+
+def _spread(first: Array | None, second: Array | None) -> float:
+    if first is None or second is None:
+        return float("nan")
+    return float(np.linalg.norm(second - first) / np.linalg.norm(first))

@@ -1,0 +1,92 @@
+"""Sharing units of work among MPI ranks: whoever is free takes the next one.
+
+The number of the next unit is a counter in the memory of rank 0 that every rank reads and advances with one atomic,
+one-sided operation (MPI_Fetch_and_op). No rank hands out work, so none, rank 0 included, is idle; ranks differ at the
+end by at most one unit. Which rank does a unit has no influence on its result: that is for the unit's work to keep.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When to stop taking new units: after ``units`` units in all, or at ``deadline`` (time.monotonic() [s])."""
+
+    units: int | None = None
+    deadline: float | None = None
+
+    @property
+    def is_over(self) -> bool:
+        return self.deadline is not None and time.monotonic() >= self.deadline
+
+
+class Counter:
+    """A number that all ranks count up together. Collective to make and to free."""
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        size = MPI.INT64_T.Get_size()
+        self._window = MPI.Win.Allocate(size if comm.rank == 0 else 0, size, comm=comm)
+        if comm.rank == 0:
+            self._window.Lock(0)
+            np.frombuffer(self._window.tomemory(), dtype=np.int64)[:] = 0
+            self._window.Unlock(0)
+        comm.Barrier()
+
+    def next(self) -> int:
+        """The number before this call counted it up."""
+        one, before = np.ones(1, dtype=np.int64), np.empty(1, dtype=np.int64)
+        self._window.Lock(0, lock_type=MPI.LOCK_SHARED)
+        self._window.Fetch_and_op(one, before, 0, 0, MPI.SUM)
+        self._window.Unlock(0)
+        return int(before[0])
+
+    def free(self) -> None:
+        self._window.Free()
+
+
+def share_units(
+    comm: MPI.Comm, units: Sequence[int], work: Callable[[int], None], budget: Budget = Budget()
+) -> None:
+    """Call work(unit) once for each of ``units`` on one of the ranks, in their order, until the budget is spent.
+
+    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. An exception in ``work``
+    is the caller's to end on all ranks (see :func:`one_fails_all_fail`).
+    """
+    last = len(units) if budget.units is None else min(len(units), budget.units)
+    counter = Counter(comm)
+    while not budget.is_over and (number := counter.next()) < last:
+        work(units[number])
+    wait_idly(comm)
+    counter.free()
+
+
+def wait_idly(comm: MPI.Comm) -> None:
+    """A barrier that sleeps: MPI's own spins, and would take a core from a rank that still works."""
+    request = comm.Ibarrier()
+    while not request.Test():
+        time.sleep(0.01)
+
+
+@contextmanager
+def one_fails_all_fail(comm: MPI.Comm) -> Iterator[None]:
+    """End all ranks when one has an unexpected exception, so that none waits for it for ever.
+
+    The traceback is printed first. On a single rank the exception just goes on.
+    """
+    try:
+        yield
+    except BaseException:
+        if comm.size == 1:
+            raise
+        print(f"rank {comm.rank} of {comm.size} failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+        comm.Abort(1)

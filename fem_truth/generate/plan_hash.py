@@ -1,0 +1,78 @@
+"""What a folder of shards was made from, so that two experiments are never mixed in one truth file.
+
+The manifest is a flat table of everything that decides the numbers: key of the experiment -> value, plus the hashes of
+the body and of the collider's file. It is compared key by key, so that a refusal can say what changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runtime.body.body import ReducedBody
+from runtime.errors import SoftprintError
+from runtime.files import atomic_path
+from runtime.truth_schema import VERSION
+
+if TYPE_CHECKING:
+    from runtime.experiment import Experiment
+
+MANIFEST = "manifest.json"
+_ABSENT = "(absent)"
+
+
+def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
+    """Everything that decides the truth of an experiment, flat: {"sampling.max_depth": "0.012", ...}."""
+    content = experiment.model_dump(mode="json")
+    collider = next(spec for spec in experiment.colliders if spec.name == experiment.sampling.collider)
+    deciding = {key: content[key] for key in ("body", "contact", "dynamics", "sampling")}
+    deciding["colliders"] = {spec["name"]: spec for spec in content["colliders"]}
+    deciding["scenes"] = {scene["name"]: scene for scene in content["scenes"] if scene["role"] == "record"}
+    deciding["experiment"] = {"seed": content["experiment"]["seed"]}
+    flat = dict(_flatten(deciding, ""))
+    flat["truth version"] = str(VERSION)
+    flat["body hash"] = body.content_hash
+    file = getattr(collider, "file", None)
+    if file is not None:
+        flat["collider file hash"] = hashlib.sha256((experiment.base_dir / file).read_bytes()).hexdigest()
+    return flat
+
+
+def _flatten(value: Any, prefix: str) -> list[tuple[str, str]]:
+    if isinstance(value, dict):
+        return [pair for key, item in value.items() for pair in _flatten(item, f"{prefix}.{key}" if prefix else key)]
+    return [(prefix, json.dumps(value))]
+
+
+def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
+    """Whether the shards in ``folder`` may be kept: True if they were made from the same; False if there are none.
+
+    Raises SoftprintError naming what changed where they were made from something else.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        return False
+    try:
+        before: dict[str, str] = json.loads(path.read_text())
+    except ValueError as error:
+        raise SoftprintError(f"{path}: damaged; --no-resume starts the truth anew") from error
+    changes = [
+        f"{key}: {before.get(key, _ABSENT)} -> {present.get(key, _ABSENT)}"
+        for key in sorted({*before, *present})
+        if before.get(key) != present.get(key)
+    ]
+    if changes:
+        shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
+        raise SoftprintError(
+            f"{folder} holds finished work of a different experiment ({shown}). Undo the change to go on with it, "
+            "choose another --out, or start anew with --no-resume"
+        )
+    return True
+
+
+def write_manifest(folder: Path, present: Mapping[str, str]) -> None:
+    with atomic_path(folder / MANIFEST) as temporary:
+        temporary.write_text(json.dumps(dict(present), indent=1, sort_keys=True))

@@ -1,0 +1,70 @@
+"""Shards: one file for each finished unit of work, whole or not there, with a digest that tells damage.
+
+Measured (HDF5 1.10.8, 15 kills each): of files appended to in place none to 14 survived a SIGKILL, of files written
+aside, synced and renamed all 15. So a unit's tables go into a shard of their own:
+
+    softprint shard 1\\n  <sha256 of the rest, hex>\\n  <numpy .npz, keys "table/column">
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from runtime.files import atomic_path
+
+_MAGIC = b"softprint shard 1\n"
+_HEADER_BYTES = len(_MAGIC) + 64 + 1
+
+Tables = dict[str, dict[str, np.ndarray]]
+
+
+class DamagedShard(Exception):
+    """The file is not a whole shard: it has to be made again."""
+
+
+def write_shard(path: Path, tables: Mapping[str, Mapping[str, object]]) -> None:
+    """Write tables of columns (arrays, or lists of str) to ``path``: atomic, synced, never pickled."""
+    arrays = {f"{table}/{key}": _plain(values) for table, columns in tables.items() for key, values in columns.items()}
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    payload = buffer.getvalue()
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(_MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n" + payload)
+
+
+def _plain(values: object) -> np.ndarray:
+    array = np.asarray(values)
+    if array.dtype.hasobject:
+        raise TypeError(f"a shard holds numbers and text, not {array.dtype}")
+    return array
+
+
+def read_shard(path: Path) -> Tables:
+    """The tables of a shard; raises DamagedShard if the file is missing, truncated or altered."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError as error:
+        raise DamagedShard(f"{path}: not there") from error
+    payload = content[_HEADER_BYTES:]
+    if content[:_HEADER_BYTES] != _MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n":
+        raise DamagedShard(f"{path}: truncated or altered")
+    tables: Tables = {}
+    with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
+        for name in arrays.files:
+            table, column = name.split("/")
+            tables.setdefault(table, {})[column] = arrays[name]
+    return tables
+
+
+def is_whole(path: Path) -> bool:
+    """Whether ``path`` is a shard that can be kept."""
+    try:
+        read_shard(path)
+    except DamagedShard:
+        return False
+    return True

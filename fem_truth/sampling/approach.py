@@ -1,0 +1,104 @@
+"""Bringing a collider along a line until it is exactly so deep below a surface.
+
+The collider's origin travels on the line p + s n, inward as s falls, its rotation fixed. Its depth below the surface
+nodes x_i is -min_i sdf(R^T (x_i - p - s n)). The pose wanted is the *first* one, coming from outside, at which that depth
+is reached: a signed distance has slope at most one, so steps no longer than the distance still to go cannot jump over
+it (sphere tracing), and a bracketing root finder does the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from runtime.arrays import Array
+from runtime.colliders.collider import Collider
+from runtime.colliders.pose import RigidPose
+
+# Root finder's tolerance and shortest march, in sizes of the collider. The first is the exactness of every depth;
+# the second only bounds how far the march may overstep before the root is bracketed.
+_EXACT = 1e-12
+_SHORTEST_STEP = 1e-3
+
+
+class OutOfReach(Exception):
+    """The collider cannot be brought so deep on this line; the message says so for the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A line of approach to a surface.
+
+    surface: (n, dim) nodes [m]; place: (dim,) the point aimed at [m]; normal: (dim,) unit outward normal there;
+    rotation: (dim, dim) of the collider.
+    """
+
+    collider: Collider
+    surface: Array
+    place: Array
+    normal: Array
+    rotation: Array
+
+    def pose(self, s: float) -> RigidPose:
+        """The collider's pose with its origin at place + s normal."""
+        return RigidPose(self.rotation, self.place + s * self.normal)
+
+    def depth(self, s: float) -> float:
+        """Depth of the collider's deepest point below the surface [m]; negative while it is clear of it."""
+        return -float(self.collider.sdf(self.pose(s).apply_inverse(self.surface)).min())
+
+    def poses_at(self, depths: Array) -> list[RigidPose]:
+        """Poses at ascending depths (k,) [m]; each is the first on the way in that is so deep.
+
+        Raises OutOfReach where a depth is more than collider and body allow on this line.
+        """
+        near = self._within_reach()
+        s, length = near.clear_of_surface, near._length
+        poses = []
+        for depth in depths:
+            s = near._march(s, float(depth), length)
+            poses.append(self.pose(s))
+        return poses
+
+    @property
+    def _length(self) -> float:
+        """A length that belongs to both the collider and the surface: half spaces have no size of their own."""
+        extent = float(np.ptp(self.surface, axis=0).max())
+        return min(self.collider.size, extent)
+
+    @property
+    def _radius(self) -> float:
+        """Radius of a ball about the collider's origin that holds the solid, or one that reaches past the surface."""
+        corners = np.maximum(np.abs(self.collider.lower), np.abs(self.collider.upper))
+        reach = float(np.linalg.norm(self.surface - self.place, axis=1).max())
+        return min(float(np.linalg.norm(corners)), 2.0 * reach)
+
+    def _within_reach(self) -> Approach:
+        """The same approach with only the nodes that the collider can ever meet: a tube about the line."""
+        offset = self.surface - self.place
+        across = offset - np.outer(offset @ self.normal, self.normal)
+        near = np.linalg.norm(across, axis=1) <= self._radius
+        return Approach(self.collider, self.surface[near], self.place, self.normal, self.rotation)
+
+    @property
+    def clear_of_surface(self) -> float:
+        """The s at which the march begins: every node lies beyond the collider's ball [m]."""
+        return float(((self.surface - self.place) @ self.normal).max()) + self._radius
+
+    def _march(self, s: float, depth: float, length: float) -> float:
+        shortest = _SHORTEST_STEP * length
+        lowest = s - 4.0 * (self._radius + float(np.ptp((self.surface - self.place) @ self.normal)) + depth)
+        to_go = depth - self.depth(s)
+        while to_go > 0.0:
+            last, s = s, s - max(to_go, shortest)
+            to_go = depth - self.depth(s)
+            if s < lowest:
+                raise OutOfReach(
+                    f"On this line collider {self.collider.name!r} never gets {depth:.4g} m below the surface: "
+                    "the depth is more than the collider is thick."
+                )
+            if to_go <= 0.0:
+                return float(brentq(lambda t: depth - self.depth(t), s, last, xtol=_EXACT * length, rtol=4 * np.finfo(float).eps))
+        return s

@@ -1,0 +1,68 @@
+"""Places of contact: surface nodes spread by geodesic distance on the rest surface (thesis 5.3.2).
+
+Distances are shortest paths along surface edges: deterministic, the same code in 2D and 3D, and good enough to spread
+points evenly (they overestimate the true geodesic by a mesh-dependent factor that hardly varies over the surface).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from fem_truth.sampling.farthest import farthest_selection
+from runtime.arrays import Array, BoolArray, IntArray
+from runtime.body.body import ReducedBody
+from runtime.errors import SoftprintError
+from runtime.mesh import Mesh
+
+
+def surface_distances(mesh: Mesh, sources: IntArray) -> Array:
+    """(n_surface,) distance along surface edges [m] from each surface node to the nearest of ``sources`` (mesh nodes).
+
+    Infinite on pieces of the surface without a source.
+    """
+    nodes = mesh.surface_nodes
+    ends = np.searchsorted(nodes, mesh.surface_edges)
+    lengths = np.linalg.norm(mesh.points[mesh.surface_edges[:, 0]] - mesh.points[mesh.surface_edges[:, 1]], axis=1)
+    graph = csr_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
+    return dijkstra(graph, directed=False, indices=np.searchsorted(nodes, sources), min_only=True)
+
+
+def candidate_places(body: ReducedBody, clearance: float) -> BoolArray:
+    """(n_surface,) which surface nodes may be pressed: those farther than ``clearance`` [m] from every rigid frame.
+
+    A frame does not give way, so a collider aimed close to one would mostly press on the frame.
+    """
+    nodes, frame_nodes = body.mesh.surface_nodes, body.handles.frame_nodes
+    if len(frame_nodes) == 0:
+        return np.ones(len(nodes), dtype=bool)
+    distance, _ = cKDTree(body.mesh.points[frame_nodes]).query(body.mesh.points[nodes])
+    return (distance > clearance) & ~np.isin(nodes, frame_nodes)
+
+
+def spread_places(body: ReducedBody, count: int, clearance: float) -> IntArray:
+    """``count`` surface nodes (mesh numbers) in farthest-point order; the first is the one farthest from the frames.
+
+    Without frames the first is the surface node farthest from the body's centroid.
+    """
+    mesh = body.mesh
+    allowed = np.flatnonzero(candidate_places(body, clearance))
+    if len(allowed) < count:
+        raise SoftprintError(
+            f"sampling.places = {count}, but only {len(allowed)} surface nodes of {body.name!r} lie farther than "
+            f"{clearance:.4g} m from its frames: ask for fewer places, lower sampling.frame_clearance, or refine the mesh"
+        )
+    frames_on_surface = np.intersect1d(body.handles.frame_nodes, mesh.surface_nodes)
+    if len(frames_on_surface):
+        exposure = surface_distances(mesh, frames_on_surface)[allowed]
+        exposure[np.isinf(exposure)] = -1.0
+    else:
+        exposure = np.linalg.norm(mesh.points[mesh.surface_nodes[allowed]] - mesh.points.mean(axis=0), axis=1)
+    chosen = farthest_selection(
+        lambda k: surface_distances(mesh, mesh.surface_nodes[allowed[k : k + 1]])[allowed],
+        int(np.argmax(exposure)),
+        count,
+    )
+    return mesh.surface_nodes[allowed[chosen]]
