@@ -17,7 +17,7 @@ from runtime.mesh import Mesh
 # A region is in general position when its thinnest extent is at least this share of its widest (singular values).
 _FLAT = 1e-3
 # A coordinate given by hand may be this far from the nearest node, as a share of the body's size.
-_SNAP = 0.1
+_SNAP = 0.25
 
 
 def in_box(points: Array, box: ArrayLike) -> BoolArray:

@@ -220,8 +220,8 @@ def _stack(value: Array, count: int) -> Array:
 def _outer(M: Array, factor: Array) -> Array:
     """factor M_ij M_kl, (n, dim, dim, dim, dim)."""
     flat = M.reshape(len(M), -1)
-    product = (np.broadcast_to(factor, (len(M),))[:, None] * flat)[:, :, None] * flat[:, None, :]
-    return product.reshape(M.shape + M.shape[1:])
+    scaled = np.broadcast_to(factor, (len(M),))[:, None] * flat
+    return (scaled[:, :, None] * flat[:, None, :]).reshape(M.shape + M.shape[1:])
 
 
 def _add_identity(tangent: Array, factor: Array) -> Array:

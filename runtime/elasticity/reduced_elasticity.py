@@ -78,6 +78,11 @@ class ReducedElasticity:
         """(n_rows, m*dim) with the weights multiplied in."""
         return np.ascontiguousarray((np.repeat(self.weights, self.basis_gradient.shape[2])[:, None] * self._flat).T)
 
+    @cached_property
+    def _basis_gradient_transposed(self) -> Array:
+        """(m, dim, n_rows)."""
+        return np.ascontiguousarray(self.basis_gradient.transpose(0, 2, 1))
+
     def deformation_gradients(self, rows: Array) -> Array:
         """F (m, dim, dim) of the reduced positions."""
         dim = rows.shape[1]
@@ -99,18 +104,10 @@ class ReducedElasticity:
     def hessian(self, F: Array) -> Array:
         """d2E/drows2 (n_rows*dim, n_rows*dim) [N/m], row-major in (row, axis); basis alone."""
         count, n_rows, dim = self.basis_gradient.shape
-        tangent = self.material.tangent(F)
-        # Only k >= i is multiplied out: the block (k, i) is the transpose of (i, k).
-        low, high = np.triu_indices(dim)
-        half = tangent.transpose(0, 2, 1, 3, 4)[:, :, low, high].reshape(count, -1, dim)  # (c, j.ik, l)
-        right = (half @ self.basis_gradient.transpose(0, 2, 1)).reshape(count * dim, -1)  # (c.j, ik.s)
-        blocks = (self._flat_weighted @ right).reshape(n_rows, len(low), n_rows)
-        result = np.empty((n_rows, dim, n_rows, dim))
-        for index, (i, k) in enumerate(zip(low, high, strict=True)):
-            result[:, i, :, k] = blocks[:, index]
-            if i != k:
-                result[:, k, :, i] = blocks[:, index].T
-        return result.reshape(n_rows * dim, n_rows * dim)
+        tangent = self.material.tangent(F).transpose(0, 2, 1, 3, 4).reshape(count, dim**3, dim)  # (c, j.i.k, l)
+        right = (tangent @ self._basis_gradient_transposed).reshape(count * dim, -1)  # (c.j, i.k.s)
+        blocks = (self._flat_weighted @ right).reshape(n_rows, dim, dim, n_rows)
+        return blocks.transpose(0, 1, 3, 2).reshape(n_rows * dim, n_rows * dim)
 
     def general_gradient(self, F: Array, derivative: Array) -> Array:
         """dE/drows (n_rows, dim) for a given B = dF/drows (m, dim, dim, n_rows, dim)."""

@@ -75,14 +75,15 @@ def _read(source: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def write_mesh(path: Path | str, mesh: Mesh) -> None:
-    """Write the mesh (atomically) in the format of the suffix; .vtu is compressed, with 32-bit numbers.
+    """Write the mesh (atomically) in the format of the suffix.
 
-    float32 coordinates keep 7 digits: for a body of 0.1 m they round at 1e-8 m.
+    .vtu is compressed and has 32-bit numbers: for a body of 0.1 m float32 coordinates round at 1e-8 m.
     """
     import meshio
 
-    points = np.zeros((mesh.n_nodes, 3), dtype=np.float32)
+    compact = Path(path).suffix == ".vtu"  # meshio's gmsh writer, for one, needs 64-bit coordinates
+    points = np.zeros((mesh.n_nodes, 3), dtype=np.float32 if compact else np.float64)
     points[:, : mesh.dim] = mesh.points
-    kind = "triangle" if mesh.dim == 2 else "tetra"
+    cells = mesh.cells.astype(np.int32) if compact else mesh.cells
     with atomic_path(path) as temporary:
-        meshio.write(temporary, meshio.Mesh(points, [(kind, mesh.cells.astype(np.int32))]))
+        meshio.write(temporary, meshio.Mesh(points, [("triangle" if mesh.dim == 2 else "tetra", cells)]))

@@ -1,0 +1,76 @@
+"""Atomic writing, hashes, and the checks on opening a Softprint file."""
+
+import h5py
+import numpy as np
+import pytest
+
+from runtime.errors import SoftprintError
+from runtime.files import atomic_path, content_hash, create_softprint_h5, open_softprint_h5, provenance
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+    target = tmp_path / "new" / "out.txt"
+    with atomic_path(target) as path:
+        path.write_text("old")
+    with pytest.raises(RuntimeError), atomic_path(target) as path:
+        path.write_text("half of the n")
+        raise RuntimeError("killed")
+    assert target.read_text() == "old"
+    assert list(target.parent.iterdir()) == [target]
+
+
+def test_a_folder_in_the_way_is_named(tmp_path):
+    (tmp_path / "out.h5").mkdir()
+    with pytest.raises(SoftprintError, match="a folder of that name"), atomic_path(tmp_path / "out.h5"):
+        pass
+
+
+def test_hash_sees_names_values_types_and_shapes_but_not_order():
+    base = {"a": np.arange(6.0), "b": "text", "c": 3}
+    assert content_hash(base) == content_hash(dict(reversed(base.items())))
+    changed = [
+        {**base, "a": np.arange(6.0) + 1e-15},
+        {**base, "a": np.arange(6)},
+        {**base, "a": np.arange(6.0).reshape(2, 3)},
+        {**base, "b": "texT"},
+        {"a2": base["a"], "b": "text", "c": 3},
+    ]
+    assert len({content_hash(content) for content in [base, *changed]}) == 6
+
+
+def test_hash_ignores_memory_layout():
+    array = np.arange(6.0).reshape(2, 3)
+    assert content_hash({"a": array}) == content_hash({"a": np.asfortranarray(array)})
+
+
+def test_provenance_names_python_and_numpy():
+    assert {"python", "numpy", "scipy"} <= set(provenance())
+
+
+def test_only_the_right_kind_and_version_opens(tmp_path):
+    good = tmp_path / "good.h5"
+    with create_softprint_h5(good, "body", 2) as file:
+        file["x"] = np.arange(1000.0)
+    with open_softprint_h5(good, "body", 2) as file:
+        assert file["x"].shape == (1000,)
+    h5py.File(tmp_path / "foreign.h5", "w").close()
+    (tmp_path / "text.h5").write_text("no HDF5")
+    (tmp_path / "cut.h5").write_bytes(good.read_bytes()[:3000])
+    cases = [
+        ("nowhere.h5", "body", 2, "no such body file"),
+        ("foreign.h5", "body", 2, "not one of Softprint's"),
+        ("text.h5", "body", 2, "not a readable body file"),
+        ("cut.h5", "body", 2, "truncated"),
+        ("good.h5", "truth", 2, "this is a body file; a truth file was expected"),
+        ("good.h5", "body", 3, "version 2.*reads version 3"),
+    ]
+    for name, kind, version, words in cases:
+        with pytest.raises(SoftprintError, match=words), open_softprint_h5(tmp_path / name, kind, version):
+            pass
+
+
+def test_a_missing_dataset_is_named(tmp_path):
+    with create_softprint_h5(tmp_path / "a.h5", "body", 1):
+        pass
+    with pytest.raises(SoftprintError, match="incomplete.*'x'"), open_softprint_h5(tmp_path / "a.h5", "body", 1) as file:
+        file["x"]
