@@ -20,7 +20,7 @@ class SdfDerivatives(NamedTuple):
     gradient: Array
     hessian: Array
 
-    def take(self, index: IntArray | BoolArray) -> SdfDerivatives:
+    def take(self, index: IntArray | BoolArray | slice) -> SdfDerivatives:
         return SdfDerivatives(self.value[index], self.gradient[index], self.hessian[index])
 
 

@@ -16,7 +16,6 @@ would have carried the point, so a body that rides along with the collider feels
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +25,8 @@ from runtime.contact.penalty import ContactTerms
 from runtime.errors import SoftprintError
 
 
-class LaggedContact(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class LaggedContact:
     """What friction holds fixed within a minimisation, for the m points in contact; world coordinates.
 
     index (m,) of the points; force (m,) normal force [N]; normal (m, dim); anchor (m, dim): where the point
@@ -39,7 +39,8 @@ class LaggedContact(NamedTuple):
     anchor: Array
 
 
-class FrictionTerms(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class FrictionTerms:
     """energy [J]; index (m,) of the points; gradient (m, dim) [N], the friction force being its negative;
     hessian (m, dim, dim) [N/m]; world coordinates."""
 

@@ -16,7 +16,6 @@ only linearly. It makes the Hessian indefinite where the collider is convex; sol
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +25,8 @@ from runtime.colliders.pose import RigidPose
 from runtime.errors import SoftprintError
 
 
-class ContactTerms(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class ContactTerms:
     """Contact of the m penetrating points among the n points given; world coordinates.
 
     energy [J]; index (m,) of the points; gradient (m, dim) [N], the contact force being its negative;

@@ -1,5 +1,7 @@
 """Friction: Coulomb's law in its limits, finite differences, and invariance to the collider's own motion."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -86,7 +88,9 @@ def test_moving_everything_together_rotates_the_force(dim):
     rng = np.random.default_rng(1)
     motion = RigidPose.from_rotation_vector(rng.normal(size=1 if dim == 2 else 3), rng.normal(size=dim))
     here = FRICTION.terms(x, FRICTION.lag(contact, start, start_pose, end_pose), TIME_STEP)
-    moved = contact._replace(gradient=motion.rotate(contact.gradient), normal=motion.rotate(contact.normal))
+    moved = dataclasses.replace(
+        contact, gradient=motion.rotate(contact.gradient), normal=motion.rotate(contact.normal)
+    )
     lagged = FRICTION.lag(moved, motion.apply(start), motion.compose(start_pose), motion.compose(end_pose))
     there = FRICTION.terms(motion.apply(x), lagged, TIME_STEP)
     np.testing.assert_allclose(there.energy, here.energy, rtol=1e-10)

@@ -1,0 +1,130 @@
+"""Colliders placed, joined and cut: smooth union and difference of signed distances.
+
+The smooth minimum of a and b with blend width k is
+
+    m(a, b) = min(a, b) - (k/6) max(0, 1 - |a - b|/k)^3,
+
+which is C2, equals min(a, b) where the two differ by k or more, and lies at most k/6 below it. Combined
+distances are exact where one part is nearer than all others by k, and elsewhere a bound: their gradient is a
+convex combination of unit vectors, shorter than one where the parts' normals disagree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from runtime.arrays import Array
+from runtime.colliders.collider import Collider, ColliderBase, SdfDerivatives
+from runtime.colliders.pose import RigidPose
+from runtime.errors import SoftprintError
+
+
+def smooth_minimum(a: SdfDerivatives, b: SdfDerivatives, blend: float) -> SdfDerivatives:
+    """m(a, b) and its derivatives with respect to the points, from those of a and b."""
+    difference = a.value - b.value
+    t = np.minimum(np.abs(difference) / blend, 1.0)
+    value = np.minimum(a.value, b.value) - blend / 6.0 * (1.0 - t) ** 3
+    first = 0.5 * np.sign(difference) * ((1.0 - t) ** 2 - 1.0)  # dm/da = 1/2 + first, dm/db = 1/2 - first
+    second = -(1.0 - t) / blend
+    wa, wb = 0.5 + first, 0.5 - first
+    apart = a.gradient - b.gradient
+    hessian = wa[:, None, None] * a.hessian + wb[:, None, None] * b.hessian
+    hessian += second[:, None, None] * apart[:, :, None] * apart[:, None, :]
+    return SdfDerivatives(value, wa[:, None] * a.gradient + wb[:, None] * b.gradient, hessian)
+
+
+def smooth_minimum_value(a: Array, b: Array, blend: float) -> Array:
+    """m(a, b) alone."""
+    return np.minimum(a, b) - blend / 6.0 * np.maximum(0.0, 1.0 - np.abs(a - b) / blend) ** 3
+
+
+def _negative(d: SdfDerivatives) -> SdfDerivatives:
+    return SdfDerivatives(-d.value, -d.gradient, -d.hessian)
+
+
+def _same_dim(name: str, parts: Sequence[Collider]) -> None:
+    if not parts:
+        raise SoftprintError(f"collider '{name}' has no parts; give at least one")
+    if len({part.dim for part in parts}) != 1:
+        listed = ", ".join(f"'{part.name}' is {part.dim}D" for part in parts)
+        raise SoftprintError(f"collider '{name}' mixes dimensions: {listed}")
+
+
+def _positive_blend(name: str, blend: float) -> float:
+    if not (np.isfinite(blend) and blend > 0):
+        raise SoftprintError(
+            f"the blend of collider '{name}' must be a positive number of metres, not {blend}"
+        )
+    return float(blend)
+
+
+class Placed(ColliderBase):
+    """A collider moved by a rigid pose within its owner's coordinates."""
+
+    def __init__(self, part: Collider, pose: RigidPose) -> None:
+        if part.dim != pose.dim:
+            raise SoftprintError(f"collider '{part.name}' is {part.dim}D but is placed by a {pose.dim}D pose")
+        self.name, self.part, self.pose = part.name, part, pose
+        if np.isfinite(part.lower).all() and np.isfinite(part.upper).all():
+            centre = pose.apply(0.5 * (part.lower + part.upper)[None])[0]
+            half = np.abs(pose.rotation) @ (0.5 * (part.upper - part.lower))
+            self.lower, self.upper = centre - half, centre + half
+        else:
+            self.upper = np.full(part.dim, np.inf)
+            self.lower = -self.upper
+
+    def sdf(self, z: Array) -> Array:
+        return self.part.sdf(self.pose.apply_inverse(z))
+
+    def sdf_derivatives(self, z: Array) -> SdfDerivatives:
+        d = self.part.sdf_derivatives(self.pose.apply_inverse(z))
+        return SdfDerivatives(d.value, self.pose.rotate(d.gradient), self.pose.rotate_matrices(d.hessian))
+
+
+class SmoothUnion(ColliderBase):
+    """Everything in any of the parts, with fillets of width `blend` [m] where parts meet."""
+
+    def __init__(self, parts: Sequence[Collider], blend: float, name: str = "union") -> None:
+        _same_dim(name, parts)
+        self.name, self.parts, self.blend = name, tuple(parts), _positive_blend(name, blend)
+        swell = self.blend / 6.0 * (len(parts) - 1)  # each smooth minimum adds at most blend / 6
+        self.lower = np.min([part.lower for part in parts], axis=0) - swell
+        self.upper = np.max([part.upper for part in parts], axis=0) + swell
+
+    def sdf(self, z: Array) -> Array:
+        value = self.parts[0].sdf(z)
+        for part in self.parts[1:]:
+            value = smooth_minimum_value(value, part.sdf(z), self.blend)
+        return value
+
+    def sdf_derivatives(self, z: Array) -> SdfDerivatives:
+        total = self.parts[0].sdf_derivatives(z)
+        for part in self.parts[1:]:
+            total = smooth_minimum(total, part.sdf_derivatives(z), self.blend)
+        return total
+
+
+class SmoothDifference(ColliderBase):
+    """`base` without any of the parts; the edges of each cut are rounded over `blend` [m]."""
+
+    def __init__(
+        self, base: Collider, parts: Sequence[Collider], blend: float, name: str = "difference"
+    ) -> None:
+        _same_dim(name, [base, *parts])
+        self.name, self.base, self.parts = name, base, tuple(parts)
+        self.blend = _positive_blend(name, blend)
+        self.lower, self.upper = base.lower, base.upper
+
+    def sdf(self, z: Array) -> Array:
+        outside = -self.base.sdf(z)
+        for part in self.parts:
+            outside = smooth_minimum_value(outside, part.sdf(z), self.blend)
+        return -outside
+
+    def sdf_derivatives(self, z: Array) -> SdfDerivatives:
+        outside = _negative(self.base.sdf_derivatives(z))
+        for part in self.parts:
+            outside = smooth_minimum(outside, part.sdf_derivatives(z), self.blend)
+        return _negative(outside)

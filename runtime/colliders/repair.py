@@ -1,0 +1,175 @@
+"""From a triangle soup to a closed, outward-facing, manifold surface, or a refusal that says why.
+
+A signed distance is only as good as its sign, so nothing doubtful passes: repairs are logged one by one, and
+what cannot be repaired for certain is refused. Self-intersections are not looked for.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import igl
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.errors import SoftprintError
+
+log = logging.getLogger(__name__)
+
+# Vertices closer than this share of the bounding box's diagonal are one: STL repeats each vertex in float32.
+MERGE_DISTANCE = 1e-6
+# Triangles thinner than this (height over diagonal) have no usable normal.
+DEGENERATE_HEIGHT = 1e-9
+# A hole is closed if its rim is shorter than this share of the diagonal; that of a larger one is unknown.
+SMALL_HOLE = 0.25
+
+
+def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[Array, IntArray]:
+    """Vertices (v, 3) and triangles (t, 3) of the repaired surface, normals outward.
+
+    `source` names the mesh in messages. Raises SoftprintError for non-finite or empty input, non-manifold
+    edges, surfaces that cannot be oriented, and holes that are not small.
+    """
+    if not np.isfinite(vertices).all():
+        bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+        raise SoftprintError(f"{source}: {bad} vertices are not finite numbers; export the mesh again")
+    if len(triangles) == 0:
+        raise SoftprintError(
+            f"{source}: the mesh has no triangles; a collider needs a closed triangle surface"
+        )
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    vertices, triangles = _merge(vertices, triangles, diagonal, source)
+    triangles = _drop_degenerate(vertices, triangles, diagonal, source)
+    _refuse_non_manifold(triangles, source)
+    triangles = _orient(triangles, source)
+    vertices, triangles = _fill_small_holes(vertices, triangles, diagonal, source)
+    return vertices, _face_outward(vertices, triangles, source)
+
+
+def _merge(vertices: Array, triangles: IntArray, diagonal: float, source: str) -> tuple[Array, IntArray]:
+    if diagonal == 0:
+        raise SoftprintError(f"{source}: all vertices lie at one point")
+    cells = np.round(vertices / (MERGE_DISTANCE * diagonal)).astype(np.int64)
+    _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    merged = len(vertices) - len(first)
+    if merged:
+        log.debug("%s: merged %d duplicate vertices", source, merged)
+    return vertices[first], inverse.reshape(-1)[triangles]
+
+
+def _drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, source: str) -> IntArray:
+    corners = vertices[triangles]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    keep = area > DEGENERATE_HEIGHT * diagonal * sides.max(axis=1)
+    if not keep.all():
+        log.warning("%s: dropped %d degenerate triangle(s)", source, int((~keep).sum()))
+    kept = triangles[keep]
+    _, first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)
+    if len(first) < len(kept):
+        log.warning("%s: dropped %d repeated triangle(s)", source, len(kept) - len(first))
+    if len(first) == 0:
+        raise SoftprintError(
+            f"{source}: every triangle is degenerate; a collider needs a closed triangle surface"
+        )
+    return kept[np.sort(first)]
+
+
+def _edge_counts(triangles: IntArray) -> tuple[IntArray, IntArray]:
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    return unique, counts
+
+
+def _refuse_non_manifold(triangles: IntArray, source: str) -> None:
+    bad = int((_edge_counts(triangles)[1] > 2).sum())
+    if bad:
+        raise SoftprintError(
+            f"{source}: {bad} edge(s) belong to more than two triangles (non-manifold); "
+            "make each solid a simple closed surface, for instance by a boolean union in a modeller"
+        )
+
+
+def _directed_edges(triangles: IntArray) -> IntArray:
+    return triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+
+
+def _orient(triangles: IntArray, source: str) -> IntArray:
+    """Make neighbours agree; refuse what has no two sides (a Moebius strip)."""
+    oriented = np.asarray(igl.bfs_orient(triangles)[0], dtype=np.int64)
+    turned = int((oriented != triangles).any(axis=1).sum())
+    if turned not in (0, len(triangles)):
+        log.warning("%s: turned triangles so that neighbours face the same way", source)
+    if len(np.unique(_directed_edges(oriented), axis=0)) < 3 * len(oriented):
+        raise SoftprintError(f"{source}: the surface has only one side and cannot bound a solid")
+    return oriented
+
+
+def _open_edges(triangles: IntArray) -> IntArray:
+    """Directed edges (e, 2) that no neighbour runs through the other way."""
+    directed = _directed_edges(triangles)
+    existing = {tuple(edge) for edge in directed.tolist()}
+    return np.array([e for e in directed.tolist() if (e[1], e[0]) not in existing], dtype=np.int64).reshape(
+        -1, 2
+    )
+
+
+def _fill_small_holes(
+    vertices: Array, triangles: IntArray, diagonal: float, source: str
+) -> tuple[Array, IntArray]:
+    """Close each small hole by a fan of triangles about the middle of its rim."""
+    edges = _open_edges(triangles)
+    if len(edges) == 0:
+        return vertices, triangles
+    following = dict(edges.tolist())
+    problem = SoftprintError(
+        f"{source}: the surface is open: {len(edges)} edge(s) have a triangle on one side only, and a hole "
+        f"is too large to close by guessing (its rim is longer than {SMALL_HOLE:.0%} of the bounding box's "
+        "diagonal, or meets another); close it in a modeller"
+    )
+    if len(following) < len(edges):  # two holes share a vertex: no unique rim
+        raise problem
+    while following:
+        start, rim = next(iter(following)), []
+        while start in following:
+            rim.append(start)
+            start = following.pop(start)
+        points = vertices[rim]
+        if (
+            start != rim[0]
+            or np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum() > SMALL_HOLE * diagonal
+        ):
+            raise problem
+        fan = [(b, a, len(vertices)) for a, b in zip(rim, np.roll(rim, -1).tolist(), strict=True)]
+        vertices = np.vstack([vertices, points.mean(axis=0)])
+        triangles = np.vstack([triangles, fan])
+        log.warning("%s: closed a hole of %d edges", source, len(rim))
+    return vertices, triangles
+
+
+def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray:
+    """Turn every separate surface outward, except cavities (nested an odd number deep): inward."""
+    component = np.asarray(igl.facet_components(triangles)[1]).reshape(-1)
+    result = triangles.copy()
+    count = int(component.max()) + 1
+    for c in range(count):
+        own = triangles[component == c]
+        corners = vertices[own]
+        volume = np.linalg.det(corners).sum() / 6.0
+        if volume < 0:
+            own = own[:, ::-1]
+            log.warning("%s: turned an inward-facing surface outward", source)
+        result[component == c] = own
+    depth = np.zeros(count, dtype=int)
+    for c in range(count):
+        for other in range(count):
+            if other != c:
+                probe = vertices[result[component == c][0]][:1]
+                inside = igl.winding_number(vertices, result[component == other], probe)
+                depth[c] += int(np.atleast_1d(inside)[0] > 0.5)
+    cavity = np.flatnonzero(depth % 2 == 1)
+    for c in cavity:
+        result[component == c] = result[component == c][:, ::-1]
+    if cavity.size:
+        log.info("%s: %d cavity surface(s) kept as holes", source, cavity.size)
+    return result
