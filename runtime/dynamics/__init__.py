@@ -1,0 +1,20 @@
+"""Reduced dynamics: backward Euler as minimisation over the handle rows, with learned corrections."""
+
+from runtime.dynamics.kinematic import KinematicHandle
+from runtime.dynamics.newton import NewtonSettings, Status
+from runtime.dynamics.simulator import DynamicsSettings, PlacedCollider, Simulator
+from runtime.dynamics.springs import HandleSpring
+from runtime.dynamics.state import ContactForce, ReducedState, StepResult
+
+__all__ = [
+    "ContactForce",
+    "DynamicsSettings",
+    "HandleSpring",
+    "KinematicHandle",
+    "NewtonSettings",
+    "PlacedCollider",
+    "ReducedState",
+    "Simulator",
+    "Status",
+    "StepResult",
+]

@@ -1,0 +1,75 @@
+"""W_elastic of thesis eq. 5.5 on the cubature cells, at the corrected positions of their corners.
+
+    E = sum_c w_c Psi(F_c),    F_c = D_c rows + sum_a u_a (x) G_ca,    B = dF/drows,
+    gradient = sum_c w_c B^T P,    Hessian = sum_c w_c B^T A B    (the term in d2u/drows2 is left out, thesis 5.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from runtime.arrays import Array
+from runtime.body.body import ReducedBody
+from runtime.corrections.correction import Correction, CorrectionField
+from runtime.dynamics.corrected_points import CorrectedPoints, Poses
+from runtime.dynamics.timings import Timings
+from runtime.elasticity.reduced_elasticity import ReducedElasticity
+
+
+class ElasticEnergy:
+    """The elastic energy of a body, a function of handle rows and collider poses."""
+
+    def __init__(self, body: ReducedBody, corrections: Sequence[tuple[str, Correction]]) -> None:
+        elasticity = ReducedElasticity.of(body)
+        nodes, corners = np.unique(elasticity.corners, return_inverse=True)
+        # From here on the corners count among the cubature nodes only: nothing has the length of the mesh.
+        self._elasticity = replace(elasticity, corners=corners.reshape(elasticity.corners.shape))
+        self._points = CorrectedPoints(body.node_points(nodes), corrections)
+        self._basis_derivative = self._elasticity.basis_derivative()
+
+    @property
+    def n_cells(self) -> int:
+        return self._elasticity.n_cells
+
+    def deformation_gradients(self, rows: Array, poses: Poses, timings: Timings) -> Array:
+        """F (m, dim, dim) at the cubature cells."""
+        displacement = self._points.displacement(rows, poses, timings)
+        with timings.elastic:
+            return self._gradients(rows, displacement)
+
+    def energy(self, rows: Array, poses: Poses, timings: Timings) -> float:
+        F = self.deformation_gradients(rows, poses, timings)
+        with timings.elastic:
+            return self._elasticity.energy(F)
+
+    def linearise(self, rows: Array, poses: Poses, timings: Timings) -> tuple[float, Array, Array]:
+        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""
+        field = self._points.linearise(rows, poses, timings)
+        with timings.elastic:
+            F = self._gradients(rows, self._points.scatter(field))
+            energy = self._elasticity.energy(F)
+            if field is None:
+                return energy, self._elasticity.gradient(F), self._elasticity.hessian(F)
+            B = self._derivative(field)
+            return energy, self._elasticity.general_gradient(F, B), self._elasticity.general_hessian(F, B)
+
+    def _gradients(self, rows: Array, displacement: Array | None) -> Array:
+        F = self._elasticity.deformation_gradients(rows)
+        return F if displacement is None else F + self._elasticity.correction_gradients(displacement)
+
+    def _derivative(self, field: CorrectionField) -> Array:
+        """B (m, dim, dim, n_rows, dim): dF_ij/drows = dF_ij/drows of the basis + sum_a G_aj du_ai/drows."""
+        elasticity, dim = self._elasticity, field.displacement.shape[1]
+        slot = np.full(len(self._points.basis), -1)
+        slot[field.index] = np.arange(len(field.index))
+        corners = slot[elasticity.corners]
+        touched = np.flatnonzero((corners >= 0).any(axis=1))
+        jacobian = field.jacobian.reshape(len(field.index), -1)[corners[touched]]
+        jacobian[corners[touched] < 0] = 0.0
+        added = elasticity.hat_gradients[touched].transpose(0, 2, 1) @ jacobian  # (c, j, i.rk)
+        B = self._basis_derivative.copy()
+        B[touched] += added.reshape(len(touched), dim, dim, *B.shape[3:]).transpose(0, 2, 1, 3, 4)
+        return B

@@ -1,0 +1,165 @@
+"""Newton's method with an Armijo line search for small dense problems: one call for each time step.
+
+Minimises E over a manifold that the problem itself walks on (points and rigid frames; thesis 4.2.3): in every
+iteration it is asked for gradient g and Hessian H in tangent coordinates at x, and moves to retract(x, alpha v) with
+
+    H v = -g,    E(retract(x, alpha v)) <= E(x) + c alpha g.v    (Armijo; alpha = 1, 1/2, 1/4, ...).
+
+Where H is not positive definite (contact with a convex collider, buckling) its eigenvalues are replaced by their
+magnitudes, so that v always leads downhill; the matrix is small, so this costs little.
+
+With ``max_iterations`` 1 this is the linearly implicit Euler method of real-time simulation. The result says so: it
+has converged only if a gradient below the tolerance has been *seen*, and the residual it reports is the last one seen,
+at the start of the last iteration where the iterations ran out.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from runtime.arrays import Array
+from runtime.errors import SoftprintError
+
+
+class Status(IntEnum):
+    """How a minimisation ended. The numbers go into motion files: never renumber."""
+
+    CONVERGED = 0
+    MAX_ITERATIONS = 1
+    LINE_SEARCH_FAILED = 2
+    NOT_FINITE = 4
+
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Status.CONVERGED: "The forces balance to the tolerance.",
+    Status.MAX_ITERATIONS: "Stopped at the iteration limit before the tolerance was seen to be met: right for real "
+    "time; otherwise allow more iterations or take a smaller time step.",
+    Status.LINE_SEARCH_FAILED: "No step along the Newton direction lowers the energy: the tolerance may be below what "
+    "the correction's float32 network can resolve, or the start has inverted cells.",
+    Status.NOT_FINITE: "Energy or gradient is not finite: inverted cells in a material that resists inversion with "
+    "infinite energy, or a state that is not made of numbers; take a smaller time step.",
+}
+
+_ARMIJO = 1e-4
+_HALVINGS = 25
+# Energies are sums of some thousand float64 terms: differences below this share of their size are noise.
+_ENERGY_NOISE = 1e-13
+# Eigenvalues smaller than this share of the largest are raised to it: nothing moves farther than the model is valid.
+_SMALLEST_EIGENVALUE = 1e-8
+
+
+@dataclass(frozen=True)
+class NewtonSettings:
+    """max_iterations: at most so many linear solves; tolerance: on the residual (see `Linearisation.scale`)."""
+
+    max_iterations: int = 20
+    tolerance: float = 1e-4
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1:
+            raise SoftprintError(f"max_iterations must be at least 1, not {self.max_iterations}")
+        if not self.tolerance > 0:
+            raise SoftprintError(f"the Newton tolerance must be positive, not {self.tolerance}")
+
+
+class Linearisation(NamedTuple):
+    """E at a point, to second order in tangent coordinates (n,).
+
+    energy [J]; noise [J]: size of the terms that the energy sums (round-off is a share of it); gradient (n,);
+    hessian (n, n); scale: the residual is |gradient| / scale.
+    """
+
+    energy: float
+    noise: float
+    gradient: Array
+    hessian: Array
+    scale: float
+
+
+class Problem(Protocol):
+    """What is minimised. x is whatever the problem says it is; here always handle rows."""
+
+    def linearise(self, x: Array) -> Linearisation: ...
+
+    def energy(self, x: Array) -> float:
+        """The same energy as that of the last `linearise`, for the line search."""
+        ...
+
+    def retract(self, x: Array, v: Array) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonResult:
+    """x: where the minimisation stopped; residual: |g| / scale when last seen; decrement: 1/2 g^T H^-1 g [J] of the
+    last step taken, an estimate of how far above the minimum the energy was before it."""
+
+    x: Array
+    status: Status
+    iterations: int
+    residual: float
+    decrement: float
+
+    @property
+    def converged(self) -> bool:
+        return self.status is Status.CONVERGED
+
+    @property
+    def reason(self) -> str:
+        return f"{self.status.sentence} (iterations {self.iterations}, residual {self.residual:.1e})"
+
+
+def minimise(
+    problem: Problem, x: Array, settings: NewtonSettings, solving: AbstractContextManager[object] | None = None
+) -> NewtonResult:
+    """Minimise the problem's energy from x. ``solving`` is entered around every linear solve, to time it."""
+    clock = nullcontext() if solving is None else solving
+    residual, decrement = np.inf, np.inf
+    for iteration in range(settings.max_iterations):
+        at = problem.linearise(x)
+        if not (np.isfinite(at.energy) and np.isfinite(at.gradient).all() and np.isfinite(at.hessian).all()):
+            return NewtonResult(x, Status.NOT_FINITE, iteration, residual, decrement)
+        residual = float(np.linalg.norm(at.gradient)) / at.scale
+        if residual <= settings.tolerance:
+            return NewtonResult(x, Status.CONVERGED, iteration, residual, decrement)
+        with clock:
+            direction = descent_direction(at.hessian, at.gradient)
+        slope = float(at.gradient @ direction)
+        decrement = -0.5 * slope
+        stepped = _line_search(problem, x, at, direction, slope)
+        if stepped is None:
+            return NewtonResult(x, Status.LINE_SEARCH_FAILED, iteration + 1, residual, decrement)
+        x = stepped
+    return NewtonResult(x, Status.MAX_ITERATIONS, settings.max_iterations, residual, decrement)
+
+
+def descent_direction(hessian: Array, gradient: Array) -> Array:
+    """v with H v = -g; with |H| (the same eigenvectors, absolute eigenvalues) where H is not positive definite."""
+    try:
+        return -cho_solve(cho_factor(hessian, lower=True, check_finite=False), gradient, check_finite=False)
+    except LinAlgError:
+        values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
+        magnitude = np.abs(values)
+        floor = max(_SMALLEST_EIGENVALUE * float(magnitude.max()), np.finfo(float).tiny)
+        return -vectors @ ((vectors.T @ gradient) / np.maximum(magnitude, floor))
+
+
+def _line_search(problem: Problem, x: Array, at: Linearisation, direction: Array, slope: float) -> Array | None:
+    """The first of x + v, x + v/2, ... that satisfies Armijo's condition; None if none does."""
+    noise = _ENERGY_NOISE * at.noise
+    step = 1.0
+    for _ in range(_HALVINGS):
+        candidate = problem.retract(x, step * direction)
+        if problem.energy(candidate) <= at.energy + _ARMIJO * step * slope + noise:
+            return candidate
+        step *= 0.5
+    return None

@@ -1,0 +1,273 @@
+"""The reduced simulator: backward Euler steps of a soft body among rigid colliders (thesis 5.4).
+
+A control loop needs `Simulator.rest_state`, `Simulator.step`, and what a step returns; see `examples/control_loop.py`.
+The cost of a step depends on handles, cubature cells and surface samples, never on the size of the mesh; only
+`Simulator.positions` and `Simulator.deformation_gradients` touch every node or cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.body.body import ReducedBody
+from runtime.body.rotations import rotation_dofs
+from runtime.colliders.collider import Collider
+from runtime.colliders.path import KeyframedPath
+from runtime.colliders.pose import RigidPose
+from runtime.contact import CoulombFriction, PenaltyContact
+from runtime.corrections.correction import Correction
+from runtime.dynamics.corrected_points import CorrectedPoints, Poses
+from runtime.dynamics.elastic import ElasticEnergy
+from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
+from runtime.dynamics.newton import NewtonResult, NewtonSettings, minimise
+from runtime.dynamics.springs import HandleSpring, QuadraticForm, spring_form
+from runtime.dynamics.state import ContactForce, ReducedState, StepResult
+from runtime.dynamics.step_energy import StepEnergy
+from runtime.dynamics.surface import StepContact, SurfaceEnergy
+from runtime.dynamics.timings import Timings
+from runtime.errors import SoftprintError
+
+# A body strained by less than this feels no force worth balancing: the floor of the scale of residuals.
+_NEGLIGIBLE_STRAIN = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedCollider:
+    """A collider in the scene. path: where it is over time, None where the caller gives its pose with every step;
+    correction: what was learned about its contact with this body."""
+
+    name: str
+    collider: Collider
+    path: KeyframedPath | None = None
+    correction: Correction | None = None
+
+
+@dataclass(frozen=True)
+class DynamicsSettings:
+    """time_step h [s]; newton: for each step; friction_updates: how many of a step's first Newton iterations take up
+    new normal forces for friction, which are then frozen so that the iterations can converge."""
+
+    time_step: float = 1.0 / 60.0
+    newton: NewtonSettings = field(default_factory=NewtonSettings)
+    friction_updates: int = 3
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.time_step) and self.time_step > 0):
+            raise SoftprintError(f"the time step must be a positive number of seconds, not {self.time_step}")
+        if self.friction_updates < 1:
+            raise SoftprintError(f"friction_updates must be at least 1, not {self.friction_updates}")
+
+
+class Simulator:
+    """Steps one body.
+
+    gravity (dim,) [m/s^2]; kinematic: handles that are held or led and not solved for. Corrections come with their
+    colliders. Raises SoftprintError where body, colliders, paths and handles do not fit together.
+    """
+
+    def __init__(
+        self,
+        body: ReducedBody,
+        colliders: Sequence[PlacedCollider] = (),
+        *,
+        contact: PenaltyContact,
+        friction: CoulombFriction | None = None,
+        gravity: Sequence[float] | Array | None = None,
+        springs: Sequence[HandleSpring] = (),
+        kinematic: Sequence[KinematicHandle] = (),
+        settings: DynamicsSettings | None = None,
+    ) -> None:
+        self.body = body
+        self.colliders = tuple(colliders)
+        self.settings = settings or DynamicsSettings()
+        self._springs = tuple(springs)
+        self._kinematic = tuple(kinematic)
+        acceleration = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
+        self._check(acceleration)
+        self._free = free_dofs(body.handles, self._kinematic)
+        self._weight = np.outer(body.basis.T @ body.node_mass, acceleration)
+        self._units = _units(body)[self._free]
+        stiffness = float(np.mean(body.material.young)) * body.mesh.size ** (body.dim - 1)
+        self._force_floor = max(
+            _NEGLIGIBLE_STRAIN * stiffness, float(body.node_mass.sum() * np.linalg.norm(acceleration))
+        )
+        shapes = {placed.name: placed.collider for placed in self.colliders}
+        self._corrections = [(p.name, p.correction) for p in self.colliders if p.correction is not None]
+        self._elastic = ElasticEnergy(body, self._corrections)
+        self._surface = SurfaceEnergy(body, shapes, self._corrections, contact, friction)
+        self._friction = friction
+        self._last: tuple[ReducedState, Array] | None = None  # the surface at the end of the last step
+
+    def _check(self, gravity: Array) -> None:
+        dim = self.body.dim
+        if gravity.shape != (dim,) or not np.isfinite(gravity).all():
+            raise SoftprintError(f"gravity must be {dim} numbers for this body, not {gravity.tolist()}")
+        names = [placed.name for placed in self.colliders]
+        if len(set(names)) != len(names):
+            raise SoftprintError(f"two colliders of the scene have the same name; the names are {', '.join(names)}")
+        for placed in self.colliders:
+            if placed.collider.dim != dim or (placed.path is not None and placed.path.dim != dim):
+                raise SoftprintError(f"collider {placed.name!r} and its path must be {dim}D, as the body is")
+            correction = placed.correction
+            if correction is not None and correction.collider != placed.collider.name:
+                raise SoftprintError(
+                    f"correction {correction.name!r} was learned for collider {correction.collider!r}, "
+                    f"not for {placed.collider.name!r}"
+                )
+
+    def poses_at(self, time: float, poses: Mapping[str, RigidPose] | None = None) -> Poses:
+        """Where every collider is at ``time`` [s]: the given pose, or else that of its path."""
+        given = dict(poses or {})
+        placed = {}
+        for collider in self.colliders:
+            if collider.name in given:
+                placed[collider.name] = given.pop(collider.name)
+            elif collider.path is not None:
+                placed[collider.name] = collider.path.pose(time)
+            else:
+                raise SoftprintError(f"collider {collider.name!r} has no path: give its pose with every step")
+        if given:
+            raise SoftprintError(f"a pose was given for {', '.join(given)}, which is no collider of this scene")
+        return placed
+
+    def rest_state(self, time: float = 0.0, poses: Mapping[str, RigidPose] | None = None) -> ReducedState:
+        """The undeformed body, not moving; kinematic handles where they are at ``time`` [s]."""
+        rest = self.body.rest_rows
+        rows = place_kinematic(rest, rest, self.body.handles, self._kinematic, time)
+        return ReducedState(time, rows, np.zeros_like(rows), self.poses_at(time, poses))
+
+    def step(self, state: ReducedState, poses: Mapping[str, RigidPose] | None = None) -> StepResult[ReducedState]:
+        """One time step. ``poses``: of colliders at the *end* of the step, in place of their paths."""
+        timings = Timings()
+        h = self.settings.time_step
+        end = state.time + h
+        end_poses = self.poses_at(end, poses)
+        mass = self.body.reduced_mass / h**2
+        inertia = _about(mass, state.rows + h * state.rows_velocity)
+        contact = StepContact(self._surface_of(state, timings), state.poses, h, {})
+        solved = self._minimise(state.rows, end, end_poses, inertia, contact, timings)
+        velocity = (solved.x - state.rows) / h
+        return self._result(solved, velocity, end, end_poses, inertia, contact, timings)
+
+    def settle(
+        self, state: ReducedState | None = None, newton: NewtonSettings | None = None
+    ) -> StepResult[ReducedState]:
+        """Static equilibrium near ``state`` (the rest state by default) at its time, without friction: where a scene
+        starts. Something must hold the body: kinematic handles, springs or contact."""
+        timings = Timings()
+        state = state or self.rest_state()
+        nothing = QuadraticForm(np.zeros_like(self.body.reduced_mass), np.zeros_like(state.rows), 0.0)
+        settings = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
+        solved = self._minimise(state.rows, state.time, state.poses, nothing, None, timings, settings)
+        return self._result(solved, np.zeros_like(state.rows), state.time, state.poses, nothing, None, timings)
+
+    def _minimise(
+        self,
+        start: Array,
+        time: float,
+        poses: Poses,
+        inertia: QuadraticForm,
+        contact: StepContact | None,
+        timings: Timings,
+        newton: NewtonSettings | None = None,
+    ) -> NewtonResult:
+        handles = self.body.handles
+        springs = spring_form(self._springs, handles, time)
+        quadratic = QuadraticForm(
+            inertia.matrix + springs.matrix,
+            inertia.linear + springs.linear + self._weight,
+            inertia.constant + springs.constant,
+        )
+        problem = StepEnergy(
+            handles=handles,
+            free=self._free,
+            quadratic=quadratic,
+            elastic=self._elastic,
+            surface=self._surface,
+            poses=poses,
+            step=contact,
+            friction_updates=self.settings.friction_updates,
+            force_floor=self._force_floor,
+            units=self._units,
+            timings=timings,
+        )
+        rows = place_kinematic(start, self.body.rest_rows, handles, self._kinematic, time)
+        return minimise(problem, rows, newton or self.settings.newton, timings.solve)
+
+    def _result(
+        self,
+        solved: NewtonResult,
+        velocity: Array,
+        time: float,
+        poses: Poses,
+        inertia: QuadraticForm,
+        contact: StepContact | None,
+        timings: Timings,
+    ) -> StepResult[ReducedState]:
+        rows = solved.x
+        state = ReducedState(time, rows, velocity, poses)
+        surface = self._surface.positions(rows, poses, timings)
+        self._last = (state, surface)
+        with timings.contact:
+            normal, friction, forces = self._surface.forces(surface, poses, contact)
+        energies = {
+            "inertia": inertia.energy(rows),
+            "kinetic": 0.5 * float(np.vdot(velocity, self.body.reduced_mass @ velocity)),
+            "gravity": -float(np.vdot(self._weight, rows)),
+            "springs": spring_form(self._springs, self.body.handles, time).energy(rows),
+            "elastic": self._elastic.energy(rows, poses, timings),
+            "contact": normal,
+            "friction": friction,
+        }
+        return StepResult(
+            state, solved.status, solved.reason, solved.iterations, solved.residual, energies, timings.seconds(), forces
+        )
+
+    def _surface_of(self, state: ReducedState, timings: Timings) -> Array:
+        """Corrected surface samples at a state; remembered for the state that the last step returned."""
+        if self._last is not None and self._last[0] is state:
+            return self._last[1]
+        return self._surface.positions(state.rows, state.poses, timings)
+
+    @cached_property
+    def _nodes(self) -> CorrectedPoints:
+        return CorrectedPoints(self.body.node_points(), self._corrections)
+
+    def positions(self, state: ReducedState) -> Array:
+        """(n_nodes, dim) [m]: every node of the mesh, corrections included. As costly as the mesh is large."""
+        reduced = self._nodes.reduced(state.rows)
+        displacement = self._nodes.displacement(state.rows, state.poses, Timings())
+        return reduced if displacement is None else reduced + displacement
+
+    def reduced_rows(self, state: ReducedState) -> Array:
+        """(n_rows, dim) the handle rows of a state."""
+        return state.rows
+
+    def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
+        """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
+        timings = Timings()
+        return self._surface.forces(self._surface.positions(state.rows, state.poses, timings), state.poses, None)[2]
+
+    def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
+        """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""
+        return self.body.mesh.deformation_gradients(self.positions(state), slice(None) if cells is None else cells)
+
+
+def _about(mass: Array, centre: Array) -> QuadraticForm:
+    """1/2 tr((rows - centre)^T mass (rows - centre))."""
+    linear = mass @ centre
+    return QuadraticForm(mass, linear, 0.5 * float(np.vdot(centre, linear)))
+
+
+def _units(body: ReducedBody) -> Array:
+    """(n_dofs,) 1 for lengths; 1/lever [1/m] for the rotations of frames, the lever being half the body's size."""
+    units = np.ones(body.n_dofs)
+    spin = rotation_dofs(body.dim)
+    for frame in body.handles.frames:
+        units[body.handles.dofs_of(frame.name)][-spin:] = 2.0 / body.mesh.size
+    return units

@@ -1,0 +1,78 @@
+"""Springs that pull handles to targets: how a user, a hand or a robot takes hold of the body.
+
+A point handle, or the pivot of a frame, at p is pulled to its target by E = k/2 |p - target|^2; the orientation R
+of a frame by E = k_r/4 |R - R_target|_F^2 = k_r (1 - cos(angle between them)). Both are quadratic in the handle rows,
+so all springs together are the quadratic form 1/2 tr(rows^T K rows) - tr(L^T rows) + constant, with K (n_rows, n_rows).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.arrays import Array
+from runtime.body.handles import Handles
+from runtime.colliders.path import KeyframedPath
+from runtime.errors import SoftprintError
+
+
+@dataclass(frozen=True, eq=False)
+class HandleSpring:
+    """handle: a point by number or a frame by name; stiffness k [N/m]; target: a path whose position pulls the point
+    (or the frame's pivot) [m, world]; rotation_stiffness k_r [N m/rad], frames only: the path's rotation pulls too."""
+
+    handle: int | str
+    stiffness: float
+    target: KeyframedPath
+    rotation_stiffness: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.stiffness >= 0 and self.rotation_stiffness >= 0):
+            raise SoftprintError(f"the spring on handle {self.handle!r} has a negative stiffness")
+        if self.rotation_stiffness and not isinstance(self.handle, str):
+            raise SoftprintError(f"the spring on point handle {self.handle} cannot turn it: only frames have a rotation")
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticForm:
+    """1/2 tr(rows^T matrix rows) - tr(linear^T rows) + constant [J]; matrix (n_rows, n_rows) [N/m] symmetric."""
+
+    matrix: Array
+    linear: Array
+    constant: float
+
+    def energy(self, rows: Array) -> float:
+        return float(0.5 * np.vdot(rows, self.matrix @ rows) - np.vdot(self.linear, rows) + self.constant)
+
+    def gradient(self, rows: Array) -> Array:
+        return self.matrix @ rows - self.linear
+
+
+def spring_form(springs: Sequence[HandleSpring], handles: Handles, time: float) -> QuadraticForm:
+    """All springs with their targets at ``time`` [s]."""
+    matrix = np.zeros((handles.n_rows, handles.n_rows))
+    linear = np.zeros((handles.n_rows, handles.dim))
+    constant = 0.0
+    for spring in springs:
+        rows = handles.rows_of(spring.handle)
+        pose = spring.target.pose(time)
+        weights = _position_weights(handles, spring.handle)
+        matrix[rows, rows] += spring.stiffness * np.outer(weights, weights)
+        linear[rows] += spring.stiffness * np.outer(weights, pose.translation)
+        constant += 0.5 * spring.stiffness * float(pose.translation @ pose.translation)
+        if spring.rotation_stiffness:
+            turned = slice(rows.start, rows.stop - 1)  # the rows of R^T
+            matrix[turned, turned] += 0.5 * spring.rotation_stiffness * np.eye(handles.dim)
+            linear[turned] += 0.5 * spring.rotation_stiffness * pose.rotation.T
+            constant += 0.25 * spring.rotation_stiffness * handles.dim
+    return QuadraticForm(matrix, linear, constant)
+
+
+def _position_weights(handles: Handles, handle: int | str) -> Array:
+    """w with p = w^T (rows of the handle): 1 for a point, (pivot, 1) for a frame."""
+    if not isinstance(handle, str):
+        return np.ones(1)
+    frame = next(frame for frame in handles.frames if frame.name == handle)
+    return np.append(frame.pivot, 1.0)

@@ -1,0 +1,65 @@
+"""What a simulator steps from and to, and what it says about a step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Generic, TypeVar
+
+from runtime.arrays import Array
+from runtime.colliders.pose import RigidPose
+
+State = TypeVar("State")
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedState:
+    """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: where each collider
+    stands at this time."""
+
+    time: float
+    rows: Array
+    rows_velocity: Array
+    poses: Mapping[str, RigidPose]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactForce:
+    """What the body does to one collider at the end of a step.
+
+    force (dim,) [N] on the collider, friction included; torque (1,) in 2D, (3,) in 3D [N m] about the origin of the
+    collider's own frame; penetration: the deepest point [m]; points: how many surface points are in contact.
+    """
+
+    force: Array
+    torque: Array
+    penetration: float
+    points: int
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult(Generic[State]):
+    """One step, reduced or full.
+
+    state: at its end; status: its `sentence` is advice, and 0 means converged; iterations: linear solves; residual:
+    relative, as last seen by the solver (see `newton`); energies [J] and timings [s] by name; contacts by collider.
+    """
+
+    state: State
+    status: IntEnum
+    reason: str
+    iterations: int
+    residual: float
+    energies: Mapping[str, float]
+    timings: Mapping[str, float]
+    contacts: Mapping[str, ContactForce]
+
+    @property
+    def converged(self) -> bool:
+        return self.status == 0
+
+    @property
+    def penetration(self) -> float:
+        """The deepest penetration of any collider [m]."""
+        return max((contact.penetration for contact in self.contacts.values()), default=0.0)

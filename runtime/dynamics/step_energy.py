@@ -1,0 +1,103 @@
+"""The energy whose minimum is the next state (thesis eqs. 4.5 and 5.5).
+
+    E(rows) = 1/(2 h^2) tr((rows - rows*)^T M (rows - rows*)) - tr(weight^T rows) + springs        quadratic in rows
+            + W_elastic(rows) + W_contact(rows) + friction(rows),        rows* = rows_old + h rows_velocity_old,
+
+M = U^T diag(node_mass) U. Corrections are quasi-static: they carry neither inertia nor weight. Newton's unknowns are
+the free minimal coordinates v of `Handles.retract`; with T = d rows/dv the chain rule is
+
+    gradient = T^T dE/drows,    Hessian = T^T (d2E/drows2) T + curvature of the retraction.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.body.handles import Handles
+from runtime.dynamics.corrected_points import Poses
+from runtime.dynamics.elastic import ElasticEnergy
+from runtime.dynamics.newton import Linearisation
+from runtime.dynamics.springs import QuadraticForm
+from runtime.dynamics.surface import StepContact, SurfaceEnergy
+from runtime.dynamics.timings import Timings
+
+
+class StepEnergy:
+    """A `newton.Problem` over handle rows, for one step.
+
+    quadratic: inertia, gravity and springs; step: what friction remembers, None for a static solve; friction_updates:
+    how many linearisations take up new normal forces for friction before these are frozen so that Newton can converge.
+    force_floor [N]: forces below it are nothing; units (n_free,): 1 for lengths, 1/lever [1/m] for angles, so that all
+    unknowns are metres and all gradients newtons.
+    """
+
+    def __init__(
+        self,
+        *,
+        handles: Handles,
+        free: IntArray,
+        quadratic: QuadraticForm,
+        elastic: ElasticEnergy,
+        surface: SurfaceEnergy,
+        poses: Poses,
+        step: StepContact | None,
+        friction_updates: int,
+        force_floor: float,
+        units: Array,
+        timings: Timings,
+    ) -> None:
+        self._handles = handles
+        self._free = free
+        self._quadratic = quadratic
+        self._elastic = elastic
+        self._surface = surface
+        self._poses = poses
+        self._step = step
+        self._relags_left = friction_updates
+        self._force_floor = force_floor
+        self._units = units
+        self._timings = timings
+        self._blocks = np.kron(quadratic.matrix, np.eye(handles.dim))
+
+    def retract(self, rows: Array, v: Array) -> Array:
+        """Rows after the increment v (n_free,) of the free coordinates."""
+        increment = np.zeros(self._handles.n_dofs)
+        increment[self._free] = v * self._units
+        return self._handles.retract(rows, increment)
+
+    def energy(self, rows: Array) -> float:
+        """E [J], friction lagged as at the last `linearise`."""
+        x = self._surface.positions(rows, self._poses, self._timings)
+        return (
+            self._quadratic.energy(rows)
+            + self._elastic.energy(rows, self._poses, self._timings)
+            + self._surface.energy(x, self._poses, self._step, self._timings)
+        )
+
+    def linearise(self, rows: Array) -> Linearisation:
+        """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one another."""
+        elastic, elastic_gradient, hessian = self._elastic.linearise(rows, self._poses, self._timings)
+        relag = self._relags_left > 0
+        self._relags_left -= 1
+        contact, contact_gradient, contact_hessian = self._surface.linearise(
+            rows, self._poses, self._step, relag, self._timings
+        )
+        with self._timings.solve:
+            if contact_hessian is not None:
+                hessian = hessian + contact_hessian
+            quadratic_gradient = self._quadratic.gradient(rows)
+            tangent = self._handles.tangent(rows)[:, self._free] * self._units
+            parts = [part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)]
+            slope = quadratic_gradient + elastic_gradient + contact_gradient
+            curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
+            hessian = tangent.T @ (hessian + self._blocks) @ tangent
+            hessian += self._units[:, None] * curvature * self._units
+        quadratic = self._quadratic.energy(rows)
+        return Linearisation(
+            energy=quadratic + elastic + contact,
+            noise=abs(self._quadratic.constant) + abs(quadratic) + elastic + contact,
+            gradient=parts[0] + parts[1] + parts[2],
+            hessian=hessian,
+            scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),
+        )

@@ -1,0 +1,171 @@
+"""W_contact of thesis eq. 5.5 at the body's surface samples, and friction, against any number of colliders.
+
+With world gradients f_i and Hessians H_i of contact and friction at the touching points x_i and J_i = dx_i/drows,
+
+    gradient = sum_i J_i^T f_i,    Hessian = sum_i J_i^T H_i J_i,    J_i = U_i (x) I + du_i/drows.
+
+Where nothing corrects the positions the Hessian is the Kronecker-shaped sum_i U_i U_i^T (x) H_i: one small product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.body.body import ReducedBody
+from runtime.colliders.collider import Collider
+from runtime.contact import ContactTerms, CoulombFriction, LaggedContact, PenaltyContact
+from runtime.corrections.correction import Correction, CorrectionField
+from runtime.dynamics.corrected_points import CorrectedPoints, Poses
+from runtime.dynamics.state import ContactForce
+from runtime.dynamics.timings import Timings
+
+# A surface point whose reduced position is farther from every part of the collider than this share of the collider's
+# size is taken not to be pushed into it by a correction, and so needs none.
+_REACH = 0.25
+
+
+@dataclass
+class StepContact:
+    """What friction remembers within one step: where the surface was when it began, and the lagged normal forces."""
+
+    start: Array
+    poses: Poses
+    time_step: float
+    lagged: dict[str, LaggedContact]
+
+
+class SurfaceEnergy:
+    """Contact and friction of a body with its colliders, by name."""
+
+    def __init__(
+        self,
+        body: ReducedBody,
+        colliders: dict[str, Collider],
+        corrections: Sequence[tuple[str, Correction]],
+        contact: PenaltyContact,
+        friction: CoulombFriction | None,
+    ) -> None:
+        self.colliders = colliders
+        self._areas = body.surface.areas
+        self._contact = contact
+        self._friction = friction
+        sizes = [colliders[name].size for name, _ in corrections if np.isfinite(colliders[name].size)]
+        self._points = CorrectedPoints(
+            body.node_points(body.surface.nodes), corrections, _REACH * max(sizes, default=np.inf)
+        )
+
+    def positions(self, rows: Array, poses: Poses, timings: Timings) -> Array:
+        """(s, dim) [m] of the surface samples, corrected."""
+        with timings.positions:
+            reduced = self._points.reduced(rows)
+        displacement = self._points.displacement(rows, poses, timings)
+        return reduced if displacement is None else reduced + displacement
+
+    def energy(self, x: Array, poses: Poses, step: StepContact | None, timings: Timings) -> float:
+        """Contact and (lagged) friction energy [J] with the surface samples at x (s, dim)."""
+        with timings.contact:
+            total = 0.0
+            for name, collider in self.colliders.items():
+                total += self._contact.energy(x, self._areas, collider, poses[name])
+                if self._friction is not None and step is not None:
+                    total += self._friction.terms(x, step.lagged[name], step.time_step).energy
+            return total
+
+    def linearise(
+        self, rows: Array, poses: Poses, step: StepContact | None, relag: bool, timings: Timings
+    ) -> tuple[float, Array, Array | None]:
+        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; no Hessian
+        where nothing touches. ``relag``: let friction take up the normal forces found here."""
+        field = self._points.linearise(rows, poses, timings)
+        with timings.positions:
+            x = self._points.reduced(rows)
+            if field is not None:
+                x[field.index] += field.displacement
+        with timings.contact:
+            energy, index, gradient, hessian = self._at_points(x, poses, step, relag)
+            if not len(index):
+                return energy, np.zeros_like(rows), None
+            if field is None:
+                return energy, *_through_basis(self._points.basis[index], gradient, hessian)
+            return energy, *_through_jacobian(self._jacobian(index, field), gradient, hessian)
+
+    def _at_points(
+        self, x: Array, poses: Poses, step: StepContact | None, relag: bool
+    ) -> tuple[float, IntArray, Array, Array]:
+        """Energy, and of the points that touch anything: index (m,), gradient (m, dim), Hessian (m, dim, dim)."""
+        terms = []
+        for name, collider in self.colliders.items():
+            contact = self._contact.terms(x, self._areas, collider, poses[name])
+            terms.append(contact)
+            if self._friction is not None and step is not None:
+                if relag:
+                    step.lagged[name] = self._friction.lag(contact, step.start, step.poses[name], poses[name])
+                terms.append(self._friction.terms(x, step.lagged[name], step.time_step))
+        dim = x.shape[1]
+        index = np.unique(np.concatenate([term.index for term in terms] or [np.empty(0, dtype=np.int64)]))
+        gradient, hessian = np.zeros((len(index), dim)), np.zeros((len(index), dim, dim))
+        for term in terms:
+            at = np.searchsorted(index, term.index)
+            gradient[at] += term.gradient
+            hessian[at] += term.hessian
+        return sum(term.energy for term in terms), index, gradient, hessian
+
+    def _jacobian(self, index: IntArray, field: CorrectionField) -> Array:
+        """J (m*dim, n_rows*dim) of the surface samples ``index``."""
+        dim = field.displacement.shape[1]
+        basis = self._points.basis[index]
+        jacobian = np.einsum("mr,ik->mirk", basis, np.eye(dim))
+        slot = np.full(len(self._points.basis), -1)
+        slot[field.index] = np.arange(len(field.index))
+        active = np.flatnonzero(slot[index] >= 0)
+        jacobian[active] += field.jacobian[slot[index[active]]]
+        return jacobian.reshape(len(index) * dim, -1)
+
+    def forces(self, x: Array, poses: Poses, step: StepContact | None) -> tuple[float, float, dict[str, ContactForce]]:
+        """Contact energy, friction energy [J] and the force on each collider, with the surface samples at x."""
+        normal_energy, friction_energy = 0.0, 0.0
+        forces = {}
+        for name, collider in self.colliders.items():
+            contact = self._contact.terms(x, self._areas, collider, poses[name])
+            normal_energy += contact.energy
+            loads = [(x[contact.index], contact.gradient)]
+            if self._friction is not None and step is not None:
+                friction = self._friction.terms(x, step.lagged[name], step.time_step)
+                friction_energy += friction.energy
+                loads.append((x[friction.index], friction.gradient))
+            forces[name] = _resultant(loads, poses[name].translation, contact)
+        return normal_energy, friction_energy, forces
+
+
+def _through_basis(basis: Array, gradient: Array, hessian: Array) -> tuple[Array, Array]:
+    """sum_i U_i (x) f_i and sum_i U_i U_i^T (x) H_i; basis (m, n_rows)."""
+    count, n_rows = basis.shape
+    dim = gradient.shape[1]
+    right = (hessian[:, :, :, None] * basis[:, None, None, :]).reshape(count, -1)  # (m, i.k.s)
+    blocks = (basis.T @ right).reshape(n_rows, dim, dim, n_rows)
+    return basis.T @ gradient, blocks.transpose(0, 1, 3, 2).reshape(n_rows * dim, n_rows * dim)
+
+
+def _through_jacobian(jacobian: Array, gradient: Array, hessian: Array) -> tuple[Array, Array]:
+    """J^T f and J^T H J; jacobian (m*dim, n_rows*dim)."""
+    count, dim = gradient.shape
+    right = (hessian @ jacobian.reshape(count, dim, -1)).reshape(jacobian.shape)
+    return (jacobian.T @ gradient.ravel()).reshape(-1, dim), jacobian.T @ right
+
+
+def _resultant(loads: Sequence[tuple[Array, Array]], origin: Array, contact: ContactTerms) -> ContactForce:
+    """Force and torque on the collider: the gradient at a point of the body is the force that the body exerts."""
+    dim = len(origin)
+    force, torque = np.zeros(dim), np.zeros(1 if dim == 2 else 3)
+    for points, gradient in loads:
+        arm = points - origin
+        force += gradient.sum(axis=0)
+        if dim == 2:
+            torque += (arm[:, 0] * gradient[:, 1] - arm[:, 1] * gradient[:, 0]).sum()
+        else:
+            torque += np.cross(arm, gradient).sum(axis=0)
+    return ContactForce(force, torque, float(contact.depth.max(initial=0.0)), len(contact.index))
