@@ -1,0 +1,73 @@
+"""The `[body]` table: rest mesh, handles, material, cubature and contact samples of the soft body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from runtime.experiment.section import Box, Count, Name, Positive, Section, Vector
+
+Poisson = Annotated[float, Field(gt=-1, lt=0.5)]
+PointCount = Annotated[int, Field(ge=0)]
+
+
+class FrameSpec(Section):
+    """A rigid frame: all nodes of the rest mesh inside a box move together."""
+
+    name: Name = Field(description="what scenes and springs call the frame")
+    box: Box
+
+
+class HandlesSpec(Section):
+    """`[body.handles]`: what moves the reduced body."""
+
+    points: PointCount | tuple[Vector, ...] = Field(
+        description="how many point handles to place, farthest apart on the surface; "
+        "or a list of places [m], each taken to its nearest node"
+    )
+    frames: tuple[FrameSpec, ...] = Field((), description="rigid frames, each a name and a box [m]")
+
+
+class MaterialRegionSpec(Section):
+    """A part of the body with values of its own: the cells whose centroid lies in the box."""
+
+    box: Box
+    young: Positive | None = Field(None, description="Young's modulus [Pa]; that of the body if absent")
+    poisson: Poisson | None = Field(None, description="Poisson's ratio; that of the body if absent")
+    density: Positive | None = Field(None, description="density; that of the body if absent")
+
+
+class MaterialSpec(Section):
+    """`[body.material]`: hyperelastic solid; plane strain in 2D."""
+
+    model: Literal["stable_neo_hookean", "neo_hookean", "linear"] = Field(
+        "stable_neo_hookean", description="strain energy density"
+    )
+    young: Positive = Field(description="Young's modulus [Pa]")
+    poisson: Poisson = Field(description="Poisson's ratio, between -1 and 0.5 without the ends")
+    density: Positive = Field(1000.0, description="density [kg/m^3] (kg/m^2 in 2D)")
+    regions: tuple[MaterialRegionSpec, ...] = Field((), description="parts of another material, later ones on top")
+
+
+class CubatureSpec(Section):
+    """`[body.cubature]`: where the reduced elastic energy is integrated (thesis 3.7.2)."""
+
+    points_per_row: Count = Field(10, description="cubature cells for each row of the subspace basis")
+
+
+class SurfaceSpec(Section):
+    """`[body.surface]`: where the runtime looks for contact."""
+
+    samples: Count = Field(3000, description="at most so many contact points")
+
+
+class BodySpec(Section):
+    """`[body]`: a soft body and its reduced model."""
+
+    mesh: Path = Field(description="tetrahedra or triangles in any format of meshio, relative to the experiment file")
+    handles: HandlesSpec
+    material: MaterialSpec
+    cubature: CubatureSpec = CubatureSpec()
+    surface: SurfaceSpec = SurfaceSpec()

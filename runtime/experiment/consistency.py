@@ -1,0 +1,153 @@
+"""Checks that need more than one key: dimensions, names that refer to one another, times in order, files."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from runtime.experiment.experiment import Experiment
+from runtime.experiment.problems import Problem
+from runtime.experiment.scene_schema import KeyframeSpec, SceneSpec
+
+
+def inconsistencies(experiment: Experiment) -> list[Problem]:
+    """Everything in which the tables of an experiment contradict each other or the disk."""
+    return [
+        *_repeated_names(experiment),
+        *_body(experiment),
+        *_colliders(experiment),
+        *_named_colliders(experiment),
+        *(problem for number, scene in enumerate(experiment.scenes) for problem in _scene(experiment, number, scene)),
+    ]
+
+
+def _repeated_names(experiment: Experiment) -> Iterator[Problem]:
+    lists = {
+        "colliders": [spec.name for spec in experiment.colliders],
+        "scenes": [spec.name for spec in experiment.scenes],
+        "training.models": [spec.name for spec in experiment.training.models],
+        "body.handles.frames": [spec.name for spec in experiment.body.handles.frames],
+    }
+    for key, names in lists.items():
+        for number, name in enumerate(names):
+            if name in names[:number]:
+                yield Problem(f"{key}[{number}].name", "is used twice", "give each its own name", name)
+
+
+def _body(experiment: Experiment) -> Iterator[Problem]:
+    body = experiment.body
+    yield from _file(experiment, "body.mesh", body.mesh)
+    boxes = {f"body.handles.frames[{n}].box": frame.box for n, frame in enumerate(body.handles.frames)}
+    boxes |= {f"body.material.regions[{n}].box": region.box for n, region in enumerate(body.material.regions)}
+    for key, box in boxes.items():
+        wrong_size = [problem for corner in box for problem in _vector(experiment, key, corner)]
+        yield from wrong_size[:1]
+        if not wrong_size and any(low >= high for low, high in zip(*box, strict=True)):
+            yield Problem(key, "is empty", "the first corner must be below the second along every axis", box)
+    if isinstance(body.handles.points, tuple):
+        for number, point in enumerate(body.handles.points):
+            yield from _vector(experiment, f"body.handles.points[{number}]", point)
+    elif body.handles.points == 0 and not body.handles.frames:
+        yield Problem("body.handles", "has neither points nor frames", "a reduced body needs handles to move by")
+
+
+def _colliders(experiment: Experiment) -> Iterator[Problem]:
+    for number, spec in enumerate(experiment.colliders):
+        if not spec.name:
+            yield Problem(f"colliders[{number}].name", "is missing", "scenes and corrections call the collider by it")
+        file = getattr(spec, "file", None)
+        if file is not None:
+            yield from _file(experiment, f"colliders[{number}].file", file)
+        for key in ("half_extents", "normal", "start", "end", "position"):
+            vector = getattr(spec, key, None)
+            if vector is not None:
+                yield from _vector(experiment, f"colliders[{number}].{key}", vector)
+        flat, solid = {"circle", "polygon"}, {"sphere", "cylinder", "mesh"}
+        if (experiment.dim == 3 and spec.shape in flat) or (experiment.dim == 2 and spec.shape in solid):
+            yield Problem(
+                f"colliders[{number}].shape",
+                f"has not the {experiment.dim} dimensions of this experiment",
+                "gravity's number of entries sets the dimension",
+                spec.shape,
+            )
+
+
+def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
+    names = [spec.name for spec in experiment.colliders]
+    for key, name in (
+        ("sampling.collider", experiment.sampling.collider),
+        ("training.collider", experiment.training.collider),
+    ):
+        if name:
+            yield from _known(key, name, names, "collider")
+
+
+def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Problem]:
+    here = f"scenes[{number}]"
+    frames = [frame.name for frame in experiment.body.handles.frames]
+    names = [spec.name for spec in experiment.colliders]
+    for index, name in enumerate(scene.kinematic):
+        yield from _known(f"{here}.kinematic[{index}]", name, frames, "frame")
+    for index, collider in enumerate(scene.colliders):
+        yield from _known(f"{here}.colliders[{index}].name", collider.name, names, "collider")
+        yield from _keyframes(experiment, f"{here}.colliders[{index}].keyframes", collider.keyframes)
+    for index, spring in enumerate(scene.springs):
+        key = f"{here}.springs[{index}]"
+        if isinstance(spring.handle, str):
+            yield from _known(f"{key}.handle", spring.handle, frames, "frame")
+        else:
+            yield from _point_handle(experiment, f"{key}.handle", spring.handle)
+        if (spring.target is None) == (spring.keyframes is None):
+            yield Problem(key, "needs a target or keyframes", "give one of the two")
+        if spring.target is not None:
+            yield from _vector(experiment, f"{key}.target", spring.target)
+        if spring.keyframes is not None:
+            yield from _keyframes(experiment, f"{key}.keyframes", spring.keyframes)
+
+
+def _point_handle(experiment: Experiment, key: str, handle: int) -> Iterator[Problem]:
+    points = experiment.body.handles.points
+    count = points if isinstance(points, int) else len(points)
+    if not 0 <= handle < count:
+        remedy = f"the body has {count} point handles, numbered from 0" if count else "the body has frames only"
+        yield Problem(key, "is not a point handle of the body", remedy, handle)
+
+
+def _keyframes(experiment: Experiment, key: str, keyframes: Iterable[KeyframeSpec]) -> Iterator[Problem]:
+    angles = 1 if experiment.dim == 2 else 3
+    before: float | None = None
+    for number, keyframe in enumerate(keyframes):
+        yield from _vector(experiment, f"{key}[{number}].position", keyframe.position)
+        rotation = keyframe.rotation
+        if rotation is not None and (1 if isinstance(rotation, float) else len(rotation)) != angles:
+            remedy = "one angle in 2D" if angles == 1 else "axis times angle, three numbers, in 3D"
+            yield Problem(f"{key}[{number}].rotation", "has the wrong number of entries", remedy, rotation)
+        if before is not None and keyframe.time <= before:
+            yield Problem(f"{key}[{number}].time", f"must be later than {before:g} s before it", got=keyframe.time)
+        before = keyframe.time
+
+
+def _vector(experiment: Experiment, key: str, vector: Iterable[float]) -> Iterator[Problem]:
+    entries = tuple(vector)
+    if len(entries) != experiment.dim:
+        yield Problem(
+            key,
+            f"has {len(entries)} entries",
+            f"dynamics.gravity has {experiment.dim}, so the experiment is {experiment.dim}D",
+            entries,
+        )
+
+
+def _known(key: str, name: str, names: list[str], noun: str) -> Iterator[Problem]:
+    if name not in names:
+        near = difflib.get_close_matches(name, names, n=1)
+        remedy = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(names) or 'none'}"
+        yield Problem(key, f"is not the name of a {noun}", remedy, name)
+
+
+def _file(experiment: Experiment, key: str, path: Path) -> Iterator[Problem]:
+    full = experiment.base_dir / path
+    if not full.is_file():
+        wrong = "is a folder" if full.is_dir() else "names a file that does not exist"
+        yield Problem(key, wrong, f"looked for {full}; paths are relative to the experiment file", str(path))

@@ -1,0 +1,77 @@
+"""An experiment as read from its file: every table, checked alone and against the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field, PrivateAttr
+
+from runtime.experiment.body_schema import BodySpec
+from runtime.experiment.colliders_schema import ColliderSpec
+from runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
+from runtime.experiment.sampling_schema import SamplingSpec
+from runtime.experiment.scene_schema import SceneSpec
+from runtime.experiment.section import Name, Section
+from runtime.experiment.training_schema import TrainingSpec
+
+
+class ExperimentSpec(Section):
+    """`[experiment]`: what it is called and where its random numbers start."""
+
+    name: Name = Field(description="names the default output folder, runs/NAME")
+    seed: int = Field(0, ge=0, lt=2**32, description="the one seed of all random numbers")
+
+
+class Experiment(Section):
+    """One experiment file. Made by `load_experiment`, which also makes sure that its tables fit together."""
+
+    experiment: ExperimentSpec
+    body: BodySpec
+    colliders: tuple[ColliderSpec, ...] = ()
+    contact: ContactSpec = ContactSpec()
+    dynamics: DynamicsSpec
+    sampling: SamplingSpec = SamplingSpec()
+    training: TrainingSpec = TrainingSpec()
+    scenes: tuple[SceneSpec, ...] = ()
+
+    _path: Path = PrivateAttr(default=Path())
+    _text: str = PrivateAttr(default="")
+
+    @property
+    def name(self) -> str:
+        return self.experiment.name
+
+    @property
+    def seed(self) -> int:
+        return self.experiment.seed
+
+    @property
+    def dim(self) -> int:
+        """2 or 3: the number of entries of gravity, and of every other vector of the file."""
+        return len(self.dynamics.gravity)
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self._path
+
+    @property
+    def base_dir(self) -> Path:
+        """The folder to which paths in the file are relative."""
+        return self._path.parent
+
+    @property
+    def text(self) -> str:
+        """The text of the file with the overrides as comments below, for the metadata of what comes of it."""
+        return self._text
+
+    def collider(self, name: str) -> ColliderSpec:
+        """The collider of that name; KeyError if there is none."""
+        for spec in self.colliders:
+            if spec.name == name:
+                return spec
+        raise KeyError(name)
+
+    def scenes_of_role(self, role: str) -> tuple[SceneSpec, ...]:
+        """The scenes of one role, `record` or `test`, in the order of the file."""
+        return tuple(scene for scene in self.scenes if scene.role == role)

@@ -1,0 +1,67 @@
+"""Reading an experiment file."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from runtime.errors import SoftprintError
+from runtime.experiment.consistency import inconsistencies
+from runtime.experiment.experiment import Experiment
+from runtime.experiment.overrides import apply_override
+from runtime.experiment.problems import problems_of, raise_problems
+
+
+def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> Experiment:
+    """Read and check a whole experiment.
+
+    overrides: `key.subkey=VALUE`, applied before anything is checked. Raises SoftprintError with one line for
+    each problem: file, key, what is wrong, the value, and what would be right.
+    """
+    path = Path(path)
+    text = _text(path)
+    try:
+        data: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SoftprintError(f"{path}: this is not TOML: {error}") from error
+    for override in overrides:
+        apply_override(data, override)
+    _name_the_only_collider(data)
+    try:
+        # Strict, so that "5" is no number; from JSON, because strict pydantic takes lists for tuples only there.
+        experiment = Experiment.model_validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        raise_problems(path, problems_of(error, Experiment, data))
+        raise
+    experiment._path = path
+    experiment._text = text + "".join(f"\n# --set {override}" for override in overrides)
+    raise_problems(path, inconsistencies(experiment))
+    return experiment
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise SoftprintError(f"{path}: there is no such experiment file") from error
+    except OSError as error:
+        raise SoftprintError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SoftprintError(f"{path}: this is not a text file; an experiment is TOML in UTF-8") from error
+
+
+def _name_the_only_collider(data: dict[str, Any]) -> None:
+    """`[sampling]` and `[training]` need not name a collider where the file has just one."""
+    colliders = data.get("colliders")
+    if not (isinstance(colliders, list) and len(colliders) == 1 and isinstance(colliders[0], dict)):
+        return
+    name = colliders[0].get("name")
+    for section in ("sampling", "training"):
+        table = data.setdefault(section, {})
+        if isinstance(table, dict) and isinstance(name, str):
+            table.setdefault("collider", name)

@@ -1,0 +1,151 @@
+"""What is wrong with an experiment file, said for people: key, reason, the value found, and what would be right."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from runtime.errors import SoftprintError
+
+Location = Sequence[str | int]
+_NO_VALUE = object()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong. got: the offending value, left out where there is none."""
+
+    key: str
+    wrong: str
+    remedy: str = ""
+    got: object = _NO_VALUE
+
+    def __str__(self) -> str:
+        got = "" if self.got is _NO_VALUE else f" (got {shown(self.got)})"
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return f"[{self.key}] {self.wrong}{got}{remedy}"
+
+
+def raise_problems(path: Path, problems: Sequence[Problem]) -> None:
+    """Raise a SoftprintError that lists all problems of a file; do nothing when there are none."""
+    if problems:
+        raise SoftprintError("\n".join(f"{path}: {problem}" for problem in problems))
+
+
+def shown(value: object) -> str:
+    """A value as TOML would have it, shortened."""
+    try:
+        text = json.dumps(value)
+    except TypeError:
+        text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def key_of(location: Location) -> str:
+    """`colliders[0].radius` from ("colliders", 0, "radius")."""
+    key = ""
+    for part in location:
+        key += f"[{part}]" if isinstance(part, int) else f".{part}" if key else part
+    return key
+
+
+def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
+    """One problem for each key that pydantic refuses; the alternatives of a union are joined by "or"."""
+    found: dict[str, Problem] = {}
+    for details in error.errors(include_url=False):
+        problem = _problem(details, model, data)
+        if problem.key in found and problem.wrong not in found[problem.key].wrong:
+            earlier = found[problem.key]
+            problem = Problem(problem.key, f"{earlier.wrong}, or {problem.wrong}", earlier.remedy, earlier.got)
+        found[problem.key] = problem
+    return list(found.values())
+
+
+def _problem(details: ErrorDetails, model: type[BaseModel], data: Any) -> Problem:
+    location = _in_the_file(details, data)
+    key, kind = key_of(location), details["type"]
+    if kind == "missing":
+        return Problem(key, "is missing", _described(model, details["loc"]))
+    if kind == "extra_forbidden":
+        known = sorted({name for owner in _owners(model, details["loc"][:-1]) for name in owner.model_fields})
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        remedy = f"did you mean `{near[0]}`?" if near else f"known keys here: {', '.join(known)}"
+        return Problem(key, "is not a known key", remedy)
+    if kind == "union_tag_not_found":
+        return Problem(key_of([*location, "shape"]), "is missing", "it says which shape this collider has")
+    if kind == "union_tag_invalid":
+        context = details.get("ctx", {})
+        remedy = f"known shapes: {str(context.get('expected_tags', '')).replace(chr(39), '')}"
+        return Problem(key_of([*location, "shape"]), "is not a known shape", remedy, context.get("tag"))
+    wrong = details["msg"].removeprefix("Value error, ").removeprefix("Input ").removeprefix("should ")
+    wrong = f"should {wrong}" if details["msg"].startswith("Input should") else wrong
+    value = details["input"]
+    return Problem(key, wrong, _described(model, details["loc"]), value)
+
+
+def _in_the_file(details: ErrorDetails, data: Any) -> Location:
+    """The location without what pydantic puts in for the branches of unions: only steps that the file has."""
+    location: list[str | int] = []
+    here: Any = data
+    last = len(details["loc"]) - 1
+    for number, part in enumerate(details["loc"]):
+        if isinstance(here, dict) and part in here or isinstance(here, list) and isinstance(part, int):
+            location.append(part)
+            here = here[part] if isinstance(here, dict) else here[part] if part < len(here) else None
+        elif number == last and details["type"] == "missing":
+            location.append(part)
+    return location
+
+
+def _described(model: type[BaseModel], location: Location) -> str:
+    """The description of the innermost key on the way that has one."""
+    text, owners = "", [model]
+    for part in location:
+        fields = [owner.model_fields[part] for owner in owners if isinstance(part, str) and part in owner.model_fields]
+        if fields:
+            text = fields[0].description or ""
+            owners = _models_in(fields[0])
+        elif isinstance(part, str):
+            owners = _of_shape(owners, part)
+    return text
+
+
+def _owners(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
+    """The models that may stand at a location."""
+    owners = [model]
+    for part in location:
+        fields = [owner.model_fields[part] for owner in owners if isinstance(part, str) and part in owner.model_fields]
+        if fields:
+            owners = _models_in(fields[0])
+        elif isinstance(part, str):
+            owners = _of_shape(owners, part)
+    return owners
+
+
+def _of_shape(owners: list[type[BaseModel]], tag: str) -> list[type[BaseModel]]:
+    chosen = [
+        owner
+        for owner in owners
+        if "shape" in owner.model_fields and tag in get_args(owner.model_fields["shape"].annotation)
+    ]
+    return chosen or owners
+
+
+def _models_in(field: FieldInfo) -> list[type[BaseModel]]:
+    """All models named in a field's annotation, through tuples, lists and unions."""
+    found: list[type[BaseModel]] = []
+    pending: list[Any] = [field.annotation]
+    while pending:
+        annotation = pending.pop()
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            found.append(annotation)
+        pending.extend(get_args(annotation))
+    return found

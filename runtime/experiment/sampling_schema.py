@@ -1,0 +1,33 @@
+"""The `[sampling]` table: which contacts are solved for the truth file, and how well (thesis 5.3.2)."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from runtime.experiment.section import Count, Positive, Section, Share
+
+
+class SolverSpec(Section):
+    """`[sampling.solver]`: a sample has converged when residual and decrement both are below these."""
+
+    residual: Positive = Field(1e-4, description="relative residual of the projected forces")
+    decrement: Positive = Field(1e-4, description="relative Newton decrement (energy)")
+    max_iterations: Count = Field(60, description="Newton iterations of one solve")
+
+
+class SamplingSpec(Section):
+    """`[sampling]`: states x places x rotations contacts, each pressed in along `depths` depths."""
+
+    collider: str = Field("", description="name of the collider; may be left out where there is only one")
+    states: Count = Field(5, description="states of the body, chosen from the scenes of role `record`")
+    places: Count = Field(64, description="contact places, spread over the surface")
+    rotations: Count = Field(30, description="rotations of the collider, spread over SO(dim)")
+    depths: Count = Field(5, description="depths of one contact, shallow to deep")
+    max_depth: Positive = Field(0.01, description="deepest penetration of the rigid collider [m]")
+    depth_noise: Annotated[float, Field(ge=0, lt=0.5)] = Field(
+        0.1, description="random shift of a depth, as a share of the interval between two"
+    )
+    repeat_share: Share = Field(0.03, description="share of contacts solved twice, for the label-noise floor")
+    solver: SolverSpec = SolverSpec()
