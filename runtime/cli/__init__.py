@@ -1,0 +1,1 @@
+"""The command `softprint` and the frame its verbs live in."""

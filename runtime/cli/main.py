@@ -1,0 +1,164 @@
+"""`softprint VERB ...`: reads the command line, runs the verb, and turns what can go wrong into sentences.
+
+Exit status: 0 done; 1 something the user can put right, said on stderr; 2 the command line itself; 130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from runtime.cli.context import Context
+from runtime.cli.discover import FoundVerb, find_verbs
+from runtime.cli.ranks import end_all_ranks, launched_rank
+from runtime.cli.verb import Verb
+from runtime.errors import SoftprintError
+
+PATIENCE = 2.0  # s that other ranks give the first one to speak for all
+DESCRIPTION = "Press things into soft bodies: solve once with finite elements, learn, then run in real time."
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line; returns the exit status."""
+    verbs = find_verbs()
+    parser = build_parser(verbs)
+    options = parser.parse_args(arguments)
+    if options.verb is None:
+        parser.print_help()
+        return 2
+    rank = launched_rank()
+    _set_up_logging(rank, options.debug)
+    found = next(verb for verb in verbs if verb.name == options.verb)
+    if found.verb is None or found.unavailable:
+        return _refuse(f"softprint {found.name}: {found.unavailable}", rank)
+    return _run(found.verb, options, rank)
+
+
+def build_parser(verbs: Sequence[FoundVerb]) -> argparse.ArgumentParser:
+    """The whole command line: general options, and a sub-parser for each verb."""
+    parser = argparse.ArgumentParser(
+        prog="softprint",
+        description=DESCRIPTION,
+        epilog="softprint VERB --help shows the options of a verb, their defaults and an example.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(debug=False)
+    subparsers = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs, in the order of the work")
+    for found in verbs:
+        _add_verb(subparsers, found)
+    return parser
+
+
+def _add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], found: FoundVerb) -> None:
+    verb = found.verb
+    summary = verb.summary if verb else ""
+    note = f"(not available here: {found.unavailable})" if found.unavailable else ""
+    about = f"{summary} {note}".strip()
+    example = f"example:\n  {verb.example}" if verb else ""
+    parser = subparsers.add_parser(
+        found.name,
+        help=about.replace("%", "%%"),
+        description=about,
+        epilog=example,
+        formatter_class=_HelpFormatter,
+    )
+    if verb is None:
+        parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    else:
+        if verb.reads_experiment:
+            _add_experiment_options(parser)
+        verb.configure(parser)
+    parser.add_argument("--quiet", action="store_true", help="log lines instead of progress bars (default: off)")
+    parser.add_argument("--debug", action="store_true", help="log more, and show tracebacks (default: off)")
+
+
+def _add_experiment_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("experiment", type=Path, metavar="EXPERIMENT.toml", help="the experiment file")
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change one key of the experiment, as in --set sampling.places=8; may be given again",
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="short for --set experiment.seed=N")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME_OF_EXPERIMENT)")
+    parser.add_argument(
+        "--resume",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="keep what an earlier run in the same directory finished (default: on)",
+    )
+
+
+class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
+    """Shows the default of every option that has one and whose help does not name it yet."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        text = action.help
+        told = text is None or "default" in text or text == argparse.SUPPRESS
+        if told or action.default in (None, argparse.SUPPRESS, []) or not action.option_strings:
+            return text
+        return f"{text} (default: %(default)s)"
+
+
+def _run(verb: Verb, options: argparse.Namespace, rank: int) -> int:
+    try:
+        return verb.run(options, _context(verb, options, rank))
+    except SoftprintError as error:
+        if options.debug:
+            traceback.print_exc()
+        status = _refuse(str(error), rank)
+        end_all_ranks(status)
+        return status
+    except KeyboardInterrupt:
+        _refuse("Stopped. What was finished is kept: the same command goes on from there.", rank)
+        end_all_ranks(130)
+        return 130
+    except BaseException:
+        # A bug: show it whole, then see that no rank waits for this one.
+        traceback.print_exc()
+        end_all_ranks(1)
+        raise
+
+
+def _context(verb: Verb, options: argparse.Namespace, rank: int) -> Context:
+    if not verb.reads_experiment:
+        return Context(quiet=options.quiet, rank=rank)
+    overrides = list(options.overrides)
+    if options.seed is not None:
+        overrides.append(f"experiment.seed={options.seed}")
+    return Context(
+        experiment_path=options.experiment,
+        overrides=tuple(overrides),
+        out=options.out,
+        quiet=options.quiet,
+        resume=options.resume,
+        rank=rank,
+    )
+
+
+def _refuse(message: str, rank: int) -> int:
+    """Say on stderr why it went no further; what every rank of an MPI run finds out is told by the first alone."""
+    if rank > 0:
+        time.sleep(PATIENCE)  # if the first rank met the same error, it ends this one meanwhile
+        message = f"rank {rank}: {message}"
+    print(message, file=sys.stderr, flush=True)
+    return 1
+
+
+def _set_up_logging(rank: int, debug: bool) -> None:
+    level = logging.DEBUG if debug else logging.INFO if rank == 0 else logging.WARNING
+    logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
+    for chatty in ("matplotlib", "h5py", "FFCx", "UFL", "numba", "PIL", "trimesh"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,48 @@
+"""What a verb of the command line is. A verb module holds one `VERB`, named in the entry points `softprint.verbs`.
+
+A verb module imports only light things at its top, so that `softprint --help` stays quick; whatever is heavy, or
+not there on every machine, is imported inside `run`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from runtime.cli.context import Context
+
+# What to tell someone who lacks a module that a verb needs.
+INSTALL = {
+    "dolfinx": "DOLFINx (Debian: apt-get install python3-dolfinx)",
+    "mpi4py": "mpi4py (Debian: apt-get install python3-mpi4py)",
+    "h5py": "h5py (Debian: apt-get install python3-h5py)",
+    "torch": "PyTorch (pip install 'softprint[train]')",
+    "igl": "libigl (pip install 'softprint[body]')",
+    "pyvista": "PyVista (pip install 'softprint[report]')",
+}
+
+
+@dataclass(frozen=True)
+class Verb:
+    """One step of the work.
+
+    order: place in `softprint --help`; summary: one line; example: a command line that works as it stands;
+    needs: modules without which the verb cannot run; configure: adds the verb's own options to its parser;
+    run: does the work and returns the exit status; reads_experiment: whether it takes an experiment file and
+    the options that go with one.
+    """
+
+    name: str
+    order: int
+    summary: str
+    example: str
+    run: Callable[[argparse.Namespace, Context], int]
+    needs: tuple[str, ...] = ()
+    configure: Callable[[argparse.ArgumentParser], None] = lambda parser: None
+    reads_experiment: bool = True
+
+    def missing(self) -> list[str]:
+        """What would have to be installed before this verb can run; empty when it can."""
+        return [INSTALL.get(module, module) for module in self.needs if find_spec(module) is None]
