@@ -23,7 +23,7 @@ def read_surface(path: Path) -> tuple[Array, IntArray]:
     if not path.is_file():
         raise SoftprintError(f"{path}: there is no such collider mesh")
     try:
-        mesh = trimesh.load(path, force="mesh", process=False)
+        mesh = trimesh.load_mesh(path, process=False)
     except Exception as error:  # each of trimesh's readers raises its own kinds for a bad file
         raise SoftprintError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {error}") from error
     vertices = np.asarray(getattr(mesh, "vertices", np.zeros((0, 3))), dtype=float)
