@@ -155,9 +155,9 @@ class ConstrainedProblem:
         status = Status.UNSTABLE if lowest <= 0 else result.status
         return _solution(self.elasticity, result, status, 0.0, lowest)
 
-    def path(self, rows: Array, collider: Collider, internal: Array) -> ContactPath:
+    def press(self, rows: Array, collider: Collider, internal: Array) -> Press:
         """One contact, to be approached from shallow to deep; internal: the state's internal equilibrium."""
-        return ContactPath(self, self.elasticity, ElasticTangent(self.elasticity), rows, collider, internal)
+        return Press(self, self.elasticity, ElasticTangent(self.elasticity), rows, collider, internal)
 
     def solve(
         self,
@@ -171,10 +171,10 @@ class ConstrainedProblem:
         """A single equilibrium with the collider at `pose`, from x0: the internal equilibrium, or a shallower depth.
 
         internal: the internal equilibrium (n_nodes, dim), from which the scale of the decrement is measured; x0 if it
-        is not given, which is stricter. `path` is faster where several depths follow each other.
+        is not given, which is stricter. `press` is faster where several depths follow each other.
         """
-        path = self.path(rows, collider, x0 if internal is None else internal)
-        return path.solve(pose, settings, x0)
+        press = self.press(rows, collider, x0 if internal is None else internal)
+        return press.solve(pose, settings, x0)
 
     def linear_response(
         self,
@@ -186,18 +186,18 @@ class ConstrainedProblem:
         x0: Array | None = None,
     ) -> Solution:
         """Baseline: elasticity linearised about x_internal, contact as it is."""
-        return self.linear_path(rows, collider, x_internal).solve(pose, settings, x0)
+        return self.linear_press(rows, collider, x_internal).solve(pose, settings, x0)
 
-    def linear_path(self, rows: Array, collider: Collider, internal: Array) -> ContactPath:
-        """As `path`, with elasticity linearised about the internal equilibrium."""
+    def linear_press(self, rows: Array, collider: Collider, internal: Array) -> Press:
+        """As `press`, with elasticity linearised about the internal equilibrium."""
         linear = QuadraticElasticity(self.elasticity, internal)
-        return ContactPath(self, linear, ElasticTangent(linear), rows, collider, internal)
+        return Press(self, linear, ElasticTangent(linear), rows, collider, internal)
 
 
-class ContactPath:
+class Press:
     """One contact of one state, solved at one pose after another; each solve starts from the last.
 
-    The answers depend on nothing but the arguments and the poses solved so far, so a path is the unit of work that
+    The answers depend on nothing but the arguments and the poses solved so far, so a press is the unit of work that
     ranks may share out.
     """
 
@@ -226,7 +226,7 @@ class ContactPath:
     def solve(
         self, pose: RigidPose, settings: NewtonSettings = CONTACT_SETTINGS, x0: Array | None = None
     ) -> Solution:
-        """The equilibrium with the collider at `pose`, from the last one of this path, or from x0 (n_nodes, dim)."""
+        """The equilibrium with the collider at `pose`, from the last one of this press, or from x0 (n_nodes, dim)."""
         problem = self._problem
         contact = SurfaceContact(
             problem.contact,

@@ -118,10 +118,12 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
             break
         previous = gradient
         length, x, energy, gradient = found
-        problem.stepped(length * cg.step, previous, gradient)
+        changed = problem.stepped(x, length * cg.step, previous, gradient)
+        if changed:
+            energy, gradient = problem.energy(x), problem.gradient(x)
         residual = gradient.norm / problem.force_scale(x, gradient)
         decrement = -0.5 * cg.slope / problem.energy_scale(x)
-        full_step = length == 1.0 and direction is None
+        full_step = length == 1.0 and direction is None and not changed
         if (
             full_step
             and residual <= settings.gradient_tolerance

@@ -15,7 +15,7 @@ from fem_truth.block_matrix import BlockMatrix, positive_part
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.contact import ContactTerms, CoulombFriction, LaggedContact, PenaltyContact
+from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
 
 
 class Potential(Protocol):
@@ -64,8 +64,11 @@ class Inertia:
 
 
 @dataclass(frozen=True, eq=False)
-class MeanSpring:
-    """W = k/2 |w^T x - target|^2: a spring [N/m] on the mean of some nodes, weights w (n_nodes,) summing to one."""
+class LinearSpring:
+    """W = k/2 |w^T x - target|^2: a spring [N/m] on a weighted sum of nodes. weights: w (n_nodes,); target: (dim,) [m].
+
+    With the mean of a region it holds its centroid; with a row of the region's least-squares fit, its orientation.
+    """
 
     weights: Array
     stiffness: float
@@ -121,23 +124,40 @@ class SurfaceContact:
         return float(self.terms(x).depth.max(initial=0.0))
 
 
-@dataclass(frozen=True, eq=False)
 class LaggedFriction:
-    """Regularised Coulomb friction with normal forces held from the last evaluation of contact."""
+    """Regularised Coulomb friction over one step; normals and normal forces are those of the last call of `lag`.
 
-    friction: CoulombFriction
-    nodes: IntArray
-    lagged: LaggedContact
-    time_step: float
+    start: (n_surface, dim) where the surface nodes were when the step began [m]; pose_start, pose_end: of the collider.
+    """
+
+    def __init__(
+        self,
+        friction: CoulombFriction,
+        nodes: IntArray,
+        start: Array,
+        pose_start: RigidPose,
+        pose_end: RigidPose,
+        time_step: float,
+    ) -> None:
+        self._friction, self._nodes, self._start = friction, nodes, start
+        self._pose_start, self._pose_end, self._time_step = pose_start, pose_end, time_step
+        self._lagged: LaggedContact
+
+    def lag(self, contact: ContactTerms) -> None:
+        """Take up the normals and normal forces of `contact`, evaluated with the collider at pose_end."""
+        self._lagged = self._friction.lag(contact, self._start, self._pose_start, self._pose_end)
+
+    def _terms(self, x: Array) -> FrictionTerms:
+        return self._friction.terms(x[self._nodes], self._lagged, self._time_step)
 
     def energy(self, x: Array) -> float:
-        return self.friction.terms(x[self.nodes], self.lagged, self.time_step).energy
+        return self._terms(x).energy
 
     def gradient(self, x: Array) -> Array:
-        terms, gradient = self.friction.terms(x[self.nodes], self.lagged, self.time_step), np.zeros_like(x)
-        gradient[self.nodes[terms.index]] = terms.gradient
+        terms, gradient = self._terms(x), np.zeros_like(x)
+        gradient[self._nodes[terms.index]] = terms.gradient
         return gradient
 
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
-        terms = self.friction.terms(x[self.nodes], self.lagged, self.time_step)
-        matrix.add_diagonal(self.nodes[terms.index], terms.hessian)
+        terms = self._terms(x)
+        matrix.add_diagonal(self._nodes[terms.index], terms.hessian)

@@ -100,9 +100,13 @@ class TotalEnergy:
             term.add_hessian(x, matrix, convex)
         return matrix
 
-    def stepped(self, step: Array, before: Gradient, after: Gradient) -> None:
-        """Told of every step that is taken: decides whether the elastic Hessian still serves."""
+    def stepped(self, x: Array, step: Array, before: Gradient, after: Gradient) -> bool:
+        """Told of every step that is taken, to x: decides whether the elastic Hessian still serves.
+
+        True if the energy itself is another one from now on (friction took up new normal forces).
+        """
         self._tangent.judge(step, after.elastic - before.elastic, self.null_space, before.norm, after.norm)
+        return False
 
     def force_scale(self, x: Array, gradient: Gradient) -> float:
         raise NotImplementedError

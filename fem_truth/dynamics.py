@@ -1,0 +1,293 @@
+"""Full-space dynamics: backward Euler as minimisation (thesis eq. 5.5), with the runtime's potentials and words.
+
+    x_new = argmin  1/(2 h^2) |x - x_old - h v_old|_M^2 + W_elastic + W_gravity + W_springs + W_contact + W_friction
+
+over all nodes but those of kinematic handles, which are placed. M is the lumped mass. This is the reference that every
+reduced motion is compared with, and the rival that its speed is measured against.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fem_truth.full_space_elasticity import FullSpaceElasticity
+from fem_truth.full_space_springs import linear_springs
+from fem_truth.newton import NewtonSettings as FullNewtonSettings
+from fem_truth.newton import minimise
+from fem_truth.null_space import NullSpace
+from fem_truth.potentials import Gravity, Inertia, LaggedFriction, Potential, SurfaceContact
+from fem_truth.total_energy import ElasticTangent, Gradient, TotalEnergy
+from runtime.arrays import Array, IntArray
+from runtime.colliders.pose import RigidPose
+from runtime.contact import CoulombFriction, PenaltyContact
+from runtime.dynamics import (
+    ContactForce,
+    DynamicsSettings,
+    HandleSpring,
+    KinematicHandle,
+    NewtonSettings,
+    PlacedCollider,
+    StepResult,
+)
+from runtime.dynamics.kinematic import place_kinematic
+from runtime.errors import SoftprintError
+
+if TYPE_CHECKING:
+    from runtime.body import ReducedBody
+
+
+Poses = Mapping[str, RigidPose]
+
+
+@dataclass(frozen=True, eq=False)
+class FullSpaceState:
+    """time [s]; x (n_nodes, dim) positions [m]; velocity (n_nodes, dim) [m/s]; poses: of the colliders at this time."""
+
+    time: float
+    x: Array
+    velocity: Array
+    poses: Poses
+
+
+class StepEnergy(TotalEnergy):
+    """The energy of one step. Residuals are measured against the largest of the forces that balance one another."""
+
+    def __init__(
+        self,
+        elastic: FullSpaceElasticity,
+        tangent: ElasticTangent,
+        null_space: NullSpace,
+        smooth: Sequence[Potential],
+        contacts: Mapping[str, SurfaceContact],
+        friction: Mapping[str, LaggedFriction],
+        friction_updates: int,
+        force_floor: float,
+    ) -> None:
+        super().__init__(elastic, (*smooth, *contacts.values(), *friction.values()), null_space, tangent)
+        self._contacts, self._friction = contacts, friction
+        # `lag_friction` at the start is the first update.
+        self._updates_left = friction_updates - 1 if friction else 0
+        self._floor = force_floor
+
+    def lag_friction(self, x: Array) -> None:
+        """Let friction take up the normal forces at x."""
+        for name, friction in self._friction.items():
+            friction.lag(self._contacts[name].terms(x))
+
+    def stepped(self, x: Array, step: Array, before: Gradient, after: Gradient) -> bool:
+        super().stepped(x, step, before, after)
+        if self._updates_left == 0:
+            return False
+        self._updates_left -= 1
+        self.lag_friction(x)
+        return True
+
+    def force_scale(self, x: Array, gradient: Gradient) -> float:
+        contact = sum((contact.gradient(x) for contact in self._contacts.values()), np.zeros_like(x))
+        elastic = float(np.linalg.norm(self.null_space.project(gradient.elastic)))
+        return max(elastic, float(np.linalg.norm(self.null_space.project(contact))), self._floor)
+
+    def energy_scale(self, x: Array) -> float:
+        """1 J: a step is accepted on its residual alone, for inertia leaves no soft modes."""
+        return 1.0
+
+
+class FullSpaceSimulator:
+    """Steps one body in full space; constructor words, methods and results are those of `runtime.dynamics.Simulator`.
+
+    Kinematic handles are placed (the region of a frame rigidly); all other nodes are free, those of frames that are not
+    kinematic too. Corrections of the colliders are of no concern here. The elastic Hessian is kept between steps while it
+    serves: a step repeats to the last bit only after the same steps before it, and within the tolerance otherwise.
+    """
+
+    def __init__(
+        self,
+        body: ReducedBody,
+        colliders: Sequence[PlacedCollider] = (),
+        *,
+        contact: PenaltyContact,
+        friction: CoulombFriction | None = None,
+        gravity: Sequence[float] | Array | None = None,
+        springs: Sequence[HandleSpring] = (),
+        kinematic: Sequence[KinematicHandle] = (),
+        settings: DynamicsSettings | None = None,
+        elasticity: FullSpaceElasticity | None = None,
+    ) -> None:
+        self.body = body
+        self.colliders = tuple(colliders)
+        self.settings = settings or DynamicsSettings()
+        self.elasticity = FullSpaceElasticity(body) if elasticity is None else elasticity
+        self._contact = contact
+        self._friction = friction if friction is not None and friction.coefficient > 0 else None
+        self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
+        self._springs, self._kinematic = tuple(springs), tuple(kinematic)
+        self._null_space = NullSpace(np.zeros((body.n_nodes, 0)), _kinematic_nodes(body, kinematic))
+        self._tangent = ElasticTangent(self.elasticity)
+        weight = float(np.linalg.norm(body.node_mass) * np.linalg.norm(self._gravity))
+        self._force_floor = max(1e-9 * self.elasticity.force_scale, weight)
+
+    def rest_state(self, time: float = 0.0, poses: Poses | None = None) -> FullSpaceState:
+        """The undeformed body, not moving; kinematic handles where they are at ``time`` [s]."""
+        x = self._place(self.body.mesh.points, time)
+        return FullSpaceState(time, x, np.zeros_like(x), self._poses_at(time, poses))
+
+    def step(self, state: FullSpaceState, poses: Poses | None = None) -> StepResult[FullSpaceState]:
+        """One time step. ``poses``: of colliders at the *end* of the step, in place of their paths."""
+        h = self.settings.time_step
+        end = state.time + h
+        inertia = Inertia(self.body.node_mass, state.x + h * state.velocity, h)
+        newton = self.settings.newton
+        # One iteration only (linearly implicit Euler) has to get its linear solve right; several may start loosely.
+        loosest = 1e-3 if newton.max_iterations == 1 else 0.1
+        settings = FullNewtonSettings(newton.tolerance, np.inf, newton.max_iterations, cg_tolerance=loosest)
+        return self._solve(state, end, self._poses_at(end, poses), inertia, settings)
+
+    def settle(
+        self, state: FullSpaceState | None = None, newton: NewtonSettings | None = None
+    ) -> StepResult[FullSpaceState]:
+        """Static equilibrium near ``state`` (the rest state by default) at its time, without friction."""
+        newton = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
+        settings = FullNewtonSettings(newton.tolerance, np.inf, newton.max_iterations)
+        state = state or self.rest_state()
+        return self._solve(state, state.time, state.poses, None, settings)
+
+    def positions(self, state: FullSpaceState) -> Array:
+        """(n_nodes, dim) [m]."""
+        return state.x
+
+    def reduced_rows(self, state: FullSpaceState) -> Array:
+        """(n_rows, dim) handle rows nearest to the state, frames made rigid (thesis 4.3.2)."""
+        return self.body.handles.rigid(self.body.project(state.x))
+
+    def deformation_gradients(self, state: FullSpaceState, cells: IntArray | None = None) -> Array:
+        """(n, dim, dim) F of the given cells of the mesh (all by default)."""
+        return self.body.mesh.deformation_gradients(state.x, slice(None) if cells is None else cells)
+
+    def contact_forces(self, state: FullSpaceState) -> dict[str, ContactForce]:
+        """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
+        return {
+            name: _contact_force(c, None, state.x) for name, c in self._surface_contacts(state.poses).items()
+        }
+
+    def _solve(
+        self,
+        state: FullSpaceState,
+        end: float,
+        poses: Poses,
+        inertia: Inertia | None,
+        settings: FullNewtonSettings,
+    ) -> StepResult[FullSpaceState]:
+        started = time.perf_counter()
+        body, h = self.body, self.settings.time_step
+        contacts = self._surface_contacts(poses)
+        friction: dict[str, LaggedFriction] = {}
+        if self._friction is not None and inertia is not None:
+            nodes = body.mesh.surface_nodes
+            friction = {
+                name: LaggedFriction(self._friction, nodes, state.x[nodes], state.poses[name], poses[name], h)
+                for name in contacts
+            }
+        smooth: dict[str, list[Potential]] = {
+            "inertia": [] if inertia is None else [inertia],
+            "gravity": [Gravity(body.node_mass, self._gravity, np.zeros_like(body.mesh.points))],
+            "springs": list(linear_springs(self._springs, body, end)),
+        }
+        terms = [term for group in smooth.values() for term in group]
+        updates = self.settings.friction_updates
+        energy = StepEnergy(
+            self.elasticity,
+            self._tangent,
+            self._null_space,
+            terms,
+            contacts,
+            friction,
+            updates,
+            self._force_floor,
+        )
+        x0 = self._place(state.x, end)
+        energy.lag_friction(x0)
+        result = minimise(energy, x0, settings)
+        x = result.x
+        velocity = np.zeros_like(x) if inertia is None else (x - state.x) / h
+        energies = {name: float(sum(term.energy(x) for term in group)) for name, group in smooth.items()}
+        energies["kinetic"] = 0.5 * float(body.node_mass @ (velocity**2).sum(axis=1))
+        energies["elastic"] = self.elasticity.energy(x)
+        energies["contact"] = float(sum(contact.energy(x) for contact in contacts.values()))
+        energies["friction"] = float(sum(term.energy(x) for term in friction.values()))
+        reason = f"{result.status.sentence} (iterations {result.newton_iterations}, residual {result.residual:.1e})"
+        return StepResult(
+            state=FullSpaceState(end, x, velocity, poses),
+            status=result.status,
+            reason=reason,
+            iterations=result.newton_iterations,
+            residual=result.residual,
+            energies=energies,
+            timings={"total": time.perf_counter() - started},
+            contacts={name: _contact_force(contacts[name], friction.get(name), x) for name in contacts},
+        )
+
+    def _surface_contacts(self, poses: Poses) -> dict[str, SurfaceContact]:
+        mesh = self.body.mesh
+        return {
+            placed.name: SurfaceContact(
+                self._contact, mesh.surface_nodes, mesh.surface_areas, placed.collider, poses[placed.name]
+            )
+            for placed in self.colliders
+        }
+
+    def _poses_at(self, at: float, given: Poses | None) -> dict[str, RigidPose]:
+        poses = dict(given or {})
+        for placed in self.colliders:
+            if placed.name not in poses:
+                if placed.path is None:
+                    raise SoftprintError(
+                        f"collider {placed.name!r} has no path: give its pose with every step"
+                    )
+                poses[placed.name] = placed.path.pose(at)
+        return poses
+
+    def _place(self, x: Array, at: float) -> Array:
+        """x with the nodes of kinematic handles where they have to be at time ``at`` [s]; a copy."""
+        rest, handles = self.body.rest_rows, self.body.handles
+        rows = place_kinematic(rest, rest, handles, self._kinematic, at)
+        x = x.copy()
+        for held in self._kinematic:
+            block = rows[handles.rows_of(held.handle)]
+            if isinstance(held.handle, str):
+                nodes = _frame_nodes(self.body, held.handle)
+                x[nodes] = self.body.mesh.points[nodes] @ block[:-1] + block[-1]
+            else:
+                x[handles.points[held.handle]] = block[0]
+        return x
+
+
+def _frame_nodes(body: ReducedBody, name: str) -> IntArray:
+    return next(frame for frame in body.handles.frames if frame.name == name).nodes
+
+
+def _kinematic_nodes(body: ReducedBody, kinematic: Sequence[KinematicHandle]) -> IntArray:
+    nodes = [
+        _frame_nodes(body, held.handle)
+        if isinstance(held.handle, str)
+        else body.handles.points[[held.handle]]
+        for held in kinematic
+    ]
+    return np.unique(np.concatenate([*nodes, np.empty(0, dtype=np.int64)])).astype(np.int64)
+
+
+def _contact_force(contact: SurfaceContact, friction: LaggedFriction | None, x: Array) -> ContactForce:
+    """What the body does to the collider: the gradient at a node of the body is the force that the body exerts."""
+    gradient = contact.gradient(x)
+    if friction is not None:
+        gradient += friction.gradient(x)
+    arm = x - contact.pose.translation
+    if x.shape[1] == 2:
+        torque = np.array([(arm[:, 0] * gradient[:, 1] - arm[:, 1] * gradient[:, 0]).sum()])
+    else:
+        torque = np.cross(arm, gradient).sum(axis=0)
+    return ContactForce(gradient.sum(axis=0), torque, contact.max_depth(x), len(contact.terms(x).index))

@@ -1,0 +1,50 @@
+"""Springs on handles as a full-space body feels them: on the node of a point handle, on the region of a frame.
+
+A frame's region is elastic here. Its position is the mean of its nodes; its orientation is the least-squares linear fit
+A of x_i - mean(x) = A (X_i - mean(X)), so that  k_r/4 |A - R_target|^2  is a sum of dim linear springs. For a rigid
+region both agree with the springs of the reduced model, `runtime.dynamics.springs`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fem_truth.potentials import LinearSpring
+from runtime.arrays import Array
+from runtime.dynamics.springs import HandleSpring
+
+if TYPE_CHECKING:
+    from runtime.body import ReducedBody
+
+
+def linear_springs(springs: Sequence[HandleSpring], body: ReducedBody, time: float) -> list[LinearSpring]:
+    """The potentials of all springs with their targets at ``time`` [s]."""
+    result = []
+    for spring in springs:
+        pose = spring.target.pose(time)
+        if not isinstance(spring.handle, str):
+            weights = np.zeros(body.n_nodes)
+            weights[body.handles.points[spring.handle]] = 1.0
+            result.append(LinearSpring(weights, spring.stiffness, pose.translation))
+            continue
+        mean, fit = _region_weights(body, spring.handle)
+        result.append(LinearSpring(mean, spring.stiffness, pose.translation))
+        if spring.rotation_stiffness:
+            # row j of A^T is fit[j] @ x; it is pulled to row j of R_target^T
+            half = 0.5 * spring.rotation_stiffness
+            result += [LinearSpring(fit[j], half, pose.rotation[:, j]) for j in range(body.dim)]
+    return result
+
+
+def _region_weights(body: ReducedBody, name: str) -> tuple[Array, Array]:
+    """Weights over all nodes: mean (n_nodes,) of the region; fit (dim, n_nodes) with A^T = fit @ x."""
+    frame = next(frame for frame in body.handles.frames if frame.name == name)
+    mean = np.zeros(body.n_nodes)
+    mean[frame.nodes] = 1.0 / len(frame.nodes)
+    offsets = body.mesh.points[frame.nodes] - body.mesh.points[frame.nodes].mean(axis=0)
+    fit = np.zeros((body.dim, body.n_nodes))
+    fit[:, frame.nodes] = np.linalg.pinv(offsets)
+    return mean, fit
