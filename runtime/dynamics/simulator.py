@@ -24,7 +24,7 @@ from runtime.corrections.correction import Correction
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.elastic import ElasticEnergy
 from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
-from runtime.dynamics.newton import NewtonResult, NewtonSettings, minimise
+from runtime.dynamics.newton import NewtonResult, NewtonSettings, Status, minimise
 from runtime.dynamics.springs import HandleSpring, QuadraticForm, spring_form
 from runtime.dynamics.state import ContactForce, ReducedState, StepResult
 from runtime.dynamics.step_energy import StepEnergy
@@ -166,6 +166,13 @@ class Simulator:
         solved = self._minimise(state.rows, state.time, state.poses, nothing, None, timings, settings)
         return self._result(solved, np.zeros_like(state.rows), state.time, state.poses, nothing, None, timings)
 
+    def at_rest(self) -> StepResult[ReducedState]:
+        """The rest state as the result of no step at all: its energies and contact forces."""
+        state, timings = self.rest_state(), Timings()
+        nothing = QuadraticForm(np.zeros_like(self.body.reduced_mass), np.zeros_like(state.rows), 0.0)
+        solved = NewtonResult(state.rows, Status.CONVERGED, 0, 0.0, 0.0)
+        return self._result(solved, state.rows_velocity, state.time, state.poses, nothing, None, timings)
+
     def _minimise(
         self,
         start: Array,
@@ -243,10 +250,6 @@ class Simulator:
         reduced = self._nodes.reduced(state.rows)
         displacement = self._nodes.displacement(state.rows, state.poses, Timings())
         return reduced if displacement is None else reduced + displacement
-
-    def reduced_rows(self, state: ReducedState) -> Array:
-        """(n_rows, dim) the handle rows of a state."""
-        return state.rows
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""

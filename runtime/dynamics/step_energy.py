@@ -88,7 +88,7 @@ class StepEnergy:
                 hessian = hessian + contact_hessian
             quadratic_gradient = self._quadratic.gradient(rows)
             tangent = self._handles.tangent(rows)[:, self._free] * self._units
-            parts = [part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)]
+            parts: list[Array] = [part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)]
             slope = quadratic_gradient + elastic_gradient + contact_gradient
             curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
             hessian = tangent.T @ (hessian + self._blocks) @ tangent

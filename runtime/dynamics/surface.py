@@ -17,7 +17,7 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
-from runtime.contact import ContactTerms, CoulombFriction, LaggedContact, PenaltyContact
+from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
 from runtime.corrections.correction import Correction, CorrectionField
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.state import ContactForce
@@ -97,7 +97,7 @@ class SurfaceEnergy:
         self, x: Array, poses: Poses, step: StepContact | None, relag: bool
     ) -> tuple[float, IntArray, Array, Array]:
         """Energy, and of the points that touch anything: index (m,), gradient (m, dim), Hessian (m, dim, dim)."""
-        terms = []
+        terms: list[ContactTerms | FrictionTerms] = []
         for name, collider in self.colliders.items():
             contact = self._contact.terms(x, self._areas, collider, poses[name])
             terms.append(contact)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from time import perf_counter
+from typing import Self
 
 PHASES = ("positions", "elastic", "contact", "correction", "solve")
 
@@ -13,7 +14,7 @@ class Phase:
     def __init__(self) -> None:
         self.seconds = 0.0
 
-    def __enter__(self) -> Phase:
+    def __enter__(self) -> Self:
         self._start = perf_counter()
         return self
 

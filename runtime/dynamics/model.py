@@ -1,0 +1,136 @@
+"""What can play a scene: the bare subspace, the subspace with a correction, or full space.
+
+Models that live outside the runtime announce a `ModelFactory` in the entry point group ``softprint.models``; its name
+there is the model's name (`full` for full space).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from runtime.arrays import Array
+from runtime.body.body import ReducedBody
+from runtime.dynamics.scene import scene_parts, scene_simulator
+from runtime.dynamics.simulator import Simulator
+from runtime.dynamics.state import ReducedState, StepResult
+from runtime.errors import SoftprintError
+
+if TYPE_CHECKING:
+    from runtime.experiment import Experiment, SceneSpec
+
+MODEL_GROUP = "softprint.models"
+BARE = "bare"
+
+
+class SceneModel(Protocol):
+    """Plays one scene. A state is opaque but for its `time` [s] and `poses` of the colliders."""
+
+    def start(self) -> StepResult[Any]:
+        """Frame 0: static equilibrium under gravity and springs with the colliders where the scene begins; at rest
+        and undeformed where nothing holds the body."""
+        ...
+
+    def step(self, state: Any) -> StepResult[Any]:
+        """One time step of the experiment."""
+        ...
+
+    def positions(self, state: Any) -> Array:
+        """(n_nodes, dim) [m] in the node order of the body's mesh."""
+        ...
+
+    def rows(self, state: Any) -> Array:
+        """(n_rows, dim) of the nearest reduced state (`ReducedBody.project` for full positions)."""
+        ...
+
+
+class ModelFactory(Protocol):
+    """``out`` is the run directory, for what the model was trained into or keeps there."""
+
+    def __call__(self, experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path) -> SceneModel: ...
+
+
+class ReducedModel:
+    """A scene in the subspace."""
+
+    def __init__(self, simulator: Simulator, held: bool) -> None:
+        self._simulator = simulator
+        self._held = held
+
+    def start(self) -> StepResult[ReducedState]:
+        """See `SceneModel`."""
+        return self._simulator.settle() if self._held else self._simulator.at_rest()
+
+    def step(self, state: ReducedState) -> StepResult[ReducedState]:
+        """One step of `Simulator.step`."""
+        return self._simulator.step(state)
+
+    def positions(self, state: ReducedState) -> Array:
+        """(n_nodes, dim) [m], corrections included."""
+        return self._simulator.positions(state)
+
+    def rows(self, state: ReducedState) -> Array:
+        """(n_rows, dim) the handle rows themselves."""
+        return state.rows
+
+
+def bare_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> ReducedModel:
+    """The subspace alone."""
+    parts = scene_parts(experiment, scene)
+    return ReducedModel(scene_simulator(body, parts), parts.held)
+
+
+def correction_path(out: Path, name: str) -> Path:
+    """Where `train` leaves the correction of that name."""
+    return out / "corrections" / f"{name}.safetensors"
+
+
+def corrected_model(
+    experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str
+) -> ReducedModel:
+    """The subspace with the correction that was trained under that name."""
+    parts = scene_parts(experiment, scene)
+    path = correction_path(out, name)
+    if not path.is_file():
+        known = ", ".join([BARE, *(file.stem for file in sorted(path.parent.glob("*.safetensors")))])
+        raise SoftprintError(
+            f"there is no model {name!r}: looked for {path}. Known here: {known}; `softprint train` makes corrections, "
+            f"and {', '.join(_announced()) or 'no other model'} comes with the installed packages"
+        )
+    trained_for = experiment.training.collider
+    for placed in parts.colliders:
+        if placed.name == trained_for:
+            from runtime.corrections.correction_file import load_correction  # with torch, which takes a second
+
+            correction = load_correction(path, body, placed.collider)
+            return ReducedModel(scene_simulator(body, parts, [correction]), parts.held)
+    raise SoftprintError(
+        f"scene {scene.name!r} has no collider {trained_for!r}, for which {path.name} was trained: "
+        f"play it with the model {BARE!r}"
+    )
+
+
+def _announced() -> list[str]:
+    return sorted({point.name for point in entry_points(group=MODEL_GROUP)})
+
+
+def build_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str) -> SceneModel:
+    """The model of that name: `bare`, one that a package announces, or a trained correction."""
+    if name == BARE:
+        return bare_model(experiment, body, scene)
+    for point in entry_points(group=MODEL_GROUP):
+        if point.name == name:
+            factory: ModelFactory = point.load()
+            return factory(experiment, body, scene, out)
+    return corrected_model(experiment, body, scene, out, name)
+
+
+def play(model: SceneModel, n_steps: int) -> Iterator[StepResult[Any]]:
+    """Frame 0, and then n_steps steps."""
+    result = model.start()
+    yield result
+    for _ in range(n_steps):
+        result = model.step(result.state)
+        yield result

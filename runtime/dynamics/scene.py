@@ -1,0 +1,115 @@
+"""A scene of an experiment as the parts that a simulator is made of; reduced and full space share them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runtime.arrays import Array
+from runtime.body.body import ReducedBody
+from runtime.colliders import KeyframedPath
+from runtime.colliders.build import build_collider
+from runtime.contact import CoulombFriction, PenaltyContact
+from runtime.corrections.correction import Correction
+from runtime.dynamics.kinematic import KinematicHandle
+from runtime.dynamics.newton import NewtonSettings
+from runtime.dynamics.simulator import DynamicsSettings, PlacedCollider, Simulator
+from runtime.dynamics.springs import HandleSpring
+from runtime.errors import SoftprintError
+
+if TYPE_CHECKING:
+    from runtime.experiment import Experiment, KeyframeSpec, SceneSpec
+
+
+@dataclass(frozen=True, eq=False)
+class SceneParts:
+    """Colliders without corrections; friction is None where the coefficient is 0."""
+
+    colliders: tuple[PlacedCollider, ...]
+    contact: PenaltyContact
+    friction: CoulombFriction | None
+    gravity: Array
+    springs: tuple[HandleSpring, ...]
+    kinematic: tuple[KinematicHandle, ...]
+    settings: DynamicsSettings
+
+    @property
+    def held(self) -> bool:
+        """Whether anything holds the body, so that it has a static equilibrium to start from."""
+        return bool(self.kinematic or self.springs)
+
+
+def find_scene(experiment: Experiment, name: str) -> SceneSpec:
+    """The scene of that name; SoftprintError if there is none."""
+    for scene in experiment.scenes:
+        if scene.name == name:
+            return scene
+    known = ", ".join(scene.name for scene in experiment.scenes) or "none"
+    raise SoftprintError(f"{experiment.path}: there is no scene {name!r}; its scenes: {known}")
+
+
+def scene_steps(experiment: Experiment, scene: SceneSpec) -> int:
+    """How many time steps fill the scene's duration; frame 0 comes before them."""
+    return max(1, round(scene.duration / experiment.dynamics.time_step))
+
+
+def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
+    """Build everything that a scene needs but the body and the model."""
+    dynamics, contact = experiment.dynamics, experiment.contact
+    return SceneParts(
+        colliders=tuple(
+            PlacedCollider(
+                entry.name,
+                build_collider(experiment.collider(entry.name), experiment.base_dir),
+                _path(entry.keyframes, experiment.dim),
+            )
+            for entry in scene.colliders
+        ),
+        contact=PenaltyContact(contact.stiffness),
+        friction=CoulombFriction(contact.friction, contact.slip_velocity) if contact.friction else None,
+        gravity=np.array(dynamics.gravity),
+        springs=tuple(
+            HandleSpring(
+                spring.handle,
+                spring.stiffness,
+                KeyframedPath([0.0], [spring.target])
+                if spring.keyframes is None
+                else _path(spring.keyframes, experiment.dim),
+            )
+            for spring in scene.springs
+        ),
+        kinematic=tuple(KinematicHandle(name) for name in scene.kinematic),
+        settings=DynamicsSettings(
+            time_step=dynamics.time_step,
+            newton=NewtonSettings(max_iterations=dynamics.max_iterations, tolerance=dynamics.tolerance),
+        ),
+    )
+
+
+def _path(keyframes: Iterable[KeyframeSpec], dim: int) -> KeyframedPath:
+    frames = tuple(keyframes)
+    none = np.zeros(1 if dim == 2 else 3)
+    rotations = [none if frame.rotation is None else np.atleast_1d(frame.rotation) for frame in frames]
+    return KeyframedPath([frame.time for frame in frames], [frame.position for frame in frames], np.array(rotations))
+
+
+def scene_simulator(body: ReducedBody, parts: SceneParts, corrections: Iterable[Correction] = ()) -> Simulator:
+    """The reduced simulator of a scene: the bare subspace, or with one correction for a collider."""
+    by_collider = {correction.collider: correction for correction in corrections}
+    colliders = tuple(
+        PlacedCollider(placed.name, placed.collider, placed.path, by_collider.get(placed.name))
+        for placed in parts.colliders
+    )
+    return Simulator(
+        body,
+        colliders,
+        contact=parts.contact,
+        friction=parts.friction,
+        gravity=parts.gravity,
+        springs=parts.springs,
+        kinematic=parts.kinematic,
+        settings=parts.settings,
+    )
