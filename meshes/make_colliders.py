@@ -63,7 +63,7 @@ def star() -> Array:
     """Corners (10, 2) [m], anticlockwise, a point and a valley in turn."""
     angles = np.pi / 2 + np.arange(10) * np.pi / 5
     radius = np.column_stack([STAR_REACH, np.full(5, STAR_VALLEY)]).ravel()
-    return radius[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    return np.asarray(radius[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
 def main(folder: Path) -> None:

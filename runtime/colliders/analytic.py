@@ -45,7 +45,7 @@ class Sphere(ColliderBase):
         self.lower = -self.upper
 
     def sdf(self, z: Array) -> Array:
-        return np.linalg.norm(z, axis=1) - self.radius
+        return np.asarray(np.linalg.norm(z, axis=1) - self.radius)
 
     def sdf_derivatives(self, z: Array) -> SdfDerivatives:
         d = norm_derivatives(z)

@@ -37,7 +37,8 @@ def smooth_minimum(a: SdfDerivatives, b: SdfDerivatives, blend: float) -> SdfDer
 
 def smooth_minimum_value(a: Array, b: Array, blend: float) -> Array:
     """m(a, b) alone."""
-    return np.minimum(a, b) - blend / 6.0 * np.maximum(0.0, 1.0 - np.abs(a - b) / blend) ** 3
+    value: Array = np.minimum(a, b) - blend / 6.0 * np.maximum(0.0, 1.0 - np.abs(a - b) / blend) ** 3
+    return value
 
 
 def _negative(d: SdfDerivatives) -> SdfDerivatives:

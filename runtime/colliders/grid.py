@@ -131,7 +131,7 @@ class GridCollider(ColliderBase):
 
     def _around_value(self, z: Array) -> Array:
         """The value of `_around` without the cost of its derivatives."""
-        value = np.linalg.norm(z - self._centre, axis=1) - self._ball_radius
+        value: Array = np.linalg.norm(z - self._centre, axis=1) - self._ball_radius
         for level in (self.coarse, self.fine):
             part = level.within(z)
             w = level.weight(z[part]).value

@@ -69,7 +69,7 @@ def _checked(vertices: Array, name: str) -> Array:
     if vertices.ndim != 2 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
         raise SoftprintError(f"collider '{name}': polygon vertices are pairs of finite numbers")
     keep = (vertices != np.roll(vertices, 1, axis=0)).any(axis=1)
-    corners = vertices[keep]
+    corners: Array = vertices[keep]
     if len(corners) < 3:
         raise SoftprintError(f"collider '{name}': a polygon needs at least three different vertices")
     count = len(corners)
@@ -79,7 +79,7 @@ def _checked(vertices: Array, name: str) -> Array:
             if _segments_meet(corners[i], after[i], corners[j], after[j]):
                 raise SoftprintError(f"collider '{name}': sides {i} and {j} of the polygon cross each other")
     area = 0.5 * np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0])
-    return corners if area > 0 else corners[::-1]
+    return corners if area > 0 else np.flip(corners, axis=0)
 
 
 def _segments_meet(a: Array, b: Array, c: Array, d: Array) -> bool:

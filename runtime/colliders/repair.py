@@ -64,7 +64,7 @@ def _drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, sour
     keep = area > DEGENERATE_HEIGHT * diagonal * sides.max(axis=1)
     if not keep.all():
         log.warning("%s: dropped %d degenerate triangle(s)", source, int((~keep).sum()))
-    kept = triangles[keep]
+    kept: IntArray = triangles[keep]
     _, first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)
     if len(first) < len(kept):
         log.warning("%s: dropped %d repeated triangle(s)", source, len(kept) - len(first))
@@ -72,7 +72,8 @@ def _drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, sour
         raise SoftprintError(
             f"{source}: every triangle is degenerate; a collider needs a closed triangle surface"
         )
-    return kept[np.sort(first)]
+    unrepeated: IntArray = kept[np.sort(first)]
+    return unrepeated
 
 
 def _edge_counts(triangles: IntArray) -> tuple[IntArray, IntArray]:

@@ -35,7 +35,7 @@ def _radius(d: Array, r: float) -> tuple[Array, Array, Array]:
 
 def _depth(q: Array, r: float) -> Array:
     """The root d (n,) of sum_i max(q_i + d + R(d), 0)^2 = R(d)^2."""
-    d = r - np.linalg.norm(np.maximum(q + r, 0.0), axis=1)  # exact outside, where it is negative
+    d: Array = r - np.linalg.norm(np.maximum(q + r, 0.0), axis=1)  # exact outside, where it is negative
     inside = np.flatnonzero(d > 0)
     if inside.size == 0:
         return d

@@ -38,7 +38,7 @@ def _basis_derivatives(f: Array) -> tuple[Array, Array, Array]:
 
 def _contract(c: Array, weights: Array) -> Array:
     """Sum the last stencil axis of c (..., 4, n) with weights (4, n)."""
-    total = c[..., 0, :] * weights[0]
+    total: Array = c[..., 0, :] * weights[0]
     for i in (1, 2, 3):
         total += c[..., i, :] * weights[i]
     return total

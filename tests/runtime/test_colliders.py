@@ -193,6 +193,7 @@ def test_build_places_parts():
         {"shape": "union", "name": "u", "blend": 0.01, "parts": [part]}
     )
     union = build_collider(spec)
-    assert union.name == "u" and union.dim == 2
+    assert union.name == "u"
+    assert union.dim == 2
     np.testing.assert_allclose(union.upper, [1.2, 2.1])
     np.testing.assert_allclose(union.sdf(np.array([[1.0, 2.5], [1.5, 2.0]])), [0.4, 0.3], atol=1e-12)

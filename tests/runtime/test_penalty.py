@@ -93,8 +93,10 @@ def test_energy_alone_is_that_of_the_terms():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_no_contact_is_empty(dim):
     terms = CONTACT.terms(np.full((4, dim), 5.0), np.ones(4), Sphere(0.3, dim), RigidPose.identity(dim))
-    assert terms.energy == 0 and terms.index.size == 0
-    assert terms.gradient.shape == (0, dim) and terms.hessian.shape == (0, dim, dim)
+    assert terms.energy == 0
+    assert terms.index.size == 0
+    assert terms.gradient.shape == (0, dim)
+    assert terms.hessian.shape == (0, dim, dim)
 
 
 @pytest.mark.parametrize("stiffness", [0.0, -1.0, np.nan, np.inf])
