@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -35,7 +35,8 @@ class TruthHeader:
     """What a truth file says about itself.
 
     colliders: names, in the order of ``contacts/collider``; planned_contacts: size of the whole plan, of which a
-    partial file holds the first finished ones; experiment: JSON text of the experiment as it was run.
+    partial file holds the first finished ones; experiment: JSON text of the experiment as it was run; made_from: a
+    flat table of everything that decided the numbers, to tell whether another run would give the same.
     """
 
     body_hash: str
@@ -43,6 +44,7 @@ class TruthHeader:
     seed: int
     colliders: tuple[str, ...]
     planned_contacts: int
+    made_from: Mapping[str, str] = field(default_factory=dict)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -66,7 +68,7 @@ class TruthWriter:
                 # One row of a field is one chunk: a training batch reads the samples it wants and nothing else.
                 chunk = (1, *shape) if "nodes" in column.shape else (256, *shape)
                 dtype = h5py.string_dtype() if column.dtype == "str" else column.dtype
-                dataset = group.create_dataset(key, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunk)
+                dataset = group.create_dataset(key, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunk, fletcher32=True)
                 dataset.attrs["unit"], dataset.attrs["meaning"] = column.unit, column.meaning
         file["mesh/points"], file["mesh/cells"] = body.mesh.points, body.mesh.cells
 
@@ -94,6 +96,7 @@ class TruthWriter:
         attrs["seed"] = self._header.seed
         attrs["colliders"] = json.dumps(self._header.colliders)
         attrs["planned_contacts"] = self._header.planned_contacts
+        attrs["made_from"] = json.dumps(dict(self._header.made_from), sort_keys=True)
         attrs["status_codes"] = json.dumps(STATUS_NAMES)
         attrs["complete"] = self.length("contacts") == self._header.planned_contacts
         attrs["content_hash"] = self._digest.hexdigest()
@@ -203,6 +206,7 @@ class TruthData:
                 seed=int(attrs["seed"]),
                 colliders=tuple(json.loads(attrs["colliders"])),
                 planned_contacts=int(attrs["planned_contacts"]),
+                made_from=json.loads(attrs["made_from"]),
             )
             self.complete = bool(attrs["complete"])
             self.content_hash = str(attrs["content_hash"])

@@ -10,8 +10,8 @@ from fem_truth.constrained import ConstrainedProblem, Solution
 from fem_truth.generate.shards import Tables
 from fem_truth.newton import NewtonSettings
 from fem_truth.sampling.approach import Approach, OutOfReach
-from fem_truth.sampling.contact_path import JUMP_LIMIT, ContactPath, PathSample, jumps
-from fem_truth.sampling.contact_plan import ContactPlan, PlannedContact
+from fem_truth.sampling.contact_path import JUMP_SPEED, ContactPath, PathSample, node_speeds
+from fem_truth.sampling.contact_plan import DEPTHS_STREAM, SIDEWAYS_STREAM, ContactPlan, PlannedContact
 from fem_truth.sampling.depths import noisy_depths
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
@@ -48,7 +48,7 @@ class ContactWork:
         """The tables `contacts` (one row), `samples` and `repeat` of a unit; rows count from 0 within the unit."""
         contact = self.plan[unit]
         approach = self._approach(contact)
-        depths = noisy_depths(self.depths, self.max_depth, self.depth_noise, self.plan.depth_rng(contact))
+        depths = noisy_depths(self.depths, self.max_depth, self.depth_noise, self.plan.rng(DEPTHS_STREAM, contact))
         path = ContactPath(
             self.problem,
             self.collider,
@@ -61,7 +61,7 @@ class ContactWork:
         unreached = _UNREACHED
         try:
             samples = path.load(depths)
-            again = path.unload(samples) if contact.repeated else []
+            again = path.from_the_side(samples, self._sideways(contact, approach)) if contact.repeated else []
         except OutOfReach as error:
             clear = approach.pose(approach.clear_of_surface)
             samples, unreached = [PathSample(depth, clear, None) for depth in depths], str(error)
@@ -77,6 +77,12 @@ class ContactWork:
         aimed = int(np.searchsorted(mesh.surface_nodes, place))
         return Approach(self.collider, surface, surface[aimed], normals[aimed], self.rotations[contact.rotation])
 
+    def _sideways(self, contact: PlannedContact, approach: Approach) -> Array:
+        """A unit vector along the surface at the place, drawn for this contact alone."""
+        drawn = self.plan.rng(SIDEWAYS_STREAM, contact).standard_normal(len(approach.normal))
+        along = drawn - (drawn @ approach.normal) * approach.normal
+        return along / np.linalg.norm(along)
+
     def _tables(
         self,
         contact: PlannedContact,
@@ -88,7 +94,7 @@ class ContactWork:
         internal = self.internal[contact.state]
         first = [_displacement(sample.solution, internal) for sample in samples]
         second = [_displacement(solution, internal) for solution in again]
-        jump = jumps(first, np.array([sample.depth for sample in samples]))
+        speed = node_speeds(first, np.array([sample.depth for sample in samples]))
         blank = np.full(internal.shape, np.nan, dtype=np.float32)
         seconds = sum(sample.work.seconds for sample in samples)
         seconds += sum(solution.seconds for solution in again if solution is not None)
@@ -111,8 +117,8 @@ class ContactWork:
             "displacement": [blank if u is None else u for u in first],
             "status": [_status(sample.solution) for sample in samples],
             "reason": [unreached if sample.solution is None else sample.solution.reason for sample in samples],
-            "branch_flag": jump > JUMP_LIMIT,
-            "jump": jump,
+            "branch_flag": speed > JUMP_SPEED,
+            "node_speed": speed,
             "newton_iterations": [sample.work.newton_iterations for sample in samples],
             "cg_iterations": [sample.work.cg_iterations for sample in samples],
             "seconds": [sample.work.seconds for sample in samples],

@@ -13,9 +13,14 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar, cast
 
 import numpy as np
 from mpi4py import MPI
+
+from runtime.errors import SoftprintError
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -55,16 +60,22 @@ class Counter:
 
 
 def share_units(
-    comm: MPI.Comm, units: Sequence[int], work: Callable[[int], None], budget: Budget = Budget()
+    comm: MPI.Comm,
+    units: Sequence[int],
+    work: Callable[[int], None],
+    budget: Budget = Budget(),
+    progress: Callable[[int], None] = lambda taken: None,
 ) -> None:
     """Call work(unit) once for each of ``units`` on one of the ranks, in their order, until the budget is spent.
 
-    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. An exception in ``work``
-    is the caller's to end on all ranks (see :func:`one_fails_all_fail`).
+    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. progress(n) is called
+    when this rank takes a unit, n being how many all ranks have taken before. An exception in ``work`` is the
+    caller's to end on all ranks (see :func:`one_fails_all_fail`).
     """
     last = len(units) if budget.units is None else min(len(units), budget.units)
     counter = Counter(comm)
     while not budget.is_over and (number := counter.next()) < last:
+        progress(number)
         work(units[number])
     wait_idly(comm)
     counter.free()
@@ -77,16 +88,42 @@ def wait_idly(comm: MPI.Comm) -> None:
         time.sleep(0.01)
 
 
+class AgreedError(SoftprintError):
+    """An error that all ranks raise together: each may leave as it likes, none waits for another."""
+
+
+def on_first_rank(comm: MPI.Comm, work: Callable[[], T]) -> T:
+    """Do ``work`` on rank 0 only; all ranks get its result, or raise its SoftprintError as an AgreedError."""
+    outcome: tuple[T | None, str | None] = (None, None)
+    if comm.rank == 0:
+        try:
+            outcome = (work(), None)
+        except SoftprintError as error:
+            outcome = (None, str(error))
+    wait_idly(comm)
+    result, trouble = comm.bcast(outcome, root=0)
+    if trouble is not None:
+        raise AgreedError(trouble)
+    return cast(T, result)
+
+
+def first_rank_first(comm: MPI.Comm, work: Callable[[], T]) -> T:
+    """Do ``work`` on all ranks, on rank 0 before the others: for what fills a cache that all use."""
+    result = work() if comm.rank == 0 else None
+    wait_idly(comm)
+    return cast(T, result if comm.rank == 0 else work())
+
+
 @contextmanager
 def one_fails_all_fail(comm: MPI.Comm) -> Iterator[None]:
-    """End all ranks when one has an unexpected exception, so that none waits for it for ever.
-
-    The traceback is printed first. On a single rank the exception just goes on.
-    """
+    """End all ranks when one has an exception that the others do not share, so that none waits for it for ever."""
     try:
         yield
-    except BaseException:
+    except AgreedError:
+        raise
+    except BaseException as error:
         if comm.size == 1:
             raise
-        print(f"rank {comm.rank} of {comm.size} failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+        story = str(error) if isinstance(error, SoftprintError) else traceback.format_exc()
+        print(f"rank {comm.rank} of {comm.size} failed: {story}", file=sys.stderr, flush=True)
         comm.Abort(1)

@@ -59,6 +59,12 @@ def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
         before: dict[str, str] = json.loads(path.read_text())
     except ValueError as error:
         raise SoftprintError(f"{path}: damaged; --no-resume starts the truth anew") from error
+    refuse_changes(folder, before, present)
+    return True
+
+
+def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str, str]) -> None:
+    """Raise SoftprintError naming each difference between what ``where`` was made from and the present experiment."""
     changes = [
         f"{key}: {before.get(key, _ABSENT)} -> {present.get(key, _ABSENT)}"
         for key in sorted({*before, *present})
@@ -67,10 +73,9 @@ def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
     if changes:
         shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
         raise SoftprintError(
-            f"{folder} holds finished work of a different experiment ({shown}). Undo the change to go on with it, "
+            f"{where} holds finished work of a different experiment ({shown}). Undo the change to go on with it, "
             "choose another --out, or start anew with --no-resume"
         )
-    return True
 
 
 def write_manifest(folder: Path, present: Mapping[str, str]) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from runtime.arrays import Array
+from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 
@@ -54,11 +54,11 @@ class Approach:
 
         Raises OutOfReach where a depth is more than collider and body allow on this line.
         """
-        near = self._within_reach()
-        s, length = near.clear_of_surface, near._length
+        s = self.clear_of_surface
+        deepest = _DeepestPoint(self, s)
         poses = []
         for depth in depths:
-            s = near._march(s, float(depth), length)
+            s = self._march(deepest, s, float(depth))
             poses.append(self.pose(s))
         return poses
 
@@ -75,30 +75,53 @@ class Approach:
         reach = float(np.linalg.norm(self.surface - self.place, axis=1).max())
         return min(float(np.linalg.norm(corners)), 2.0 * reach)
 
-    def _within_reach(self) -> Approach:
-        """The same approach with only the nodes that the collider can ever meet: a tube about the line."""
-        offset = self.surface - self.place
-        across = offset - np.outer(offset @ self.normal, self.normal)
-        near = np.linalg.norm(across, axis=1) <= self._radius
-        return Approach(self.collider, self.surface[near], self.place, self.normal, self.rotation)
-
     @property
     def clear_of_surface(self) -> float:
         """The s at which the march begins: every node lies beyond the collider's ball [m]."""
         return float(((self.surface - self.place) @ self.normal).max()) + self._radius
 
-    def _march(self, s: float, depth: float, length: float) -> float:
-        shortest = _SHORTEST_STEP * length
+    def _march(self, deepest: _DeepestPoint, s: float, depth: float) -> float:
+        shortest = _SHORTEST_STEP * self._length
         lowest = s - 4.0 * (self._radius + float(np.ptp((self.surface - self.place) @ self.normal)) + depth)
-        to_go = depth - self.depth(s)
+        to_go = depth - deepest.depth(s)
         while to_go > 0.0:
             last, s = s, s - max(to_go, shortest)
-            to_go = depth - self.depth(s)
+            to_go = depth - deepest.depth(s)
             if s < lowest:
                 raise OutOfReach(
                     f"On this line collider {self.collider.name!r} never gets {depth:.4g} m below the surface: "
                     "the depth is more than the collider is thick."
                 )
             if to_go <= 0.0:
-                return float(brentq(lambda t: depth - self.depth(t), s, last, xtol=_EXACT * length, rtol=4 * np.finfo(float).eps))
+                tolerances = {"xtol": _EXACT * self._length, "rtol": 4 * np.finfo(float).eps}
+                return float(brentq(lambda t: depth - deepest.depth(t), s, last, **tolerances))
         return s
+
+
+class _DeepestPoint:
+    """`Approach.depth` for many s near each other: nodes that cannot be the deepest are not looked at again.
+
+    A node whose distance was v at s' is no closer than v - slope |s - s'| at s, the slope of a distance being 1, and of
+    one that is smoothed or interpolated from a grid a little more.
+    """
+
+    _SLOPE = 1.2
+
+    def __init__(self, approach: Approach, s: float) -> None:
+        self._approach = approach
+        self._distance = self._sdf(s, slice(None))
+        self._seen_at = np.full(len(approach.surface), s)
+
+    def depth(self, s: float) -> float:
+        bound = self._distance - self._SLOPE * np.abs(s - self._seen_at)
+        likely = int(np.argmin(bound))
+        closest = self._sdf(s, slice(likely, likely + 1))[0]
+        possible = np.flatnonzero(bound <= closest)
+        if len(possible):
+            self._distance[possible] = self._sdf(s, possible)
+            self._seen_at[possible] = s
+            closest = min(closest, self._distance[possible].min())
+        return -float(closest)
+
+    def _sdf(self, s: float, nodes: slice | IntArray) -> Array:
+        return self._approach.collider.sdf(self._approach.pose(s).apply_inverse(self._approach.surface[nodes]))

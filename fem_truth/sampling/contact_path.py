@@ -5,11 +5,11 @@ Contact truth can be multi-valued. What is recorded is the branch that a slow pr
 * the first depth starts from the state's internal equilibrium, every further one from the depth before it;
 * a depth that does not converge is tried again in smaller steps; where that fails too, its sample gets the solver's
   status and the deeper ones are `unreached`: a path that has broken off has no truth beyond;
-* a sample whose fastest node moved much faster along the path than at the depth before is flagged as a jump.
+* a sample whose fastest node moved much faster than the collider since the depth before is flagged as a jump.
 
-A share of the contacts is solved a second time *unloading*: in steps between the recorded depths to one beyond the
-deepest, then back from deep to shallow. Where truth is single-valued both ways end in the same place, up to the
-solver's tolerance; the spread between them is the label noise.
+A share of the contacts is solved a second time *from the side*: before every depth the collider is moved sideways by
+one step of depth, and slides back at full depth to the recorded pose. Where truth is single-valued both ways end in the
+same place, up to the solver's tolerance; the spread between them is the label noise.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from runtime.colliders.pose import RigidPose
 # A step that fails is halved so often: four small steps in place of one.
 _HALVINGS = 2
 
-# A node moves about as fast as the collider that pushes it, and the speed grows smoothly with depth as contact widens.
-# Smooth paths stay below 2; snaps to another branch were seen from 5 upwards.
-JUMP_LIMIT = 3.0
+# The fastest node of a smooth path hardly outruns the collider that pushes it: speeds up to 1.5 were seen, and from 2
+# upwards (to 6) where the equilibrium snapped to another branch.
+JUMP_SPEED = 2.0
 
 
 @dataclass
@@ -49,7 +49,7 @@ class Work:
 
 @dataclass(frozen=True, eq=False)
 class PathSample:
-    """One depth of a path. solution is None where the path broke off before; jump: see :func:`jumps`."""
+    """One depth of a path. solution is None where the path broke off before; work: all that it took."""
 
     depth: float
     pose: RigidPose
@@ -86,26 +86,21 @@ class ContactPath:
             x, reached = solution.x, float(depth)
         return samples
 
-    def unload(self, samples: list[PathSample]) -> list[Solution | None]:
-        """Solve the same samples again on the other path: past the deepest in steps between, and back to shallow.
+    def from_the_side(self, samples: list[PathSample], direction: Array) -> list[Solution | None]:
+        """Solve the same samples again, sliding into each pose along ``direction`` (dim,), a unit vector.
 
-        None where the other path broke off before it came to a sample.
+        None where this path broke off before it came to a sample.
         """
-        depths = np.array([sample.depth for sample in samples])
-        steps = np.diff(depths, prepend=0.0)
-        outward = self.load(np.append(depths - 0.5 * steps, depths[-1] + 0.5 * steps[-1]))
-        if not all(step.converged for step in outward):
-            return [None] * len(samples)
-        last = outward[-1].solution
-        backward: list[Solution | None] = []
-        for sample in reversed(samples):
-            if last is not None:
-                solution = self._solve(last.x, sample.pose)
-                last = solution if solution.converged else None
-                backward.append(solution)
-            else:
-                backward.append(None)
-        return backward[::-1]
+        again: list[Solution | None] = []
+        x: Array | None = self.internal
+        step = samples[-1].depth / len(samples)
+        for sample in samples:
+            aside = RigidPose(sample.pose.rotation, sample.pose.translation + step * direction)
+            before = None if x is None else self._solve(x, aside)
+            solution = self._solve(before.x, sample.pose) if before is not None and before.converged else None
+            again.append(solution)
+            x = solution.x if solution is not None and solution.converged else None
+        return again
 
     def _advance(
         self, x: Array, reached: float, depth: float, pose: RigidPose, halvings: int, work: Work
@@ -126,19 +121,18 @@ class ContactPath:
         return self.problem.solve(self.rows, self.collider, pose, x, self.settings, internal=self.internal)
 
 
-def jumps(displacements: list[Array | None], depths: Array) -> Array:
-    """(k,) how much faster the fastest node moved with depth than at the depth before; NaN where unknown.
+def node_speeds(displacements: list[Array | None], depths: Array) -> Array:
+    """(k,) speed of the fastest node between one depth and the next, relative to the collider's; NaN where unknown.
 
-    v_j = max_i |u_i(d_j) - u_i(d_{j-1})| / (d_j - d_{j-1}), and the result is v_j / max(v_{j-1}, 1): 1 is the speed of
-    the collider itself, which is also what a linear extrapolation gives the first depth.
+    v_j = max_i |u_i(d_j) - u_i(d_{j-1})| / (d_j - d_{j-1}), with u = 0 at d_0 = 0. A linear extrapolation along the path
+    predicts about 1: what is pushed goes with the collider. More than `JUMP_SPEED` is a jump to another branch.
     """
-    result = np.full(len(depths), np.nan)
+    speeds = np.full(len(depths), np.nan)
     before: Array | float = 0.0
-    speed_before, depth_before = 1.0, 0.0
+    depth_before = 0.0
     for j, (displacement, depth) in enumerate(zip(displacements, depths, strict=True)):
         if displacement is None:
             break
-        speed = float(np.linalg.norm(displacement - before, axis=1).max() / (depth - depth_before))
-        result[j] = speed / max(speed_before, 1.0)
-        before, speed_before, depth_before = displacement, speed, float(depth)
-    return result
+        speeds[j] = np.linalg.norm(displacement - before, axis=1).max() / (depth - depth_before)
+        before, depth_before = displacement, float(depth)
+    return speeds

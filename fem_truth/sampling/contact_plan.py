@@ -16,7 +16,7 @@ from math import gcd
 import numpy as np
 
 # Streams of random numbers: each use of the seed has its own, so that none depends on how often another draws.
-ROTATIONS_STREAM, DEPTHS_STREAM, REPEATS_STREAM = 1, 2, 3
+ROTATIONS_STREAM, DEPTHS_STREAM, REPEATS_STREAM, SIDEWAYS_STREAM = 1, 2, 3, 4
 
 _GOLDEN = 0.5 * (5**0.5 - 1)
 
@@ -57,9 +57,9 @@ class ContactPlan:
         rotation = (stride * place + stride**2 * state + turn) % self.n_rotations
         return PlannedContact(unit, state, place, rotation, self._repeated(unit))
 
-    def depth_rng(self, contact: PlannedContact) -> np.random.Generator:
-        """The generator of one contact's depths: the same whichever rank solves it, and in whatever order."""
-        return np.random.default_rng([self.seed, DEPTHS_STREAM, contact.state, contact.place, contact.rotation])
+    def rng(self, stream: int, contact: PlannedContact) -> np.random.Generator:
+        """The generator of one contact: the same whichever rank solves it, and in whatever order."""
+        return np.random.default_rng([self.seed, stream, contact.state, contact.place, contact.rotation])
 
     def _repeated(self, unit: int) -> bool:
         if self.repeat_share <= 0.0:

@@ -1,0 +1,113 @@
+"""States of the truth: recorded frames in farthest-point order, until enough have a stable internal equilibrium."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+
+from fem_truth.constrained import ConstrainedProblem
+from fem_truth.generate.farm import AgreedError, on_first_rank, share_units
+from fem_truth.generate.shards import Tables, is_whole, read_shard, write_shard
+from fem_truth.sampling.recorded_states import record_scenes, spread_states
+from runtime.body.body import ReducedBody
+
+if TYPE_CHECKING:
+    from runtime.experiment import Experiment
+
+log = logging.getLogger(__name__)
+
+# How many candidates may be tried for each state wanted before the experiment is called unusable.
+_TRIES = 4
+
+Columns = dict[str, np.ndarray]
+
+
+def find_states(
+    comm: MPI.Comm, folder: Path, experiment: Experiment, problem: ConstrainedProblem
+) -> tuple[Columns, Columns]:
+    """Columns of the tables `states` (as many rows as the experiment asks for) and `refused`. Collective.
+
+    Recording and candidates are kept as shards in ``folder``: a resumed run reads them.
+    """
+    wanted = experiment.sampling.states
+    on_first_rank(comm, lambda: _record(folder / "recording.shard", experiment, problem.body))
+    recording = read_shard(folder / "recording.shard")["recording"]
+    n_candidates = len(recording["rows"])
+
+    accepted: list[Columns] = []
+    refused: list[Columns] = []
+    while len(accepted) < wanted:
+        tried = len(accepted) + len(refused)
+        batch = range(tried, min(tried + wanted - len(accepted), n_candidates))
+        if not batch:
+            reasons = "; ".join(sorted({str(one["reason"][0]) for one in refused})) or "the recorded frames are too few"
+            raise AgreedError(
+                f"only {len(accepted)} of sampling.states = {wanted} states could be found among {n_candidates} "
+                f"candidates ({reasons}): ask for fewer states, or record more varied and gentler scenes"
+            )
+        _solve_candidates(comm, folder, problem, recording, batch)
+        for candidate in batch:
+            tables = read_shard(_candidate_path(folder, candidate))
+            (accepted if "states" in tables else refused).append(next(iter(tables.values())))
+    return _stacked(accepted), _stacked(refused) if refused else _no_refused(problem.body)
+
+
+def _record(path: Path, experiment: Experiment, body: ReducedBody) -> None:
+    """Keep the frames that may become states, in farthest-point order."""
+    if is_whole(path):
+        return
+    recording = record_scenes(experiment, body)
+    order = spread_states(body, recording.rows, _TRIES * experiment.sampling.states)
+    log.info("recorded %d frames, %d of them candidates for states", len(recording.rows), len(order))
+    columns = {
+        "rows": recording.rows[order],
+        "scene": np.array([recording.scene[k] for k in order]),
+        "frame": recording.frame[order],
+        "time": recording.time[order],
+    }
+    write_shard(path, {"recording": columns})
+
+
+def _solve_candidates(
+    comm: MPI.Comm, folder: Path, problem: ConstrainedProblem, recording: Columns, batch: range
+) -> None:
+    missing = on_first_rank(comm, lambda: [k for k in batch if not is_whole(_candidate_path(folder, k))])
+
+    def solve(candidate: int) -> None:
+        write_shard(_candidate_path(folder, candidate), _candidate_tables(problem, recording, candidate))
+
+    share_units(comm, missing, solve)
+
+
+def _candidate_tables(problem: ConstrainedProblem, recording: Columns, candidate: int) -> Tables:
+    rows = recording["rows"][candidate]
+    origin = {key: recording[key][candidate : candidate + 1] for key in ("rows", "scene", "frame", "time")}
+    solution = problem.internal_equilibrium(rows)
+    if not (solution.converged and solution.stable):
+        return {"refused": {**origin, "reason": np.array([solution.reason])}}
+    internal = solution.x - problem.body.reduced_positions(rows)
+    measures = ("residual", "decrement", "min_det_F", "min_eigenvalue", "energy", "stable", "seconds")
+    return {
+        "states": {
+            **origin,
+            "internal": internal[None],
+            **{measure: np.array([getattr(solution, measure)]) for measure in measures},
+        }
+    }
+
+
+def _candidate_path(folder: Path, candidate: int) -> Path:
+    return folder / f"candidate_{candidate:04d}.shard"
+
+
+def _stacked(tables: list[Columns]) -> Columns:
+    return {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
+
+
+def _no_refused(body: ReducedBody) -> Columns:
+    empty = {key: np.empty(0) for key in ("reason", "scene", "frame", "time")}
+    return {"rows": np.empty((0, body.n_rows, body.dim)), **empty}
