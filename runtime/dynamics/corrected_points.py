@@ -1,4 +1,5 @@
-"""Body points that dynamics watches, x = U rows + u(rows, poses), u being the sum of the corrections bound to them."""
+"""Body points that dynamics watches, x = U rows + u(rows, poses), u being the sum of the corrections bound to
+them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
 """W_elastic of thesis eq. 5.5 on the cubature cells, at the corrected positions of their corners.
 
     E = sum_c w_c Psi(F_c),    F_c = D_c rows + sum_a u_a (x) G_ca,    B = dF/drows,
-    gradient = sum_c w_c B^T P,    Hessian = sum_c w_c B^T A B    (the term in d2u/drows2 is left out, thesis 5.4).
+    gradient = sum_c w_c B^T P,    Hessian = sum_c w_c B^T A B.
+
+The term in d2u/drows2 is left out of the Hessian (thesis 5.4); the gradient is exact.
 """
 
 from __future__ import annotations

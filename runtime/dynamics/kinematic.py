@@ -14,8 +14,9 @@ from runtime.colliders.path import KeyframedPath
 
 @dataclass(frozen=True, eq=False)
 class KinematicHandle:
-    """handle: a point by number or a frame by name. path: how it moves *from rest*: its position is the displacement of
-    the point, or of the frame's pivot [m], its rotation turns the frame about the pivot; None holds it at rest."""
+    """handle: a point by number or a frame by name. path: how it moves *from rest*: its position is the
+    displacement of the point, or of the frame's pivot [m], its rotation turns the frame about the pivot; None
+    holds it at rest."""
 
     handle: int | str
     path: KeyframedPath | None = None

@@ -1,7 +1,7 @@
 """What can play a scene: the bare subspace, the subspace with a correction, or full space.
 
-Models that live outside the runtime announce a `ModelFactory` in the entry point group ``softprint.models``; its name
-there is the model's name (`full` for full space).
+Models that live outside the runtime announce a `ModelFactory` in the entry point group ``softprint.models``;
+its name there is the model's name (`full` for full space).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class SceneModel(Protocol):
     """Plays one scene. A state is opaque but for its `time` [s] and `poses` of the colliders."""
 
     def start(self) -> StepResult[Any]:
-        """Frame 0: static equilibrium under gravity and springs with the colliders where the scene begins; at rest
-        and undeformed where nothing holds the body."""
+        """Frame 0: static equilibrium under gravity and springs with the colliders where the scene begins; at
+        rest and undeformed where nothing holds the body."""
         ...
 
     def step(self, state: Any) -> StepResult[Any]:
@@ -49,7 +49,9 @@ class SceneModel(Protocol):
 class ModelFactory(Protocol):
     """``out`` is the run directory, for what the model was trained into or keeps there."""
 
-    def __call__(self, experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path) -> SceneModel: ...
+    def __call__(
+        self, experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path
+    ) -> SceneModel: ...
 
 
 class ReducedModel:
@@ -87,6 +89,11 @@ def correction_path(out: Path, name: str) -> Path:
     return out / "corrections" / f"{name}.safetensors"
 
 
+def trained_models(out: Path) -> list[str]:
+    """Names of the corrections in a run directory."""
+    return sorted(file.stem for file in (out / "corrections").glob("*.safetensors"))
+
+
 def corrected_model(
     experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str
 ) -> ReducedModel:
@@ -94,15 +101,16 @@ def corrected_model(
     parts = scene_parts(experiment, scene)
     path = correction_path(out, name)
     if not path.is_file():
-        known = ", ".join([BARE, *(file.stem for file in sorted(path.parent.glob("*.safetensors")))])
+        known = ", ".join([BARE, *trained_models(out)])
         raise SoftprintError(
-            f"there is no model {name!r}: looked for {path}. Known here: {known}; `softprint train` makes corrections, "
-            f"and {', '.join(_announced()) or 'no other model'} comes with the installed packages"
+            f"there is no model {name!r}: looked for {path}. Known here: {known}; `softprint train` makes "
+            f"corrections, and {', '.join(_announced()) or 'no other model'} comes with the installed packages"
         )
     trained_for = experiment.training.collider
     for placed in parts.colliders:
         if placed.name == trained_for:
-            from runtime.corrections.correction_file import load_correction  # with torch, which takes a second
+            # Imported here, with torch, which takes a second that the other models need not wait.
+            from runtime.corrections.correction_file import load_correction
 
             correction = load_correction(path, body, placed.collider)
             return ReducedModel(scene_simulator(body, parts, [correction]), parts.held)
@@ -116,7 +124,9 @@ def _announced() -> list[str]:
     return sorted({point.name for point in entry_points(group=MODEL_GROUP)})
 
 
-def build_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str) -> SceneModel:
+def build_model(
+    experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str
+) -> SceneModel:
     """The model of that name: `bare`, one that a package announces, or a trained correction."""
     if name == BARE:
         return bare_model(experiment, body, scene)

@@ -1,16 +1,17 @@
 """Newton's method with an Armijo line search for small dense problems: one call for each time step.
 
 Minimises E over a manifold that the problem itself walks on (points and rigid frames; thesis 4.2.3): in every
-iteration it is asked for gradient g and Hessian H in tangent coordinates at x, and moves to retract(x, alpha v) with
+iteration it is asked for gradient g and Hessian H in tangent coordinates at x, and moves to retract(x, alpha
+v) with
 
     H v = -g,    E(retract(x, alpha v)) <= E(x) + c alpha g.v    (Armijo; alpha = 1, 1/2, 1/4, ...).
 
-Where H is not positive definite (contact with a convex collider, buckling) its eigenvalues are replaced by their
-magnitudes, so that v always leads downhill; the matrix is small, so this costs little.
+Where H is not positive definite (contact with a convex collider, buckling) its eigenvalues are replaced by
+their magnitudes, so that v always leads downhill; the matrix is small, so this costs little.
 
-With ``max_iterations`` 1 this is the linearly implicit Euler method of real-time simulation. The result says so: it
-has converged only if a gradient below the tolerance has been *seen*, and the residual it reports is the last one seen,
-at the start of the last iteration where the iterations ran out.
+With ``max_iterations`` 1 this is the linearly implicit Euler method of real-time simulation. The result says
+so: it has converged only if a gradient below the tolerance has been *seen*, and the residual it reports is
+the last one seen, at the start of the last iteration where the iterations ran out.
 """
 
 from __future__ import annotations
@@ -42,25 +43,27 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.CONVERGED: "The forces balance to the tolerance.",
-    Status.MAX_ITERATIONS: "Stopped at the iteration limit before the tolerance was seen to be met: right for real "
-    "time; otherwise allow more iterations or take a smaller time step.",
-    Status.LINE_SEARCH_FAILED: "No step along the Newton direction lowers the energy: the tolerance may be below what "
-    "the correction's float32 network can resolve, or the start has inverted cells.",
-    Status.NOT_FINITE: "Energy or gradient is not finite: inverted cells in a material that resists inversion with "
-    "infinite energy, or a state that is not made of numbers; take a smaller time step.",
+    Status.MAX_ITERATIONS: "Stopped at the iteration limit before the tolerance was seen to be met: right for "
+    "real time; otherwise allow more iterations or take a smaller time step.",
+    Status.LINE_SEARCH_FAILED: "No step along the Newton direction lowers the energy: the tolerance may be below "
+    "what the correction's float32 network can resolve, or the start has inverted cells.",
+    Status.NOT_FINITE: "Energy or gradient is not finite: inverted cells in a material that resists inversion "
+    "with infinite energy, or a state that is not made of numbers; take a smaller time step.",
 }
 
 _ARMIJO = 1e-4
 _HALVINGS = 25
 # Energies are sums of some thousand float64 terms: differences below this share of their size are noise.
 _ENERGY_NOISE = 1e-13
-# Eigenvalues smaller than this share of the largest are raised to it: nothing moves farther than the model is valid.
+# Eigenvalues smaller than this share of the largest are raised to it: nothing moves farther than the model is
+# valid.
 _SMALLEST_EIGENVALUE = 1e-8
 
 
 @dataclass(frozen=True)
 class NewtonSettings:
-    """max_iterations: at most so many linear solves; tolerance: on the residual (see `Linearisation.scale`)."""
+    """max_iterations: at most so many linear solves; tolerance: on the residual (see
+    `Linearisation.scale`)."""
 
     max_iterations: int = 20
     tolerance: float = 1e-4
@@ -100,8 +103,8 @@ class Problem(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class NewtonResult:
-    """x: where the minimisation stopped; residual: |g| / scale when last seen; decrement: 1/2 g^T H^-1 g [J] of the
-    last step taken, an estimate of how far above the minimum the energy was before it."""
+    """x: where the minimisation stopped; residual: |g| / scale when last seen; decrement: 1/2 g^T H^-1 g [J]
+    of the last step taken, an estimate of how far above the minimum the energy was before it."""
 
     x: Array
     status: Status
@@ -119,7 +122,10 @@ class NewtonResult:
 
 
 def minimise(
-    problem: Problem, x: Array, settings: NewtonSettings, solving: AbstractContextManager[object] | None = None
+    problem: Problem,
+    x: Array,
+    settings: NewtonSettings,
+    solving: AbstractContextManager[object] | None = None,
 ) -> NewtonResult:
     """Minimise the problem's energy from x. ``solving`` is entered around every linear solve, to time it."""
     clock = nullcontext() if solving is None else solving
@@ -143,17 +149,23 @@ def minimise(
 
 
 def descent_direction(hessian: Array, gradient: Array) -> Array:
-    """v with H v = -g; with |H| (the same eigenvectors, absolute eigenvalues) where H is not positive definite."""
+    """v with H v = -g; with |H| (the same eigenvectors, absolute eigenvalues) where H is not positive
+    definite."""
     try:
-        return -cho_solve(cho_factor(hessian, lower=True, check_finite=False), gradient, check_finite=False)
+        factor = cho_factor(hessian, lower=True, check_finite=False)
     except LinAlgError:
         values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
-        magnitude = np.abs(values)
-        floor = max(_SMALLEST_EIGENVALUE * float(magnitude.max()), np.finfo(float).tiny)
-        return -vectors @ ((vectors.T @ gradient) / np.maximum(magnitude, floor))
+        magnitude: Array = np.abs(values)
+        floor = max(_SMALLEST_EIGENVALUE * float(magnitude.max()), float(np.finfo(float).tiny))
+        turned: Array = (vectors.T @ gradient) / np.maximum(magnitude, floor)
+        return -(vectors @ turned)
+    solution: Array = cho_solve(factor, gradient, check_finite=False)
+    return -solution
 
 
-def _line_search(problem: Problem, x: Array, at: Linearisation, direction: Array, slope: float) -> Array | None:
+def _line_search(
+    problem: Problem, x: Array, at: Linearisation, direction: Array, slope: float
+) -> Array | None:
     """The first of x + v, x + v/2, ... that satisfies Armijo's condition; None if none does."""
     noise = _ENERGY_NOISE * at.noise
     step = 1.0

@@ -75,9 +75,9 @@ def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
             HandleSpring(
                 spring.handle,
                 spring.stiffness,
-                KeyframedPath([0.0], [spring.target])
-                if spring.keyframes is None
-                else _path(spring.keyframes, experiment.dim),
+                _path(spring.keyframes, experiment.dim)
+                if spring.target is None
+                else KeyframedPath([0.0], [spring.target]),
             )
             for spring in scene.springs
         ),
@@ -89,14 +89,18 @@ def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
     )
 
 
-def _path(keyframes: Iterable[KeyframeSpec], dim: int) -> KeyframedPath:
-    frames = tuple(keyframes)
+def _path(keyframes: Iterable[KeyframeSpec] | None, dim: int) -> KeyframedPath:
+    frames = tuple(keyframes or ())
     none = np.zeros(1 if dim == 2 else 3)
     rotations = [none if frame.rotation is None else np.atleast_1d(frame.rotation) for frame in frames]
-    return KeyframedPath([frame.time for frame in frames], [frame.position for frame in frames], np.array(rotations))
+    return KeyframedPath(
+        [frame.time for frame in frames], [frame.position for frame in frames], np.array(rotations)
+    )
 
 
-def scene_simulator(body: ReducedBody, parts: SceneParts, corrections: Iterable[Correction] = ()) -> Simulator:
+def scene_simulator(
+    body: ReducedBody, parts: SceneParts, corrections: Iterable[Correction] = ()
+) -> Simulator:
     """The reduced simulator of a scene: the bare subspace, or with one correction for a collider."""
     by_collider = {correction.collider: correction for correction in corrections}
     colliders = tuple(

@@ -1,8 +1,9 @@
 """The reduced simulator: backward Euler steps of a soft body among rigid colliders (thesis 5.4).
 
-A control loop needs `Simulator.rest_state`, `Simulator.step`, and what a step returns; see `examples/control_loop.py`.
-The cost of a step depends on handles, cubature cells and surface samples, never on the size of the mesh; only
-`Simulator.positions` and `Simulator.deformation_gradients` touch every node or cell.
+A control loop needs `Simulator.rest_state`, `Simulator.step`, and what a step returns; see
+`examples/control_loop.py`. The cost of a step depends on handles, cubature cells and surface samples, never
+on the size of the mesh; only `Simulator.positions` and `Simulator.deformation_gradients` touch every node or
+cell.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ _NEGLIGIBLE_STRAIN = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PlacedCollider:
-    """A collider in the scene. path: where it is over time, None where the caller gives its pose with every step;
-    correction: what was learned about its contact with this body."""
+    """A collider in the scene. path: where it is over time, None where the caller gives its pose with every
+    step; correction: what was learned about its contact with this body."""
 
     name: str
     collider: Collider
@@ -49,8 +50,8 @@ class PlacedCollider:
 
 @dataclass(frozen=True)
 class DynamicsSettings:
-    """time_step h [s]; newton: for each step; friction_updates: how many of a step's first Newton iterations take up
-    new normal forces for friction, which are then frozen so that the iterations can converge."""
+    """time_step h [s]; newton: for each step; friction_updates: how many of a step's first Newton iterations
+    take up new normal forces for friction, which are then frozen so that the iterations can converge."""
 
     time_step: float = 1.0 / 60.0
     newton: NewtonSettings = field(default_factory=NewtonSettings)
@@ -66,8 +67,8 @@ class DynamicsSettings:
 class Simulator:
     """Steps one body.
 
-    gravity (dim,) [m/s^2]; kinematic: handles that are held or led and not solved for. Corrections come with their
-    colliders. Raises SoftprintError where body, colliders, paths and handles do not fit together.
+    gravity (dim,) [m/s^2]; kinematic: handles that are held or led and not solved for. Corrections come with
+    their colliders. Raises SoftprintError where body, colliders, paths and handles do not fit together.
     """
 
     def __init__(
@@ -109,7 +110,9 @@ class Simulator:
             raise SoftprintError(f"gravity must be {dim} numbers for this body, not {gravity.tolist()}")
         names = [placed.name for placed in self.colliders]
         if len(set(names)) != len(names):
-            raise SoftprintError(f"two colliders of the scene have the same name; the names are {', '.join(names)}")
+            raise SoftprintError(
+                f"two colliders of the scene have the same name; the names are {', '.join(names)}"
+            )
         for placed in self.colliders:
             if placed.collider.dim != dim or (placed.path is not None and placed.path.dim != dim):
                 raise SoftprintError(f"collider {placed.name!r} and its path must be {dim}D, as the body is")
@@ -132,7 +135,9 @@ class Simulator:
             else:
                 raise SoftprintError(f"collider {collider.name!r} has no path: give its pose with every step")
         if given:
-            raise SoftprintError(f"a pose was given for {', '.join(given)}, which is no collider of this scene")
+            raise SoftprintError(
+                f"a pose was given for {', '.join(given)}, which is no collider of this scene"
+            )
         return placed
 
     def rest_state(self, time: float = 0.0, poses: Mapping[str, RigidPose] | None = None) -> ReducedState:
@@ -141,7 +146,9 @@ class Simulator:
         rows = place_kinematic(rest, rest, self.body.handles, self._kinematic, time)
         return ReducedState(time, rows, np.zeros_like(rows), self.poses_at(time, poses))
 
-    def step(self, state: ReducedState, poses: Mapping[str, RigidPose] | None = None) -> StepResult[ReducedState]:
+    def step(
+        self, state: ReducedState, poses: Mapping[str, RigidPose] | None = None
+    ) -> StepResult[ReducedState]:
         """One time step. ``poses``: of colliders at the *end* of the step, in place of their paths."""
         timings = Timings()
         h = self.settings.time_step
@@ -157,14 +164,16 @@ class Simulator:
     def settle(
         self, state: ReducedState | None = None, newton: NewtonSettings | None = None
     ) -> StepResult[ReducedState]:
-        """Static equilibrium near ``state`` (the rest state by default) at its time, without friction: where a scene
-        starts. Something must hold the body: kinematic handles, springs or contact."""
+        """Static equilibrium near ``state`` (the rest state by default) at its time, without friction: where
+        a scene starts. Something must hold the body: kinematic handles, springs or contact."""
         timings = Timings()
         state = state or self.rest_state()
         nothing = QuadraticForm(np.zeros_like(self.body.reduced_mass), np.zeros_like(state.rows), 0.0)
         settings = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
         solved = self._minimise(state.rows, state.time, state.poses, nothing, None, timings, settings)
-        return self._result(solved, np.zeros_like(state.rows), state.time, state.poses, nothing, None, timings)
+        return self._result(
+            solved, np.zeros_like(state.rows), state.time, state.poses, nothing, None, timings
+        )
 
     def at_rest(self) -> StepResult[ReducedState]:
         """The rest state as the result of no step at all: its energies and contact forces."""
@@ -232,7 +241,14 @@ class Simulator:
             "friction": friction,
         }
         return StepResult(
-            state, solved.status, solved.reason, solved.iterations, solved.residual, energies, timings.seconds(), forces
+            state,
+            solved.status,
+            solved.reason,
+            solved.iterations,
+            solved.residual,
+            energies,
+            timings.seconds(),
+            forces,
         )
 
     def _surface_of(self, state: ReducedState, timings: Timings) -> Array:
@@ -246,7 +262,8 @@ class Simulator:
         return CorrectedPoints(self.body.node_points(), self._corrections)
 
     def positions(self, state: ReducedState) -> Array:
-        """(n_nodes, dim) [m]: every node of the mesh, corrections included. As costly as the mesh is large."""
+        """(n_nodes, dim) [m]: every node of the mesh, corrections included. As costly as the mesh is
+        large."""
         reduced = self._nodes.reduced(state.rows)
         displacement = self._nodes.displacement(state.rows, state.poses, Timings())
         return reduced if displacement is None else reduced + displacement
@@ -254,11 +271,15 @@ class Simulator:
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
         timings = Timings()
-        return self._surface.forces(self._surface.positions(state.rows, state.poses, timings), state.poses, None)[2]
+        return self._surface.forces(
+            self._surface.positions(state.rows, state.poses, timings), state.poses, None
+        )[2]
 
     def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""
-        return self.body.mesh.deformation_gradients(self.positions(state), slice(None) if cells is None else cells)
+        return self.body.mesh.deformation_gradients(
+            self.positions(state), slice(None) if cells is None else cells
+        )
 
 
 def _about(mass: Array, centre: Array) -> QuadraticForm:
@@ -268,7 +289,8 @@ def _about(mass: Array, centre: Array) -> QuadraticForm:
 
 
 def _units(body: ReducedBody) -> Array:
-    """(n_dofs,) 1 for lengths; 1/lever [1/m] for the rotations of frames, the lever being half the body's size."""
+    """(n_dofs,) 1 for lengths; 1/lever [1/m] for the rotations of frames, the lever being half the body's
+    size."""
     units = np.ones(body.n_dofs)
     spin = rotation_dofs(body.dim)
     for frame in body.handles.frames:

@@ -1,8 +1,9 @@
 """Springs that pull handles to targets: how a user, a hand or a robot takes hold of the body.
 
-A point handle, or the pivot of a frame, at p is pulled to its target by E = k/2 |p - target|^2; the orientation R
-of a frame by E = k_r/4 |R - R_target|_F^2 = k_r (1 - cos(angle between them)). Both are quadratic in the handle rows,
-so all springs together are the quadratic form 1/2 tr(rows^T K rows) - tr(L^T rows) + constant, with K (n_rows, n_rows).
+A point handle, or the pivot of a frame, at p is pulled to its target by E = k/2 |p - target|^2; the
+orientation R of a frame by E = k_r/4 |R - R_target|_F^2 = k_r (1 - cos(angle between them)). Both are
+quadratic in the handle rows, so all springs together are the quadratic form 1/2 tr(rows^T K rows) - tr(L^T
+rows) + constant, with K (n_rows, n_rows).
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from runtime.errors import SoftprintError
 
 @dataclass(frozen=True, eq=False)
 class HandleSpring:
-    """handle: a point by number or a frame by name; stiffness k [N/m]; target: a path whose position pulls the point
-    (or the frame's pivot) [m, world]; rotation_stiffness k_r [N m/rad], frames only: the path's rotation pulls too."""
+    """handle: a point by number or a frame by name; stiffness k [N/m]; target: a path whose position pulls
+    the point (or the frame's pivot) [m, world]; rotation_stiffness k_r [N m/rad], frames only: the path's
+    rotation pulls too."""
 
     handle: int | str
     stiffness: float
@@ -32,12 +34,15 @@ class HandleSpring:
         if not (self.stiffness >= 0 and self.rotation_stiffness >= 0):
             raise SoftprintError(f"the spring on handle {self.handle!r} has a negative stiffness")
         if self.rotation_stiffness and not isinstance(self.handle, str):
-            raise SoftprintError(f"the spring on point handle {self.handle} cannot turn it: only frames have a rotation")
+            raise SoftprintError(
+                f"the spring on point handle {self.handle} cannot turn it: only frames have a rotation"
+            )
 
 
 @dataclass(frozen=True, eq=False)
 class QuadraticForm:
-    """1/2 tr(rows^T matrix rows) - tr(linear^T rows) + constant [J]; matrix (n_rows, n_rows) [N/m] symmetric."""
+    """1/2 tr(rows^T matrix rows) - tr(linear^T rows) + constant [J]; matrix (n_rows, n_rows) [N/m]
+    symmetric."""
 
     matrix: Array
     linear: Array

@@ -15,8 +15,8 @@ State = TypeVar("State")
 
 @dataclass(frozen=True, eq=False)
 class ReducedState:
-    """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: where each collider
-    stands at this time."""
+    """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: where each
+    collider stands at this time."""
 
     time: float
     rows: Array
@@ -28,8 +28,9 @@ class ReducedState:
 class ContactForce:
     """What the body does to one collider at the end of a step.
 
-    force (dim,) [N] on the collider, friction included; torque (1,) in 2D, (3,) in 3D [N m] about the origin of the
-    collider's own frame; penetration: the deepest point [m]; points: how many surface points are in contact.
+    force (dim,) [N] on the collider, friction included; torque (1,) in 2D, (3,) in 3D [N m] about the origin
+    of the collider's own frame; penetration: the deepest point [m]; points: how many surface points are in
+    contact.
     """
 
     force: Array
@@ -42,8 +43,9 @@ class ContactForce:
 class StepResult(Generic[State]):
     """One step, reduced or full.
 
-    state: at its end; status: its `sentence` is advice, and 0 means converged; iterations: linear solves; residual:
-    relative, as last seen by the solver (see `newton`); energies [J] and timings [s] by name; contacts by collider.
+    state: at its end; status: its `sentence` is advice, and 0 means converged; iterations: linear solves;
+    residual: relative, as last seen by the solver (see `newton`); energies [J] and timings [s] by name;
+    contacts by collider.
     """
 
     state: State

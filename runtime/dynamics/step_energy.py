@@ -1,10 +1,10 @@
 """The energy whose minimum is the next state (thesis eqs. 4.5 and 5.5).
 
-    E(rows) = 1/(2 h^2) tr((rows - rows*)^T M (rows - rows*)) - tr(weight^T rows) + springs        quadratic in rows
-            + W_elastic(rows) + W_contact(rows) + friction(rows),        rows* = rows_old + h rows_velocity_old,
+    E(rows) = 1/(2 h^2) tr((rows - rows*)^T M (rows - rows*)) - tr(weight^T rows) + springs   (quadratic)
+            + W_elastic(rows) + W_contact(rows) + friction(rows),   rows* = rows_old + h rows_velocity_old,
 
-M = U^T diag(node_mass) U. Corrections are quasi-static: they carry neither inertia nor weight. Newton's unknowns are
-the free minimal coordinates v of `Handles.retract`; with T = d rows/dv the chain rule is
+M = U^T diag(node_mass) U. Corrections are quasi-static: they carry neither inertia nor weight. Newton's
+unknowns are the free minimal coordinates v of `Handles.retract`; with T = d rows/dv the chain rule is
 
     gradient = T^T dE/drows,    Hessian = T^T (d2E/drows2) T + curvature of the retraction.
 """
@@ -26,10 +26,10 @@ from runtime.dynamics.timings import Timings
 class StepEnergy:
     """A `newton.Problem` over handle rows, for one step.
 
-    quadratic: inertia, gravity and springs; step: what friction remembers, None for a static solve; friction_updates:
-    how many linearisations take up new normal forces for friction before these are frozen so that Newton can converge.
-    force_floor [N]: forces below it are nothing; units (n_free,): 1 for lengths, 1/lever [1/m] for angles, so that all
-    unknowns are metres and all gradients newtons.
+    quadratic: inertia, gravity and springs; step: what friction remembers, None for a static solve;
+    friction_updates: how many linearisations take up new normal forces for friction before these are frozen
+    so that Newton can converge. force_floor [N]: forces below it are nothing; units (n_free,): 1 for lengths,
+    1/lever [1/m] for angles, so that all unknowns are metres and all gradients newtons.
     """
 
     def __init__(
@@ -76,7 +76,8 @@ class StepEnergy:
         )
 
     def linearise(self, rows: Array) -> Linearisation:
-        """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one another."""
+        """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one
+        another."""
         elastic, elastic_gradient, hessian = self._elastic.linearise(rows, self._poses, self._timings)
         relag = self._relags_left > 0
         self._relags_left -= 1
@@ -88,7 +89,9 @@ class StepEnergy:
                 hessian = hessian + contact_hessian
             quadratic_gradient = self._quadratic.gradient(rows)
             tangent = self._handles.tangent(rows)[:, self._free] * self._units
-            parts: list[Array] = [part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)]
+            parts: list[Array] = [
+                part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)
+            ]
             slope = quadratic_gradient + elastic_gradient + contact_gradient
             curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
             hessian = tangent.T @ (hessian + self._blocks) @ tangent

@@ -1,10 +1,12 @@
 """W_contact of thesis eq. 5.5 at the body's surface samples, and friction, against any number of colliders.
 
-With world gradients f_i and Hessians H_i of contact and friction at the touching points x_i and J_i = dx_i/drows,
+With world gradients f_i and Hessians H_i of contact and friction at the touching points x_i and J_i =
+dx_i/drows,
 
     gradient = sum_i J_i^T f_i,    Hessian = sum_i J_i^T H_i J_i,    J_i = U_i (x) I + du_i/drows.
 
-Where nothing corrects the positions the Hessian is the Kronecker-shaped sum_i U_i U_i^T (x) H_i: one small product.
+Where nothing corrects the positions the Hessian is the Kronecker-shaped sum_i U_i U_i^T (x) H_i: one small
+product.
 """
 
 from __future__ import annotations
@@ -23,14 +25,15 @@ from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.state import ContactForce
 from runtime.dynamics.timings import Timings
 
-# A surface point whose reduced position is farther from every part of the collider than this share of the collider's
-# size is taken not to be pushed into it by a correction, and so needs none.
+# A surface point whose reduced position is farther from every part of the collider than this share of the
+# collider's size is taken not to be pushed into it by a correction, and so needs none.
 _REACH = 0.25
 
 
 @dataclass
 class StepContact:
-    """What friction remembers within one step: where the surface was when it began, and the lagged normal forces."""
+    """What friction remembers within one step: where the surface was when it began, and the lagged normal
+    forces."""
 
     start: Array
     poses: Poses
@@ -78,8 +81,8 @@ class SurfaceEnergy:
     def linearise(
         self, rows: Array, poses: Poses, step: StepContact | None, relag: bool, timings: Timings
     ) -> tuple[float, Array, Array | None]:
-        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; no Hessian
-        where nothing touches. ``relag``: let friction take up the normal forces found here."""
+        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; no
+        Hessian where nothing touches. ``relag``: let friction take up the normal forces found here."""
         field = self._points.linearise(rows, poses, timings)
         with timings.positions:
             x = self._points.reduced(rows)
@@ -96,7 +99,8 @@ class SurfaceEnergy:
     def _at_points(
         self, x: Array, poses: Poses, step: StepContact | None, relag: bool
     ) -> tuple[float, IntArray, Array, Array]:
-        """Energy, and of the points that touch anything: index (m,), gradient (m, dim), Hessian (m, dim, dim)."""
+        """Energy, and of the points that touch anything: index (m,), gradient (m, dim), Hessian (m, dim,
+        dim)."""
         terms: list[ContactTerms | FrictionTerms] = []
         for name, collider in self.colliders.items():
             contact = self._contact.terms(x, self._areas, collider, poses[name])
@@ -118,15 +122,18 @@ class SurfaceEnergy:
         """J (m*dim, n_rows*dim) of the surface samples ``index``."""
         dim = field.displacement.shape[1]
         basis = self._points.basis[index]
-        jacobian = np.einsum("mr,ik->mirk", basis, np.eye(dim))
+        jacobian: Array = np.einsum("mr,ik->mirk", basis, np.eye(dim))
         slot = np.full(len(self._points.basis), -1)
         slot[field.index] = np.arange(len(field.index))
         active = np.flatnonzero(slot[index] >= 0)
         jacobian[active] += field.jacobian[slot[index[active]]]
         return jacobian.reshape(len(index) * dim, -1)
 
-    def forces(self, x: Array, poses: Poses, step: StepContact | None) -> tuple[float, float, dict[str, ContactForce]]:
-        """Contact energy, friction energy [J] and the force on each collider, with the surface samples at x."""
+    def forces(
+        self, x: Array, poses: Poses, step: StepContact | None
+    ) -> tuple[float, float, dict[str, ContactForce]]:
+        """Contact energy, friction energy [J] and the force on each collider, with the surface samples at
+        x."""
         normal_energy, friction_energy = 0.0, 0.0
         forces = {}
         for name, collider in self.colliders.items():
@@ -158,7 +165,8 @@ def _through_jacobian(jacobian: Array, gradient: Array, hessian: Array) -> tuple
 
 
 def _resultant(loads: Sequence[tuple[Array, Array]], origin: Array, contact: ContactTerms) -> ContactForce:
-    """Force and torque on the collider: the gradient at a point of the body is the force that the body exerts."""
+    """Force and torque on the collider: the gradient at a point of the body is the force that the body
+    exerts."""
     dim = len(origin)
     force, torque = np.zeros(dim), np.zeros(1 if dim == 2 else 3)
     for points, gradient in loads:

@@ -1,0 +1,71 @@
+"""The body of a run directory: read from its file, or made and kept there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runtime.cli.context import Context
+from runtime.errors import SoftprintError
+
+if TYPE_CHECKING:
+    from runtime.body import ReducedBody
+
+
+def body_of_run(context: Context) -> ReducedBody:
+    """body.h5 of the run directory, built first where there is none.
+
+    Raises SoftprintError where the file holds another body than the experiment's [body] table describes.
+    """
+    from runtime.body import build_body, load_body, save_body
+
+    path = context.out_dir / "body.h5"
+    if not path.is_file():
+        context.say("building the body")
+        experiment = context.experiment
+        body = build_body(experiment.body, experiment.base_dir, experiment.seed)
+        save_body(path, body)
+        return body
+    body = load_body(path)
+    difference = _difference(context, body)
+    if difference:
+        raise SoftprintError(
+            f"{path} holds another body than the experiment's [body] table describes (its {difference} "
+            "differs): make it again with `softprint body`, or choose another --out"
+        )
+    return body
+
+
+def _difference(context: Context, body: ReducedBody) -> str:
+    """What of the body is not as the experiment says; empty if all is. Basis and cubature follow from the
+    rest."""
+    from runtime.body.build import material_of_cells
+    from runtime.body.placement import frame_in_box, place_handles
+    from runtime.mesh import read_mesh
+
+    experiment = context.experiment
+    spec = experiment.body
+    mesh = read_mesh(experiment.base_dir / spec.mesh)
+    if not (np.array_equal(mesh.points, body.mesh.points) and np.array_equal(mesh.cells, body.mesh.cells)):
+        return "mesh"
+    frames = [frame_in_box(mesh, frame.name, frame.box) for frame in spec.handles.frames]
+    handles = place_handles(mesh, spec.handles.points, frames)
+    named = [(frame.name, frame.nodes.tolist()) for frame in handles.frames]
+    if named != [(frame.name, frame.nodes.tolist()) for frame in body.handles.frames] or not np.array_equal(
+        handles.points, body.handles.points
+    ):
+        return "set of handles"
+    material, density = material_of_cells(mesh, spec.material)
+    same = material.model == body.material.model and all(
+        np.array_equal(a, b)
+        for a, b in (
+            (material.young, body.material.young),
+            (material.poisson, body.material.poisson),
+            (density, body.density),
+        )
+    )
+    if not same:
+        return "material"
+    at_most = min(spec.surface.samples, len(mesh.surface_nodes))
+    return "" if len(body.surface.nodes) == at_most else "number of surface samples"

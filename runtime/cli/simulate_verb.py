@@ -1,0 +1,59 @@
+"""`softprint simulate`: play scenes with the bare subspace, with trained corrections, or in full space."""
+
+from __future__ import annotations
+
+import argparse
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Which scenes, which models."""
+    parser.add_argument(
+        "--scene",
+        action="append",
+        metavar="NAME",
+        help='a scene of the experiment; may be given again (default: every scene with role = "test")',
+    )
+    parser.add_argument(
+        "--model",
+        action="append",
+        metavar="NAME",
+        help="bare, full (needs DOLFINx) or the name of a trained correction; may be given again (default: "
+        "bare and every correction in the run directory)",
+    )
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """Each scene with each model; motions/<scene>_<model>.h5 and .xdmf in the run directory."""
+    from runtime.cli.run_body import body_of_run
+    from runtime.dynamics.model import BARE, trained_models
+    from runtime.dynamics.scene import find_scene
+    from runtime.dynamics.simulate import simulate_scene
+    from runtime.errors import SoftprintError
+
+    experiment = context.experiment
+    names = args.scene or [scene.name for scene in experiment.scenes_of_role("test")]
+    if not names:
+        raise SoftprintError(f'{experiment.path}: no scene has role = "test"; name one with --scene')
+    scenes = [find_scene(experiment, name) for name in names]
+    body = body_of_run(context)
+    models = args.model or [BARE, *trained_models(context.out_dir)]
+    for scene in scenes:
+        for model in models:
+            played = simulate_scene(context, body, scene, model)
+            what = "kept" if played.kept else f"{played.steps_per_second:.1f} steps/s"
+            context.say(f"{scene.name} with {model}: {played.path} ({what})")
+    return 0
+
+
+VERB = Verb(
+    name="simulate",
+    order=50,
+    summary="play scenes with the bare subspace, with trained corrections, or in full space",
+    example="softprint simulate examples/jelly3d_small.toml --model bare --model ours",
+    run=run,
+    needs=("h5py",),
+    configure=configure,
+)
