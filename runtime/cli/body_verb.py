@@ -1,0 +1,71 @@
+"""`softprint body`: from a mesh to a reduced body."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+if TYPE_CHECKING:
+    from runtime.body import ReducedBody
+
+
+def run(options: argparse.Namespace, context: Context) -> int:
+    """Build body.h5 in the run directory, unless one made from the same table, mesh and seed is there."""
+    from runtime.body import body_recipe, build_body, load_body, read_recipe, save_body
+
+    if context.rank > 0:
+        return 0
+    experiment, path = context.experiment, context.out_dir / "body.h5"
+    recipe = body_recipe(experiment.body, experiment.base_dir, experiment.seed)
+    if context.resume and path.is_file() and read_recipe(path) == recipe:
+        body = load_body(path)
+        context.say(f"{path} is up to date.")
+    else:
+        body = build_body(experiment.body, experiment.base_dir, experiment.seed)
+        save_body(path, body, recipe)
+        context.say(f"{path} written.")
+    for label, value in describe(body):
+        context.say(f"  {label:<12} {value}")
+    return 0
+
+
+def describe(body: ReducedBody) -> list[tuple[str, str]]:
+    """What a user wants to know of a body, as labels and values."""
+    mesh, cubature, dim = body.mesh, body.cubature, body.dim
+    kind, unit = ("triangles", "kg/m") if dim == 2 else ("tetrahedra", "kg")
+    extent = " x ".join(f"{length:.4g}" for length in mesh.points.max(axis=0) - mesh.points.min(axis=0))
+    frames = ", ".join(f"{frame.name} ({len(frame.nodes)} nodes)" for frame in body.handles.frames) or "none"
+    young = body.material.young
+    stiffness = (
+        f"{young.min():.4g}" if young.min() == young.max() else f"{young.min():.4g} to {young.max():.4g}"
+    )
+    return [
+        ("mesh", f"{mesh.n_nodes:,} nodes, {mesh.n_cells:,} {kind}, {extent} m"),
+        (
+            "surface",
+            f"{len(mesh.surface_nodes):,} nodes, {len(body.surface.nodes):,} contact points at run time",
+        ),
+        ("handles", f"{body.handles.n_points} points; frames: {frames}"),
+        ("basis", f"{body.n_rows} rows, {body.n_dofs} minimal coordinates"),
+        ("material", f"{body.material.model}, Young's modulus {stiffness} Pa"),
+        ("mass", f"{body.node_mass.sum():.4g} {unit}"),
+        (
+            "cubature",
+            f"{len(cubature.cells)} cells; against full integration: energy {cubature.energy_error:.2%}, "
+            f"force {cubature.force_error:.2%} (mean of random states)",
+        ),
+        ("hash", body.content_hash[:16]),
+    ]
+
+
+VERB = Verb(
+    name="body",
+    order=10,
+    summary="Build the reduced body: checked mesh, handles, subspace basis, mass and cubature.",
+    example="softprint body examples/jelly3d_small.toml",
+    run=run,
+    needs=("h5py", "igl", "meshio"),
+)

@@ -1,0 +1,37 @@
+"""`softprint doctor`: is this machine fit for the work?"""
+
+from __future__ import annotations
+
+import argparse
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+
+def run(options: argparse.Namespace, context: Context) -> int:
+    """Print one line for each check; 1 if something needed does not work."""
+    from runtime.doctor import Level, examine
+
+    if context.rank > 0:
+        return 0
+    fatal = 0
+    for finding in examine():
+        context.say(f"{finding.level.value:<8} {finding.subject:<20} {finding.detail}")
+        if finding.level is not Level.OK and finding.remedy:
+            context.say(f"{'':<8} {'':<20} -> {finding.remedy}")
+        fatal += finding.is_fatal
+    if fatal:
+        context.say(f"\n{fatal} of these must be put right first.")
+        return 1
+    context.say("\nNothing needed is broken.")
+    return 0
+
+
+VERB = Verb(
+    name="doctor",
+    order=0,
+    summary="Check versions, BLAS, MPI, HDF5 and graphics, and say what to do about each.",
+    example="softprint doctor",
+    run=run,
+    reads_experiment=False,
+)

@@ -1,0 +1,91 @@
+#!/bin/bash
+# Makes .venv with all that Softprint needs, on a fresh Debian 12 or 13; does next to nothing when all is there.
+#
+#   tools/install.sh [--check]        --check: only say whether something is to be done (exit status 1 if so)
+#
+# Debian packages come first (with sudo where not root), then pinned wheels on top of them:
+#   * DOLFINx, PETSc, MPI and numpy's companions are Debian's: they must fit each other.
+#   * h5py is Debian's too. PyPI's wheel carries an HDF5 of its own, and importing DOLFINx before it crashes.
+#     So nothing here may ever pull h5py's wheel: Softprint itself is installed with --no-deps.
+#   * torch is a pinned wheel on Debian 12. On Debian 13 it is Debian's own, since PyPI's brings several GB of CUDA.
+#   * libopenblas0-serial, because Debian's reference BLAS makes factorisations some seven times slower, and because
+#     one thread for each MPI rank is what is wanted.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+SYSTEM_PYTHON=/usr/bin/python3
+VENV=.venv
+APT_PACKAGES=(
+    python3-dolfinx python3-petsc4py python3-mpi4py openmpi-bin python3-venv python3-dev python3-pip
+    python3-h5py python3-scipy gcc libc6-dev make libopenblas0-serial
+    libgl1 libegl1 libglu1-mesa libxrender1 libxcursor1 libxft2 libxinerama1 libxi6 libxfixes3 libxext6 libsm6
+)
+
+say() { printf '%s\n' "$*" >&2; }
+die() { say "$*"; exit 1; }
+
+release() {
+    # ID and VERSION_ID of this system, as "debian12".
+    [ -r /etc/os-release ] || die "tools/install.sh: there is no /etc/os-release; it knows Debian 12 and Debian 13."
+    (. /etc/os-release && printf '%s%s' "${ID:-unknown}" "${VERSION_ID:-}")
+}
+
+RELEASE="$(release)"
+CONSTRAINTS="constraints/$RELEASE.txt"
+case "$RELEASE" in
+    debian12) ;;
+    debian13) APT_PACKAGES+=(python3-torch) ;;
+    *) die "tools/install.sh knows Debian 12 and Debian 13, and this is $RELEASE." \
+           "Elsewhere: install DOLFINx your own way, then pip install '.[train,report,dev]' into its environment." ;;
+esac
+
+fingerprint() {
+    # What the last complete installation was made from, and where: a moved .venv does not work.
+    { pwd; printf '%s ' "${APT_PACKAGES[@]}"; cat "$CONSTRAINTS" pyproject.toml tools/install.sh; } | sha256sum
+}
+
+is_complete() {
+    [ -x "$VENV/bin/softprint" ] && [ "$(cat "$VENV/installed" 2>/dev/null)" = "$(fingerprint)" ]
+}
+
+as_root() {
+    if [ "$(id -u)" = 0 ]; then
+        "$@"
+    elif command -v sudo >/dev/null; then
+        sudo -- "$@"
+    else
+        die "Packages are missing, and neither are you root nor is there sudo. As root: apt-get install ${MISSING[*]}"
+    fi
+}
+
+install_debian_packages() {
+    MISSING=()
+    local package
+    for package in "${APT_PACKAGES[@]}"; do
+        [ "$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || MISSING+=("$package")
+    done
+    [ ${#MISSING[@]} -eq 0 ] && return
+    say "Installing Debian packages: ${MISSING[*]}"
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get update -q
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "${MISSING[@]}"
+}
+
+make_venv() {
+    say "Installing Python packages into $VENV"
+    # --clear: a half-made environment, or one of another Python, is no base to build on.
+    "$SYSTEM_PYTHON" -m venv --clear --system-site-packages "$VENV"
+    local pip=("$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-input)
+    # Constraints only pin; the names, and nothing else, are what is asked for.
+    sed -e 's/#.*//' -e 's/[[:space:]]//g' -e 's/[=<>!~;].*//' -e '/^$/d' "$CONSTRAINTS" > "$VENV/wanted.txt"
+    "${pip[@]}" -c "$CONSTRAINTS" -r "$VENV/wanted.txt"
+    "${pip[@]}" --no-deps --no-build-isolation --editable .
+}
+
+if is_complete; then
+    exit 0
+fi
+[ "${1:-}" = --check ] && exit 1
+install_debian_packages
+make_venv
+fingerprint > "$VENV/installed"
+say "Installed. Try: $VENV/bin/softprint doctor"
