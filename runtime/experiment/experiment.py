@@ -9,6 +9,7 @@ from pydantic import Field, PrivateAttr
 from runtime.experiment.body_schema import BodySpec
 from runtime.experiment.colliders_schema import ColliderSpec
 from runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
+from runtime.experiment.report_schema import ReportSpec
 from runtime.experiment.sampling_schema import SamplingSpec
 from runtime.experiment.scene_schema import SceneSpec
 from runtime.experiment.section import Name, Section
@@ -32,6 +33,7 @@ class Experiment(Section):
     dynamics: DynamicsSpec
     sampling: SamplingSpec = SamplingSpec()
     training: TrainingSpec = TrainingSpec()
+    report: ReportSpec = ReportSpec()
     scenes: tuple[SceneSpec, ...] = ()
 
     _path: Path = PrivateAttr(default=Path())

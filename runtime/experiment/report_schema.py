@@ -10,5 +10,5 @@ from runtime.experiment.section import Count, Name, Section
 class ReportSpec(Section):
     """`[report]`: what `softprint report` solves and puts first."""
 
-    frames: Count = Field(24, description="frames in contact of each test scene on which the full-space solvers run")
+    frames: Count = Field(24, description="frames of a test scene on which the full-space solvers run")
     model: Name = Field("ours", description="the correction that headline figures speak of")

@@ -1,0 +1,268 @@
+"""Puts a report together: from the judged scenes, the truth file and the training to one summary and one page."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fem_truth.report import figures
+from fem_truth.report.comparison import ModelFrames, error_table, pool, relative_displacement_error
+from fem_truth.report.headline import headline_cards
+from fem_truth.report.held_out import Comparer, SceneComparison
+from fem_truth.report.learning import Learning
+from fem_truth.report.machine import machine_summary
+from fem_truth.report.motions import distances_over_time, free_running_row, timing_rows
+from fem_truth.report.page import PageContent, ScenePictures
+from fem_truth.report.picture import Picture, Renderer
+from fem_truth.report.report_json import (
+    REPORT_VERSION,
+    body_summary,
+    collider_summary,
+    experiment_summary,
+    file_summaries,
+    plain,
+)
+from fem_truth.report.showcase import showcase, shown_models
+from fem_truth.report.style import ModelStyle, styles_for
+from fem_truth.report.truth_quality import quality_columns, truth_summary
+from runtime.arrays import Array
+from runtime.body.body import ReducedBody
+from runtime.dynamics.motion_file import Motion
+from runtime.experiment import Experiment
+from runtime.files import provenance
+from runtime.truth_file import TruthData
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedScene:
+    """A test scene with everything known about it. motions: the free runs by model, `full` among them;
+    comparison: None where the body never touches the collider."""
+
+    name: str
+    comparer: Comparer
+    comparison: SceneComparison | None
+    motions: Mapping[str, Motion]
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """All that a report is made of."""
+
+    experiment: Experiment
+    body: ReducedBody
+    scenes: Sequence[JudgedScene]
+    truth: TruthData | None
+    learning: Learning
+    model: str | None
+    folder: Path
+    files: Sequence[Path]
+    notes: Sequence[str]
+
+
+def assemble(
+    material: Material, make_renderer: Callable[[JudgedScene], Renderer] | None
+) -> PageContent:
+    """The page's content, its summary among it; make_renderer: None for a page without renderings."""
+    styles = styles_for(_models(material))
+    judged = [scene for scene in material.scenes if scene.comparison is not None]
+    summary = _what_was_run(material)
+    summary |= _pooled([scene.comparison for scene in judged if scene.comparison is not None])
+    summary["timings"] = timing_rows(_by_model(material.scenes))
+    summary["phases"] = _phases(summary["timings"])
+    summary["truth"] = truth_summary(material.truth) if material.truth is not None else None
+    summary |= material.learning.summary()
+
+    pictures: dict[str, ScenePictures] = {}
+    summary["scenes"] = []
+    for number, scene in enumerate(material.scenes):
+        scene_summary, shown = _scene(scene, number, material.model, styles, make_renderer)
+        summary["scenes"].append(scene_summary)
+        pictures[scene.name] = shown
+
+    summary["headline"] = {
+        "model": material.model,
+        "cards": [asdict(card) for card in headline_cards(plain(summary), material.model, styles)],
+        "hero_caption": "",
+    }
+    hero, summary["headline"]["hero_caption"] = _hero(summary, pictures)
+    return PageContent(plain(summary), pictures, _plots(material, summary, styles), styles, hero)
+
+
+def _models(material: Material) -> list[str]:
+    names = ["full", "bare", *material.learning.names]
+    for scene in material.scenes:
+        names += [*scene.motions, *(scene.comparison.solved if scene.comparison else ())]
+    return names
+
+
+def _what_was_run(material: Material) -> dict[str, Any]:
+    collider = material.scenes[0].comparer.collider
+    return {
+        "softprint_report": REPORT_VERSION,
+        "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "experiment": experiment_summary(material.experiment),
+        "body": body_summary(material.body),
+        "collider": collider_summary(material.experiment, collider),
+        "machine": machine_summary(),
+        "versions": provenance(),
+        "files": file_summaries(material.folder, material.files),
+        "notes": list(material.notes),
+    }
+
+
+def _pooled(comparisons: Sequence[SceneComparison]) -> dict[str, Any]:
+    """The figures over all test scenes together."""
+    return {
+        "errors": error_table(_pool_models([c.everywhere for c in comparisons])),
+        "errors_solved": error_table(_pool_models([c.solved for c in comparisons])),
+        "contact_displacement": _displacement_errors(comparisons),
+    }
+
+
+def _pool_models(scenes: Sequence[Mapping[str, ModelFrames]]) -> dict[str, ModelFrames]:
+    scenes = [scene for scene in scenes if scene]
+    shared = [name for name in scenes[0] if all(name in scene for scene in scenes)] if scenes else []
+    return {name: pool([scene[name] for scene in scenes]) for name in shared}
+
+
+def _displacement_errors(comparisons: Sequence[SceneComparison]) -> dict[str, float]:
+    solved = [comparison for comparison in comparisons if len(comparison.exact)]
+    if not solved:
+        return {}
+    exact = np.concatenate([comparison.exact for comparison in solved])
+    return {
+        name: relative_displacement_error(np.concatenate([c.missed[name] for c in solved]), exact)
+        for name in solved[0].missed
+        if all(name in comparison.missed for comparison in solved)
+    }
+
+
+def _by_model(scenes: Sequence[JudgedScene]) -> dict[str, list[Motion]]:
+    result: dict[str, list[Motion]] = {}
+    for scene in scenes:
+        for name, motion in scene.motions.items():
+            result.setdefault(name, []).append(motion)
+    return result
+
+
+def _phases(timings: Mapping[str, Any]) -> list[str]:
+    return list(dict.fromkeys(phase for row in timings.values() for phase in row["phases"]))
+
+
+def _scene(
+    scene: JudgedScene,
+    number: int,
+    model: str | None,
+    styles: dict[str, ModelStyle],
+    make_renderer: Callable[[JudgedScene], Renderer] | None,
+) -> tuple[dict[str, Any], ScenePictures]:
+    times = [float(time) for time in scene.comparer.motion.times]
+    free, free_curves = _free_running(scene)
+    summary: dict[str, Any] = {"name": scene.name, "n_frames": len(times), "time": times, "free": free}
+    summary["free_over_time"] = free_curves
+    plots = {}
+    if len(free_curves):
+        millimetres = {name: 1e3 * curve for name, curve in free_curves.items()}
+        plots["free"] = figures.over_time(
+            f"free{number}", times, millimetres, styles, "RMS distance [mm]"
+        )
+    comparison = scene.comparison
+    if comparison is None:
+        return {**summary, "n_contact": 0, "errors_all": {}, "errors_solved": {}, "shown": []}, ScenePictures(plots)
+
+    summary |= _errors(comparison)
+    curves = {name: _spread(frames, len(times)) for name, frames in comparison.everywhere.items() if name != "full"}
+    marks = {
+        name: ([times[f] for f in frames.frames], list(1e3 * frames.rms))
+        for name, frames in comparison.solved.items()
+        if name not in comparison.everywhere
+    }
+    press = np.zeros(len(times))
+    press[comparison.contact] = comparison.press
+    plots["error"] = figures.over_time(
+        f"error{number}",
+        times,
+        {name: 1e3 * curve for name, curve in curves.items()},
+        styles,
+        "RMS distance [mm]",
+        depth=1e3 * press,
+        marks=marks,
+    )
+    summary["plotted"] = [name for name in styles if name in curves or name in marks]
+    if make_renderer is None:
+        return {**summary, "shown": []}, ScenePictures(plots)
+    renderer = make_renderer(scene)
+    models = shown_models(comparison, model)
+    frames, summary["shown"] = showcase(scene.comparer, comparison, renderer, models, styles)
+    return summary, ScenePictures(plots, frames, renderer.description)
+
+
+def _errors(comparison: SceneComparison) -> dict[str, Any]:
+    solved = next(iter(comparison.solved.values()), None)
+    return {
+        "n_contact": len(comparison.contact),
+        "n_solved": 0 if solved is None else len(solved.frames),
+        "contact_frames": comparison.contact,
+        "press_depth": comparison.press,
+        "errors_all": error_table(comparison.everywhere),
+        "errors_solved": error_table(comparison.solved),
+        "contact_displacement": _displacement_errors([comparison]),
+        "over_time": {name: frames.rms for name, frames in comparison.everywhere.items()},
+        "solved_frames": [] if solved is None else solved.frames,
+        "solved_over_time": {name: frames.rms for name, frames in comparison.solved.items()},
+        "unsolved": [{"frame": frame, "reason": reason} for frame, reason in comparison.unsolved],
+        "solve_seconds": comparison.solve_seconds,
+    }
+
+
+def _spread(frames: ModelFrames, n_frames: int) -> Array:
+    """RMS over all frames of the motion, with gaps where there is no contact."""
+    values = np.full(n_frames, np.nan)
+    values[frames.frames] = frames.rms
+    return values
+
+
+def _free_running(scene: JudgedScene) -> tuple[dict[str, Any], dict[str, Array]]:
+    full = scene.motions["full"]
+    curves = {
+        name: distances_over_time(motion, full) for name, motion in scene.motions.items() if name != "full"
+    }
+    bare_rms = float(np.sqrt(np.mean(curves["bare"] ** 2))) if "bare" in curves else None
+    return {name: free_running_row(scene.motions[name], curve, bare_rms) for name, curve in curves.items()}, curves
+
+
+def _hero(
+    summary: dict[str, Any], pictures: Mapping[str, ScenePictures]
+) -> tuple[list[tuple[str, Picture]], str]:
+    """The large picture: the cut (or, without one, the whole body) in the frame of deepest contact."""
+    for scene in summary["scenes"]:
+        for frame, numbers in zip(pictures[scene["name"]].frames, scene["shown"], strict=True):
+            if "deepest contact" not in numbers["why"]:
+                continue
+            opened = all(picture is not None for picture in frame.cut)
+            views = frame.cut if opened else frame.outside
+            caption = (
+                f"Deepest contact of the held-out motion \u201c{scene['name']}\u201d: frame {numbers['frame']}, "
+                f"{numbers['time']:.2f} s. Every model is given the same reduced state"
+                + ("; the body is cut open through the contact." if opened else ".")
+            )
+            return [(name, view) for name, view in zip(frame.models, views, strict=True) if view], caption
+    return [], ""
+
+
+def _plots(material: Material, summary: Mapping[str, Any], styles: Mapping[str, ModelStyle]) -> dict[str, str]:
+    plots = {}
+    if summary["timings"]:
+        milliseconds = {
+            name: {phase: 1e3 * seconds for phase, seconds in row["phases"].items()}
+            for name, row in summary["timings"].items()
+        }
+        plots["phases"] = figures.phases("phases", milliseconds, styles)
+    if material.learning.histories:
+        plots["loss"] = figures.loss_curves("loss", material.learning.histories, styles)
+    if material.truth is not None:
+        plots["quality"] = figures.histograms("quality", quality_columns(material.truth))
+    return plots

@@ -1,0 +1,174 @@
+"""How far a model's positions are from the full-space ones, in the thesis's own measure (table 5.2).
+
+For a frame of the full-space motion with positions x, the reduced state is its projection,
+q = (U^T U)^-1 U^T x, and a model adds a displacement u to the reduced positions U q. Per node i,
+
+    d_i(model) = | (U q)_i + u_i - x_i |,        d_i(bare) = | (U q)_i - x_i |,
+
+and over a set T of frames,
+
+    relative RMS error = sqrt( sum_{t in T} sum_i d_i(model)^2  /  sum_{t in T} sum_i d_i(bare)^2 ).
+
+The bare subspace has 100 % by definition and the full motion 0 %. The square of the figure is printed beside
+it, because the thesis does not say whether its percentages are of distances or of squared distances.
+Everything here is plain numpy on arrays; who computes u is the business of `held_out`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from runtime.arrays import Array, BoolArray, IntArray
+
+
+def node_distances(positions: Array, full: Array) -> Array:
+    """Distances d_i = |positions_i - full_i| [m]: (n,) from two (n, dim) arrays."""
+    return np.linalg.norm(positions - full, axis=1)
+
+
+def root_mean_square(distances: Array) -> float:
+    """sqrt(mean d^2) [m]; 0 for an empty array, which has no error to speak of."""
+    return float(np.sqrt(np.mean(np.square(distances)))) if distances.size else 0.0
+
+
+@dataclass(frozen=True)
+class ModelFrames:
+    """What one model leaves in a sequence of frames; every array is (n_frames,), in metres.
+
+    Sums of squares and not roots are kept, so that frames of several scenes can be pooled exactly.
+    """
+
+    squares: Array  # sum_i d_i^2 [m^2]
+    bare_squares: Array  # the same sum for the bare subspace [m^2]
+    near_squares: Array  # sums over the nodes near the collider only [m^2]
+    near_bare_squares: Array
+    rms: Array  # root mean square over the nodes
+    worst_node: Array  # max_i d_i
+    max_depth: Array  # deepest surface node inside the collider
+    frames: IntArray  # frame numbers in the motion
+
+    def take(self, keep: BoolArray) -> "ModelFrames":
+        """The same figures on a part of the frames; keep: (n_frames,) bool."""
+        return ModelFrames(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
+
+    @property
+    def relative(self) -> Array:
+        """Relative error of each frame: the formula above for T = {t}."""
+        return _root_ratio(self.squares, self.bare_squares)
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """One line of an error table; relative errors as fractions, lengths in metres."""
+
+    relative_rms: float
+    relative_rms_squared: float
+    relative_median: float
+    relative_worst: float
+    worst_frame: int
+    relative_near_contact: float
+    rms: float
+    worst_node: float
+    max_penetration: float
+    mean_penetration: float
+    n_frames: int
+
+    def as_dict(self) -> dict[str, float]:
+        return asdict(self)
+
+
+def measure_frame(
+    frame: int, positions: Array, bare: Array, full: Array, near: BoolArray, depth: Array
+) -> ModelFrames:
+    """Compare a model with the full motion in one frame; `pool` joins the frames of a motion.
+
+    positions, bare, full: (n_nodes, dim) node positions [m]; near: (n_nodes,) nodes counted as near the
+    collider; depth: (n_surface,) penetration of the model's surface nodes [m]."""
+    distance, bare_distance = node_distances(positions, full), node_distances(bare, full)
+    one = {
+        "squares": np.square(distance).sum(),
+        "bare_squares": np.square(bare_distance).sum(),
+        "near_squares": np.square(distance[near]).sum(),
+        "near_bare_squares": np.square(bare_distance[near]).sum(),
+        "rms": root_mean_square(distance),
+        "worst_node": distance.max(),
+        "max_depth": depth.max(initial=0.0),
+    }
+    arrays = {name: np.array([value], dtype=float) for name, value in one.items()}
+    return ModelFrames(**arrays, frames=np.array([frame], dtype=np.int64))
+
+
+def error_row(model: ModelFrames) -> ErrorRow:
+    """The table line of one model over its frames (at least one)."""
+    if not model.frames.size:
+        raise ValueError("an error table needs at least one frame")
+    relative = model.relative
+    worst = int(np.argmax(relative))
+    pooled = float(_root_ratio(model.squares.sum(), model.bare_squares.sum()))
+    return ErrorRow(
+        relative_rms=pooled,
+        relative_rms_squared=pooled**2,
+        relative_median=float(np.median(relative)),
+        relative_worst=float(relative[worst]),
+        worst_frame=int(model.frames[worst]),
+        relative_near_contact=float(_root_ratio(model.near_squares.sum(), model.near_bare_squares.sum())),
+        rms=float(np.sqrt(np.mean(np.square(model.rms)))),
+        worst_node=float(model.worst_node.max()),
+        max_penetration=float(model.max_depth.max()),
+        mean_penetration=float(model.max_depth.mean()),
+        n_frames=int(model.frames.size),
+    )
+
+
+def pool(parts: Sequence[ModelFrames]) -> ModelFrames:
+    """The frames of several comparisons (at least one) as one set, whose error is one exact quotient of
+    sums."""
+    names = ModelFrames.__dataclass_fields__
+    return ModelFrames(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def error_table(models: Mapping[str, ModelFrames]) -> dict[str, dict[str, float]]:
+    """`error_row` of every model, in the given order."""
+    return {name: error_row(frames).as_dict() for name, frames in models.items()}
+
+
+def relative_displacement_error(missed: Array, exact: Array) -> float:
+    """sqrt(sum |u - u*|^2 / sum |u*|^2) of contact displacements u against exact ones u*.
+
+    missed, exact: (n_frames,) the two sums over the nodes in each frame [m^2]. This leaves out what no
+    contact correction can give (inertia, the internal deformation), and compares with the label-noise floor.
+    """
+    return float(_root_ratio(missed.sum(), exact.sum()))
+
+
+def evenly_spaced(candidates: IntArray, count: int) -> IntArray:
+    """At most `count` of the candidates, evenly spaced, first and last among them."""
+    if len(candidates) <= count:
+        return candidates
+    return candidates[np.unique(np.round(np.linspace(0, len(candidates) - 1, count)).astype(int))]
+
+
+def frames_to_show(contact: IntArray, full_depth: Array, model: ModelFrames) -> list[tuple[int, str]]:
+    """Frames for the pictures, by rule: (frame, why), in order of time and without repeats.
+
+    contact: (m,) frame numbers in contact; full_depth: (m,) how deep the collider presses in each of them
+    [m]; model: the model whose worst frame (largest RMS distance) must be shown.
+    """
+    m = len(contact)
+    reasons = [(int(contact[np.argmax(full_depth)]), "deepest contact")]
+    reasons += [(int(model.frames[np.argmax(model.rms)]), "worst frame")]
+    reasons += [(int(contact[round(q * (m - 1))]), label) for q, label in _QUARTILES]
+    chosen: dict[int, list[str]] = {}
+    for frame, why in reasons:
+        chosen.setdefault(frame, []).append(why)
+    return [(frame, ", ".join(chosen[frame])) for frame in sorted(chosen)]
+
+
+_QUARTILES = ((0.25, "first quartile"), (0.5, "middle of the contact"), (0.75, "third quartile"))
+
+
+def _root_ratio(numerator: Array | np.float64, denominator: Array | np.float64) -> Array:
+    """sqrt(a / b), where 0 / 0 is 0: a model cannot be wrong where there is nothing to add."""
+    a, b = np.asarray(numerator, dtype=float), np.asarray(denominator, dtype=float)
+    ratio = np.divide(a, b, out=np.where(a > 0, np.inf, 0.0), where=b > 0)
+    return np.sqrt(ratio)

@@ -1,0 +1,108 @@
+"""The few figures that a report puts on top, and prints when it is done."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fem_truth.report.page import format_number, look_up
+from fem_truth.report.style import ModelStyle
+
+
+@dataclass(frozen=True)
+class Card:
+    """One headline figure: its value, how to write it (`page.format_number`), what it is, and what belongs beside it."""
+
+    value: float
+    style: str
+    label: str
+    note: str
+
+
+def headline_cards(summary: Mapping[str, Any], model: str | None, styles: Mapping[str, ModelStyle]) -> list[Card]:
+    """Accuracy, contact displacement and speed of `model`, as far as they were measured."""
+    if model is None:
+        return []
+    cards = [_accuracy(summary, model, styles), _displacement(summary, model, styles)]
+    return [card for card in [*cards, *_speed(summary, model)] if card is not None]
+
+
+def _accuracy(summary: Mapping[str, Any], model: str, styles: Mapping[str, ModelStyle]) -> Card | None:
+    row = look_up(summary, f"errors/{model}")
+    if row is None:
+        return None
+    others = [
+        f"{styles[name].label}: {_percent(look_up(summary, f'errors/{name}/relative_rms'))}."
+        for name in summary["errors"]
+        if name not in ("full", "bare", model)
+    ]
+    perfect = look_up(summary, "errors_solved/truth/relative_rms")
+    if perfect is not None:
+        others.append(f"A perfect contact correction would leave {_percent(perfect)}.")
+    return Card(
+        row["relative_rms"],
+        "percent",
+        "of the bare subspace\u2019s error is left",
+        " ".join(
+            [
+                f"{row['n_frames']} frames in contact of motions never seen in training; "
+                f"squared {_percent(row['relative_rms_squared'])}.",
+                *others,
+            ]
+        ),
+    )
+
+
+def _displacement(summary: Mapping[str, Any], model: str, styles: Mapping[str, ModelStyle]) -> Card | None:
+    value = look_up(summary, f"contact_displacement/{model}")
+    if value is None:
+        return None
+    notes = ["Relative to the exact contact displacement of the same states."]
+    for name in ("linear_response", "thesis5"):
+        other = look_up(summary, f"contact_displacement/{name}")
+        if other is not None and name != model:
+            notes.append(f"{styles[name].label}: {_percent(other)}.")
+    floor = look_up(summary, "truth/noise_floor")
+    if floor is not None:
+        notes.append(f"Label-noise floor: {_percent(floor)}.")
+    return Card(value, "percent", "error of the contact displacement itself", " ".join(notes))
+
+
+def _speed(summary: Mapping[str, Any], model: str) -> list[Card]:
+    row = look_up(summary, f"timings/{model}")
+    if row is None:
+        return []
+    cost = f" {format_number(row['cost_of_bare'], 'times')} the cost of the bare subspace." if row["cost_of_bare"] else ""
+    cards = [
+        Card(
+            row["steps_per_second"],
+            "plain",
+            "steps a second in contact",
+            f"{format_number(row['step'], 'ms')} a step, {row['iterations']:.1f} Newton iterations, "
+            f"{summary['machine']['cores']} cores.{cost}",
+        )
+    ]
+    if row["faster_than_full"]:
+        full = format_number(summary["timings"]["full"]["step"], "ms")
+        cards.append(
+            Card(
+                row["faster_than_full"],
+                "times",
+                "faster than our own full-space step",
+                f"Same step size, same cores; the full-space step takes {full}.",
+            )
+        )
+    return cards
+
+
+def console_lines(summary: Mapping[str, Any], cards: list[Card]) -> list[str]:
+    """The headline for a terminal."""
+    width = max((len(format_number(card.value, card.style)) for card in cards), default=0)
+    lines = [f"{summary['experiment']['name']}: held-out motion"]
+    for card in cards:
+        lines.append(f"  {format_number(card.value, card.style):>{width}}  {card.label}")
+        lines.append(f"  {'':>{width}}  {card.note}")
+    return [line.replace("\u202f", " ").replace("\u2019", "'") for line in lines]
+
+
+def _percent(value: Any) -> str:
+    return format_number(value, "percent") if value is not None else "\u2013"

@@ -1,0 +1,221 @@
+"""Pictures of three-dimensional bodies with PyVista, off screen (EGL: neither a display nor xvfb is
+needed)."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fem_truth.report.flat_renderings import FlatRenderer
+from fem_truth.report.picture import Picture, Renderer, encode
+from fem_truth.report.style import BODY, COLLIDER, ERROR_COLOURS, SECTION
+from runtime.arrays import Array
+from runtime.colliders.collider import Collider
+from runtime.colliders.pose import RigidPose
+from runtime.mesh import Mesh
+
+if TYPE_CHECKING:
+    import pyvista as pv
+
+_SIZE = (680, 520)
+_GRID_LINES = 11  # lines of rest position along the longest side of the body: they show the strain
+_COLLIDER_CELLS = 72  # of the grid on which the collider's surface is extracted, along its longest side
+_VIEW = np.array([0.32, -1.0, 0.66])  # from the body towards the camera of the whole view
+_PROBE = "import pyvista; pyvista.Plotter(off_screen=True, window_size=(8, 8)).screenshot(None)"
+
+
+def make_renderer(mesh: Mesh, collider: Collider) -> Renderer:
+    """PyVista for 3D bodies where GL works, else plain drawings (always for 2D bodies, which need no
+    more)."""
+    if mesh.dim == 2:
+        return FlatRenderer(mesh, collider, "Drawn with matplotlib.")
+    problem = gl_problem()
+    if problem:
+        return FlatRenderer(
+            mesh,
+            collider,
+            f"Off-screen OpenGL does not work here ({problem}), so the pictures are plain drawings "
+            "without cuts. Install libegl1 and libgl1-mesa-dri, then make the report again.",
+        )
+    return GlRenderer(mesh, collider)
+
+
+def gl_problem() -> str:
+    """Why PyVista cannot draw off screen here; empty if it can.
+
+    Tried in a process of its own: a missing GL driver ends a process, it does not raise.
+    """
+    environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}
+    try:
+        probe = subprocess.run(
+            [sys.executable, "-c", _PROBE], env=environment, capture_output=True, text=True, timeout=120
+        )
+    except subprocess.TimeoutExpired:
+        return "a first picture took more than two minutes"
+    if probe.returncode == 0:
+        return ""
+    lines = probe.stderr.strip().splitlines()
+    return lines[-1].strip() if lines else f"the trial ended with code {probe.returncode}"
+
+
+class GlRenderer:
+    """PyVista pictures of one body and one collider; a `Renderer`."""
+
+    description = "Drawn with PyVista; thin lines are lines of constant rest position."
+
+    def __init__(self, mesh: Mesh, collider: Collider) -> None:
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+        self.mesh, self.collider = mesh, collider
+        lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
+        self._centre = 0.5 * (lower + upper)
+        self._extent = float(np.linalg.norm(upper - lower))
+        self._side = float((upper - lower).max())
+        spacing = self._side / _GRID_LINES
+        # Lines sit half a spacing off the ends, where they would run along the body's own edges.
+        self._levels = [np.arange(a + 0.5 * spacing, b, spacing) for a, b in zip(lower, upper, strict=True)]
+
+    def outside(self, positions: Array, pose: RigidPose, alt: str) -> Picture:
+        def build(plotter: "pv.Plotter") -> None:
+            self._add_body(plotter, self._surface(positions), _unit(_VIEW))
+            plotter.add_mesh(
+                self._placed_collider(pose), color=COLLIDER, opacity=0.42, smooth_shading=True, specular=0.5
+            )
+            self._whole_view(plotter)
+
+        return _shot(build, alt)
+
+    def cut(self, positions: Array, pose: RigidPose, centre: Array, alt: str) -> Picture | None:
+        import pyvista as pv
+
+        towards = _unit(_VIEW * [1, 1, 0])
+        plane: dict[str, Any] = {"normal": towards, "origin": centre}
+        volume = pv.UnstructuredGrid({pv.CellType.TETRA: self.mesh.cells}, positions)
+        volume["rest"] = self.mesh.points
+        section = volume.slice(**plane)
+
+        def build(plotter: "pv.Plotter") -> None:
+            self._add_body(plotter, self._surface(positions).clip(**plane), towards)
+            plotter.add_mesh(section, color=SECTION, lighting=False)
+            self._add_lines(plotter, section, "#a9563b", towards)
+            solid = self._placed_collider(pose)
+            plotter.add_mesh(solid.clip(**plane), color=COLLIDER, opacity=0.35, smooth_shading=True)
+            outline = solid.slice(**plane)
+            if outline.n_points:
+                outline.points += self._lift(towards)
+                plotter.add_mesh(outline, color="#26324a", line_width=3.0, lighting=False)
+            direction = _unit(towards + np.array([0.0, 0.0, 0.3]))
+            _look(plotter, centre, direction, 0.62 * self._side)
+
+        return _shot(build, alt)
+
+    def heat(self, positions: Array, values: Array, limit: float, alt: str) -> Picture:
+        from matplotlib.colors import LinearSegmentedColormap
+
+        surface = self._surface(positions, values)
+
+        def build(plotter: "pv.Plotter") -> None:
+            plotter.add_mesh(
+                surface,
+                scalars="values",
+                cmap=LinearSegmentedColormap.from_list("error", ERROR_COLOURS),
+                clim=(0.0, limit),
+                show_scalar_bar=False,
+                smooth_shading=True,
+                ambient=0.5,
+                diffuse=0.55,
+                specular=0.12,
+            )
+            self._whole_view(plotter)
+
+        return _shot(build, alt)
+
+    def _surface(self, positions: Array, values: Array | None = None) -> "pv.PolyData":
+        """The body's skin with normals that are smooth except at true edges."""
+        import pyvista as pv
+
+        surface = pv.PolyData.from_regular_faces(positions, self.mesh.facets)
+        surface["rest"] = self.mesh.points
+        if values is not None:
+            surface["values"] = values
+        return surface.compute_normals(feature_angle=50.0, split_vertices=True, cell_normals=False)
+
+    def _add_body(self, plotter: "pv.Plotter", surface: "pv.PolyData", towards: Array) -> None:
+        plotter.add_mesh(
+            surface,
+            color=BODY,
+            smooth_shading=True,
+            ambient=0.2,
+            diffuse=0.85,
+            specular=0.3,
+            specular_power=25,
+        )
+        self._add_lines(plotter, surface, "#8f412a", towards)
+
+    def _add_lines(self, plotter: "pv.Plotter", mesh: Any, colour: str, towards: Array) -> None:
+        for axis, levels in enumerate(self._levels):
+            mesh["level"] = mesh["rest"][:, axis]
+            lines = mesh.contour(list(levels), scalars="level")
+            if lines.n_points:
+                lines.points += self._lift(towards)
+                plotter.add_mesh(lines, color=colour, line_width=1.3, opacity=0.5, lighting=False)
+
+    def _lift(self, towards: Array) -> Array:
+        """Lines float a little towards the camera: drawn in the surface, they would flicker in and out of
+        it."""
+        return 2e-3 * self._extent * towards
+
+    @cached_property
+    def _solid(self) -> "pv.PolyData":
+        """The zero level of the collider's signed distance, in its own coordinates."""
+        import pyvista as pv
+
+        lower, upper = self.collider.lower, self.collider.upper
+        spacing = float((upper - lower).max()) / _COLLIDER_CELLS
+        lower, upper = lower - 2 * spacing, upper + 2 * spacing
+        counts = np.ceil((upper - lower) / spacing).astype(int) + 1
+        grid = pv.ImageData(dimensions=tuple(counts), spacing=(spacing,) * 3, origin=tuple(lower))
+        grid["sdf"] = self.collider.sdf(np.asarray(grid.points))
+        return grid.contour([0.0], scalars="sdf").compute_normals(cell_normals=False)
+
+    def _placed_collider(self, pose: RigidPose) -> "pv.PolyData":
+        placed = self._solid.copy()
+        placed.points = pose.apply(np.asarray(self._solid.points, dtype=float))
+        placed.point_data["Normals"] = pose.rotate(np.asarray(self._solid["Normals"], dtype=float))
+        return placed
+
+    def _whole_view(self, plotter: "pv.Plotter") -> None:
+        above = np.array([0.0, 0.0, 0.05 * self._extent])  # room for the collider
+        _look(plotter, self._centre + above, _unit(_VIEW), 0.82 * self._extent)
+
+
+def _look(plotter: "pv.Plotter", at: Array, direction: Array, height: float) -> None:
+    """Aim the camera at a point from a direction so that the picture is `height` metres high there."""
+    angle = 20.0
+    plotter.camera.focal_point = tuple(at)
+    plotter.camera.position = tuple(at + direction * 0.5 * height / np.tan(np.radians(0.5 * angle)))
+    plotter.camera.up = (0.0, 0.0, 1.0)
+    plotter.camera.view_angle = angle
+    plotter.reset_camera_clipping_range()
+
+
+def _shot(build: Callable[["pv.Plotter"], None], alt: str) -> Picture:
+    import pyvista as pv
+
+    plotter = pv.Plotter(off_screen=True, window_size=list(_SIZE), lighting="none")
+    for position, intensity in (((1, -2, 3), 0.7), ((-3, -2, 1), 0.42), ((3, -1, 0.5), 0.3)):
+        light = pv.Light(position=position, intensity=intensity, light_type="scene light")
+        light.positional = False
+        plotter.add_light(light)
+    build(plotter)
+    plotter.enable_anti_aliasing("ssaa")
+    pixels = plotter.screenshot(None, transparent_background=True, return_img=True)
+    plotter.close()
+    return encode(np.asarray(pixels, dtype=np.uint8), alt)
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)

@@ -1,0 +1,38 @@
+"""`softprint report`: judge the models on the held-out motions, and say so as a page and as JSON."""
+
+from __future__ import annotations
+
+import argparse
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """What to leave out when in a hurry."""
+    parser.add_argument(
+        "--no-pictures", action="store_true", help="leave out the renderings (numbers and plots stay)"
+    )
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """report.html and report.json in the run directory; full-space solves are kept in heldout/ and resumed."""
+    from fem_truth.report.make import make_report
+
+    made = make_report(context, pictures=not args.no_pictures)
+    for line in made.headline:
+        context.say(line)
+    context.say(f"report: {made.page}")
+    context.say(f"numbers: {made.numbers}")
+    return 0
+
+
+VERB = Verb(
+    name="report",
+    order=60,
+    summary="judge the models on the held-out motions: report.html and report.json",
+    example="softprint report examples/jelly3d_small.toml",
+    run=run,
+    needs=("dolfinx", "h5py", "jinja2", "matplotlib", "pyvista"),
+    configure=configure,
+)

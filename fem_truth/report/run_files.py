@@ -1,0 +1,102 @@
+"""What a run directory holds of one experiment, and which verb makes what is missing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from runtime.dynamics.motion_file import Motion, load_motion
+from runtime.dynamics.simulate import motion_path
+from runtime.errors import SoftprintError
+from runtime.experiment import Experiment, SceneSpec
+
+FULL, BARE = "full", "bare"
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Paths of the files that are there; corrections by name, in alphabetical order."""
+
+    folder: Path
+    body: Path
+    truth: Path | None
+    corrections: dict[str, Path]
+
+    @property
+    def models(self) -> list[str]:
+        """The models that can have simulated a scene."""
+        return [FULL, BARE, *self.corrections]
+
+
+def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
+    """Look through the run directory. Raises SoftprintError where a report makes no sense yet: without a body,
+    without a test scene, or without a full-space motion of every test scene."""
+    verb = _Commands(experiment, folder)
+    body = folder / "body.h5"
+    if not body.is_file():
+        raise SoftprintError(f"{body} is not there, so there is nothing to report on: run {verb('body')} first")
+    scenes = experiment.scenes_of_role("test")
+    if not scenes:
+        raise SoftprintError(
+            f"{experiment.path}: a report needs a held-out motion; add a [[scenes]] table with role = \"test\""
+        )
+    for scene in scenes:
+        path = motion_path(folder, scene.name, FULL)
+        if not path.is_file():
+            raise SoftprintError(
+                f"{path} is not there: a report compares with the full-space motion of every test scene; "
+                f"run {verb('simulate', '--model full')} first"
+            )
+    truth = folder / "truth.h5"
+    corrections = {path.stem: path for path in sorted((folder / "corrections").glob("*.safetensors"))}
+    return RunFiles(folder, body, truth if truth.is_file() else None, corrections)
+
+
+def missing_notes(files: RunFiles, experiment: Experiment) -> list[str]:
+    """Sentences on what the report has to do without, and which verb makes it."""
+    verb = _Commands(experiment, files.folder)
+    notes = []
+    if files.truth is None:
+        notes.append(f"There is no ground truth ({files.folder / 'truth.h5'}) yet: run {verb('generate')}.")
+    if not files.corrections:
+        notes.append(f"No correction has been trained yet: run {verb('train')}.")
+    for scene in experiment.scenes_of_role("test"):
+        absent = [name for name in files.models if not motion_path(files.folder, scene.name, name).is_file()]
+        if absent:
+            which = " ".join(f"--model {name}" for name in absent)
+            notes.append(
+                f"{', '.join(absent)} {'has' if len(absent) == 1 else 'have'} not simulated the scene "
+                f"\u201c{scene.name}\u201d: run {verb('simulate', which)}."
+            )
+    return notes
+
+
+def load_motions(files: RunFiles, scene: SceneSpec, body_hash: str) -> dict[str, Motion]:
+    """The motions of a scene by model, full space first; those of another body are refused."""
+    motions: dict[str, Motion] = {}
+    for name in files.models:
+        path = motion_path(files.folder, scene.name, name)
+        if not path.is_file():
+            continue
+        motion = load_motion(path)
+        if motion.body_hash != body_hash:
+            raise SoftprintError(f"{path}: a motion of another body than {files.body}: simulate the scene again")
+        motions[name] = motion
+    return motions
+
+
+def used_paths(files: RunFiles, scenes: Sequence[SceneSpec]) -> list[Path]:
+    """Every file that goes into the report."""
+    motions = [motion_path(files.folder, scene.name, name) for scene in scenes for name in files.models]
+    paths = [files.body, files.truth, *files.corrections.values(), *motions]
+    return [path for path in paths if path is not None and path.is_file()]
+
+
+class _Commands:
+    """The command line of a verb, as the user would type it."""
+
+    def __init__(self, experiment: Experiment, folder: Path) -> None:
+        usual = Path("runs") / experiment.name
+        self._rest = f"{experiment.path}" + ("" if folder == usual else f" --out {folder}")
+
+    def __call__(self, verb: str, options: str = "") -> str:
+        return f"`{' '.join(filter(None, ('softprint', verb, self._rest, options)))}`"

@@ -1,0 +1,96 @@
+"""The full-space solves at a frame of the held-out motion, kept in the run directory so that nothing is
+solved twice.
+
+At the reduced state q of a frame, with the collider where it was: the internal equilibrium, the linear
+response about it, and the exact constrained equilibrium. The last starts from the frame's own positions
+(which satisfy the constraint), so that where equilibria are several, it finds the one on the branch that the
+motion was on."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fem_truth.constrained import ConstrainedProblem, Solution
+from runtime.arrays import Array
+from runtime.colliders.collider import Collider
+from runtime.colliders.pose import RigidPose
+from runtime.files import atomic_path, content_hash
+
+_VERSION = "frame solves 1"  # raise it when the meaning of what is kept changes
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSolves:
+    """Displacements at the nodes, (n_nodes, dim) [m].
+
+    internal: internal equilibrium minus U q; linear, exact: contact displacement, from the internal
+    equilibrium, of the linear response and of the constrained truth; seconds: of all three; problem: why the
+    frame cannot be used, or ""."""
+
+    internal: Array
+    linear: Array
+    exact: Array
+    seconds: float
+    problem: str
+
+
+def solve_frame(
+    problem: ConstrainedProblem, rows: Array, full: Array, collider: Collider, pose: RigidPose
+) -> FrameSolves:
+    """Solve at the reduced state rows (n_rows, dim) of a frame with positions full (n_nodes, dim)."""
+    start = time.perf_counter()
+    internal = problem.internal_equilibrium(rows)
+    linear = problem.linear_response(rows, collider, pose, internal.x)
+    exact = problem.solve(rows, collider, pose, full, internal=internal.x)
+    named = (("internal equilibrium", internal), ("linear response", linear), ("constrained truth", exact))
+    return FrameSolves(
+        internal=internal.x - problem.body.reduced_positions(rows),
+        linear=linear.x - internal.x,
+        exact=exact.x - internal.x,
+        seconds=time.perf_counter() - start,
+        problem="; ".join(_complaint(name, solution) for name, solution in named if not solution.converged),
+    )
+
+
+def _complaint(name: str, solution: Solution) -> str:
+    return f"{name}: {solution.reason}"
+
+
+class SolveStore:
+    """Finished frame solves in a folder, one file a frame, each written whole; `context` names the rest of
+    the problem (body, material, collider, contact), so that a changed experiment is solved anew."""
+
+    def __init__(self, folder: Path, context: str) -> None:
+        self._folder, self._context = folder, context
+
+    def load(self, frame: int, full: Array, pose: RigidPose) -> FrameSolves | None:
+        """The solves of this very frame if they are there."""
+        path = self._path(frame)
+        if not path.is_file():
+            return None
+        with np.load(path, allow_pickle=False) as kept:
+            if str(kept["key"]) != self._key(full, pose):
+                return None
+            return FrameSolves(
+                kept["internal"], kept["linear"], kept["exact"], float(kept["seconds"]), str(kept["problem"])
+            )
+
+    def save(self, frame: int, full: Array, pose: RigidPose, solves: FrameSolves) -> None:
+        key = np.array(self._key(full, pose))
+        with atomic_path(self._path(frame)) as temporary:
+            np.savez(temporary, key=key, **vars(solves))
+
+    def _path(self, frame: int) -> Path:
+        return self._folder / f"frame_{frame:05d}.npz"
+
+    def _key(self, full: Array, pose: RigidPose) -> str:
+        return content_hash(
+            {
+                "version": _VERSION,
+                "context": self._context,
+                "full": full,
+                "pose": np.ascontiguousarray(pose.matrix),
+            }
+        )
