@@ -10,24 +10,41 @@ from runtime.experiment.section import Count, Name, NotNegative, Positive, Secti
 
 
 class ModelSpec(Section):
-    """`[[training.models]]`: one correction to train."""
+    """`[[training.models]]`: one correction to train. The defaults are the best form known; the thesis's own is
+
+    encoding = "weighted_rows", patch_inputs = false, hidden = [250, 250], activation = "tanh", fade = "saturating".
+    """
 
     name: Name = Field(description="file name of the correction and its name in simulations and reports")
-    hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
-        (256, 256), description="neurons of each hidden layer"
+    encoding: Literal["local_geometry", "weighted_rows"] = Field(
+        "local_geometry",
+        description="local inputs: geometry of the contact at the point, or the thesis's weighted handle rows",
     )
-    activation: Literal["tanh", "silu", "gelu", "sine"] = Field("tanh", description="of every hidden layer")
+    patch_inputs: bool = Field(True, description="tell the network about the contact patch as a whole")
+    hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
+        (128, 128, 128), description="neurons of each hidden layer"
+    )
+    activation: Literal["tanh", "silu", "softplus"] = Field("silu", description="of every hidden layer")
+    fade: Literal["proportional", "saturating"] = Field(
+        "proportional",
+        description="displacement grows with the depth of contact, or only vanishes as contact opens",
+    )
+    fade_depth: Positive = Field(5e-4, description="depth of contact below which the field fades out [m]")
 
 
 class TrainingSpec(Section):
     """`[training]`: settings shared by all models."""
 
     collider: str = Field("", description="name of the collider; may be left out where there is only one")
-    epochs: Count = Field(60, description="passes over the training samples")
+    steps: Count = Field(4000, description="optimiser steps for each model")
     batch: Count = Field(16, description="samples of one optimiser step")
-    learning_rate: Positive = Field(2e-3, description="largest learning rate")
-    edge_weight: NotNegative = Field(1.0, description="weight of the surface-edge term beside the volume term")
-    validation_share: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.15, description="share of the contacts held out for the validation curve"
-    )
+    nodes: Count = Field(256, description="nodes kept of each sample")
+    edges: Count = Field(64, description="surface edges kept of each sample, for the edge term of the loss")
+    learning_rate: Positive = Field(2e-3, description="at the start; falls to zero along a cosine")
+    weight_decay: NotNegative = Field(1e-3, description="decoupled weight decay (AdamW)")
+    edge_weight: NotNegative = Field(0.3, description="weight of the surface-edge term beside the volume term")
+    validation_states: Count = Field(1, description="states held out for the validation curve")
+    validations: Count = Field(20, description="how often along a run the held-out error is measured")
+    validation_samples: Count = Field(200, description="at most so many held-out samples, drawn evenly")
+    device: Literal["cpu", "cuda"] = Field("cpu", description="where the networks are trained")
     models: tuple[ModelSpec, ...] = Field((), description="the corrections to train")

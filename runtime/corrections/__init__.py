@@ -1,0 +1,1 @@
+"""Corrections: displacement that a learned model adds to the reduced positions."""

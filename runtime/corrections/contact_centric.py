@@ -1,0 +1,105 @@
+"""The contact-centric correction of thesis chapter 5 at run time: a trained `ContactModel` on a body and a collider."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from runtime.arrays import Array, IntArray
+from runtime.body.body import ReducedBody
+from runtime.body.material_points import MaterialPoints
+from runtime.colliders.collider import Collider
+from runtime.colliders.pose import RigidPose
+from runtime.corrections.contact_patch import ContactProbe, Patch
+from runtime.corrections.correction import CorrectionField
+from runtime.corrections.model import ContactModel
+from runtime.corrections.points import PointStates, PointTensors
+from runtime.errors import SoftprintError
+
+
+class ContactCentric:
+    """u(X) = R r(z, T^-1 q) (thesis eq. 5.2). Zero unless some surface sample of the reduced body penetrates.
+
+    The model may be float32, as trained, or float64 (`model.double()`), for finite differences.
+    """
+
+    support = np.inf
+
+    def __init__(self, name: str, model: ContactModel, body: ReducedBody, collider: Collider) -> None:
+        if (model.dim, model.n_rows) != (body.dim, body.n_rows):
+            raise SoftprintError(
+                f"correction {name!r} is for a {model.dim}D body with {model.n_rows} handle rows, but body "
+                f"{body.name!r} is {body.dim}D with {body.n_rows}: train it for this body"
+            )
+        self.name, self.collider = name, collider.name
+        self.model = model.eval()
+        self.probe = ContactProbe(body, collider)
+
+    def bind(self, points: MaterialPoints, reach: float = np.inf) -> BoundContactCentric:
+        """See `Correction.bind`."""
+        return BoundContactCentric(self, points, reach)
+
+
+@dataclass(frozen=True, eq=False)
+class _Contact:
+    """What one evaluation needs: the patch, and the states of the active points."""
+
+    patch: Patch
+    index: IntArray
+    state: PointStates
+    rotation: Tensor
+
+
+class BoundContactCentric:
+    """A contact-centric correction at n material points."""
+
+    def __init__(self, correction: ContactCentric, points: MaterialPoints, reach: float) -> None:
+        self._model, self._probe = correction.model, correction.probe
+        self._basis, self._reach = points.basis, reach
+        self._points = PointTensors.of(points, self._model.output_scale)
+
+    def displacement(self, rows: Array, pose: RigidPose) -> Array:
+        """u (n, dim) [m] in the world frame."""
+        displacement = np.zeros((len(self._basis), self._model.dim))
+        contact = self._contact(rows, pose)
+        if contact is not None:
+            shared, depth = self._of_patch(contact.patch)
+            with torch.no_grad():
+                r = self._model(contact.state, shared, depth)
+            displacement[contact.index] = pose.rotate(r.double().numpy())
+        return displacement
+
+    def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
+        """u and du/drows of the points within reach; none where the reduced body does not touch."""
+        contact = self._contact(rows, pose)
+        if contact is None:
+            return CorrectionField.empty(self._model.dim, self._model.n_rows)
+        shared, depth = self._of_patch(contact.patch)
+        slope = contact.patch.shared_slope.to(shared)
+        u, jacobian = self._model.linearise(contact.state, shared, slope, depth, contact.rotation)
+        return CorrectionField(contact.index, u.double().numpy(), jacobian.double().numpy())
+
+    def _of_patch(self, patch: Patch) -> tuple[Tensor, Tensor]:
+        like = self._model.output_scale
+        return patch.shared.to(like), like.new_tensor(patch.depth)
+
+    def _contact(self, rows: Array, pose: RigidPose) -> _Contact | None:
+        patch = self._probe.measure(rows, pose)
+        if patch is None:
+            return None
+        local_rows = self._probe.collider_rows(rows, pose)
+        z = self._basis @ local_rows
+        index = np.arange(len(z))
+        points = self._points
+        if np.isfinite(self._reach):
+            collider = self._probe.collider
+            index = np.flatnonzero(
+                ((z > collider.lower - self._reach) & (z < collider.upper + self._reach)).all(axis=1)
+            )
+            index = index[collider.sdf(z[index]) < self._reach]
+            points, z = points.take(torch.from_numpy(index)), z[index]
+        state = PointStates.at(points, local_rows, z, self._probe.collider)
+        return _Contact(patch, index, state, torch.from_numpy(pose.rotation.copy()).to(points.basis))

@@ -1,0 +1,61 @@
+"""What a correction is: displacement added to the reduced positions, and its derivative in the reduced state.
+
+Everything that detail adds to the subspace goes through this protocol (thesis eq. 5.1, x = x_reduced + u). A
+correction knows a body and one collider; *bound* to a set of material points it answers for these at a given
+reduced state and collider pose. All of it is quasi-static: it has no memory and no velocity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.body.material_points import MaterialPoints
+from runtime.colliders.pose import RigidPose
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionField:
+    """A correction where it is active, linearised in the reduced state.
+
+    index: (m,) which of the bound points; displacement: (m, dim) u [m], world frame;
+    jacobian: (m, dim, n_rows, dim) du_a / d rows_rb, the collider held fixed.
+    """
+
+    index: IntArray
+    displacement: Array
+    jacobian: Array
+
+    @classmethod
+    def empty(cls, dim: int, n_rows: int) -> CorrectionField:
+        """No point is active: the collider does not touch."""
+        return cls(np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty((0, dim, n_rows, dim)))
+
+
+class BoundCorrection(Protocol):
+    """A correction at n fixed material points."""
+
+    def displacement(self, rows: Array, pose: RigidPose) -> Array:
+        """u (n, dim) [m] in the world frame at handle rows (n_rows, dim); zero where the correction is inactive."""
+        ...
+
+    def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
+        """u and du/drows of the active points; called once for each Newton step (DESIGN.md, part 9)."""
+        ...
+
+
+class Correction(Protocol):
+    """A learned displacement field. `collider` names the collider it was learned for; beyond the signed distance
+    `support` [m] from that collider it is exactly zero (inf: no such distance)."""
+
+    name: str
+    collider: str
+    support: float
+
+    def bind(self, points: MaterialPoints, reach: float = np.inf) -> BoundCorrection:
+        """The correction at these points, prepared once. Points whose *reduced* position is farther than `reach` [m]
+        from the collider count as inactive: contact points need the correction only where they could touch."""
+        ...

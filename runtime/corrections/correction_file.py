@@ -1,0 +1,136 @@
+"""Correction files: safetensors with a JSON header, never pickle.
+
+The header says what the correction is (architecture, dimension), what it belongs to (hash of the body, name of the
+collider, hash of the truth it was learned from) and how good it is on states it has never seen.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from runtime.body.body import ReducedBody
+from runtime.colliders.collider import Collider
+from runtime.corrections.contact_centric import ContactCentric
+from runtime.corrections.model import ContactModel, ModelOptions
+from runtime.errors import SoftprintError
+from runtime.files import atomic_path, provenance
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+KIND, VERSION = "correction", 1
+
+
+@dataclass(frozen=True)
+class CorrectionHeader:
+    """What a correction file says about itself.
+
+    held_out_rms: relative error on the held-out states (see `surrogate.losses`); training: how it was trained, free form.
+    """
+
+    name: str
+    collider: str
+    body_hash: str
+    truth_hash: str
+    dim: int
+    n_rows: int
+    options: dict[str, object]
+    held_out_rms: float
+    training: dict[str, object]
+    provenance: dict[str, str]
+
+
+def save_correction(
+    path: Path,
+    name: str,
+    model: ContactModel,
+    body: ReducedBody,
+    collider: str,
+    truth_hash: str,
+    held_out_rms: float,
+    training: Mapping[str, object],
+) -> None:
+    """Write a trained model with what it belongs to; atomic."""
+    header = CorrectionHeader(
+        name=name,
+        collider=collider,
+        body_hash=body.content_hash,
+        truth_hash=truth_hash,
+        dim=model.dim,
+        n_rows=model.n_rows,
+        options=model.options.to_json(),
+        held_out_rms=held_out_rms,
+        training=dict(training),
+        provenance=provenance(),
+    )
+    metadata = {
+        "softprint_kind": KIND,
+        "softprint_version": str(VERSION),
+        "header": json.dumps({field.name: getattr(header, field.name) for field in fields(header)}),
+    }
+    tensors = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
+    with atomic_path(path) as temporary:
+        save_file(tensors, temporary, metadata=metadata)
+
+
+def read_header(path: Path) -> CorrectionHeader:
+    """The header alone. Raises SoftprintError where the file is missing, damaged, foreign or of another version."""
+    return _read(path)[0]
+
+
+def load_correction(path: Path, body: ReducedBody, collider: Collider) -> ContactCentric:
+    """The correction of a file, for the body and the collider that it was trained for.
+
+    Raises SoftprintError as :func:`read_header` does, and where body or collider are not those of the file.
+    """
+    header, tensors = _read(path)
+    if header.body_hash != body.content_hash:
+        raise SoftprintError(
+            f"{path}: was trained for another body (hash {header.body_hash[:12]}) than {body.name!r} "
+            f"({body.content_hash[:12]}): train it again for this body"
+        )
+    if header.collider != collider.name:
+        raise SoftprintError(
+            f"{path}: was trained for the collider {header.collider!r}, not for {collider.name!r}"
+        )
+    try:
+        options = ModelOptions.from_json(header.options)
+        model = ContactModel(options, header.dim, header.n_rows)
+        model.load_state_dict(tensors)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise SoftprintError(
+            f"{path}: weights and header do not fit together ({error}): train it again"
+        ) from error
+    return ContactCentric(header.name, model, body, collider)
+
+
+def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:
+    if not path.is_file():
+        raise SoftprintError(f"{path}: there is no such correction file; `softprint train` makes one")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+    except (SafetensorError, OSError) as error:
+        raise SoftprintError(
+            f"{path}: not a readable correction file (truncated, damaged, or not safetensors): train it again"
+        ) from error
+    if metadata.get("softprint_kind") != KIND:
+        raise SoftprintError(f"{path}: a safetensors file, but not a correction of Softprint's")
+    if metadata.get("softprint_version") != str(VERSION):
+        raise SoftprintError(
+            f"{path}: correction of version {metadata.get('softprint_version')}, but this program reads version "
+            f"{VERSION}: train it again"
+        )
+    try:
+        header = CorrectionHeader(**json.loads(metadata["header"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise SoftprintError(f"{path}: the header is incomplete ({error}): train it again") from error
+    return header, tensors

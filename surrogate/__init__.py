@@ -1,0 +1,1 @@
+"""The learner: truth files in, trained corrections out."""
