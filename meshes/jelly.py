@@ -1,4 +1,5 @@
-"""Mesh the Jelly, a flan on its base: a truncated cone with a rounded top edge (3D), or its profile (2D). Needs gmsh.
+"""Mesh the Jelly, a flan on its base: a truncated cone with a rounded top edge (3D), or its profile (2D).
+Needs gmsh.
 
     python meshes/jelly.py --dim 3 --edge-length 0.0047 --inside 0.0078 --out meshes/jelly3d_small.vtu
     python meshes/jelly.py --dim 3 --edge-length 0.0029 --out meshes/jelly3d.vtu
@@ -31,7 +32,7 @@ def rounded_corner() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def profile(side: int) -> list[int]:
-    """Curves from the middle of the base to the middle of the top: base, side, fillet, top (side = 1 or -1)."""
+    """Curves from the middle of the base to that of the top: base, side, fillet, top (side = 1 or -1)."""
     add = gmsh.model.occ.addPoint
     leaves, centre, meets = (add(side * radius, height, 0) for radius, height in rounded_corner())
     foot, bottom, top = add(side * BASE_RADIUS, 0, 0), add(0, 0, 0), add(0, HEIGHT, 0)
@@ -51,11 +52,15 @@ def trapezoid() -> list[int]:
 
 
 def cone() -> list[int]:
-    """The 3D body: half the profile turned about the axis, which is then stood upright; returns its surfaces."""
+    """The 3D body: half the profile turned about the axis, then stood upright; returns its surfaces."""
     curves = profile(1)
     axis = gmsh.model.occ.addLine(gmsh.model.occ.addPoint(0, HEIGHT, 0), gmsh.model.occ.addPoint(0, 0, 0))
     face = gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop([*curves, axis])])
-    solid = [entity for entity in gmsh.model.occ.revolve([(2, face)], 0, 0, 0, 0, 1, 0, 2 * np.pi) if entity[0] == 3]
+    solid = [
+        entity
+        for entity in gmsh.model.occ.revolve([(2, face)], 0, 0, 0, 0, 1, 0, 2 * np.pi)
+        if entity[0] == 3
+    ]
     gmsh.model.occ.rotate(solid, 0, 0, 0, 1, 0, 0, np.pi / 2)
     gmsh.model.occ.remove([(2, face)], recursive=True)
     gmsh.model.occ.removeAllDuplicates()
@@ -64,7 +69,7 @@ def cone() -> list[int]:
 
 
 def mesh_jelly(dim: int, edge_length: float, inside: float) -> Mesh:
-    """The jelly with this edge length at the surface [m], growing to ``inside`` at half the height's depth [m]."""
+    """The jelly: this edge length at the surface [m], ``inside`` [m] from a third of its height deep."""
     gmsh.initialize()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -89,7 +94,9 @@ def mesh_jelly(dim: int, edge_length: float, inside: float) -> Mesh:
     index = np.zeros(int(tags.max()) + 1, dtype=np.int64)
     index[tags.astype(np.int64)] = np.arange(len(tags))
     points = coordinates.reshape(-1, 3)[:, :dim]
-    return in_morton_order(oriented_mesh(points, index[nodes.astype(np.int64)].reshape(-1, dim + 1), "the jelly"))
+    return in_morton_order(
+        oriented_mesh(points, index[nodes.astype(np.int64)].reshape(-1, dim + 1), "the jelly")
+    )
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The two array types of the reduced mechanics: float64 numbers and node or cell indices."""
+"""The array types of the reduced mechanics, and the one sum that all of it scatters with."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,3 +6,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+
+def scatter_sum(index: IntArray, values: Array, size: int) -> Array:
+    """(size,) sums of the values by index; both are flattened."""
+    return np.asarray(np.bincount(index.ravel(), weights=values.ravel(), minlength=size), dtype=np.float64)

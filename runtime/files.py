@@ -33,13 +33,16 @@ _PACKAGES = ("numpy", "scipy", "h5py", "libigl", "meshio", "torch", "fenics-dolf
 def atomic_path(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` (same suffix); on success it is synced and renamed to ``path``.
 
-    On any exception the temporary file is removed and ``path`` is left as it was. Missing parent folders are made.
+    On any exception the temporary file is removed and ``path`` is left as it was. Missing parent folders
+    are made.
     """
     target = Path(path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SoftprintError(f"cannot make the folder {target.parent} for {target.name}: {error.strerror}") from error
+        raise SoftprintError(
+            f"cannot make the folder {target.parent} for {target.name}: {error.strerror}"
+        ) from error
     if target.is_dir():
         raise SoftprintError(f"cannot write {target}: a folder of that name is in the way")
     temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}")
@@ -67,7 +70,8 @@ def provenance() -> dict[str, str]:
         try:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
-            # Debian's DOLFINx and PETSc carry no distribution metadata of that name; ask the module if it is loaded.
+            # Debian's DOLFINx and PETSc carry no distribution metadata of that name; ask the module if it
+            # is loaded.
             module = sys.modules.get({"fenics-dolfinx": "dolfinx"}.get(package, package))
             if module is not None and hasattr(module, "__version__"):
                 versions[package] = str(module.__version__)
@@ -75,7 +79,7 @@ def provenance() -> dict[str, str]:
 
 
 def content_hash(content: Mapping[str, object]) -> str:
-    """SHA-256 (hex) of named arrays, numbers and strings: names, types, shapes and bytes; order does not matter."""
+    """SHA-256 (hex) of named arrays, numbers and strings: names, types, shapes, bytes; in any order."""
     digest = hashlib.sha256()
     for name in sorted(content):
         value = content[name]
@@ -93,7 +97,7 @@ def content_hash(content: Mapping[str, object]) -> str:
 
 @contextmanager
 def create_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5py.File]:
-    """Write a whole HDF5 file of the given kind: atomic, with its kind, version and provenance in the attributes."""
+    """Write a whole HDF5 file, atomically, with its kind, version and provenance in the attributes."""
     import h5py
 
     with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
@@ -107,8 +111,8 @@ def create_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h
 def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5py.File]:
     """Open an HDF5 file for reading after checking that it is whole, ours, of this kind and of this version.
 
-    Use as a context manager. A dataset or attribute that turns out to be missing or unreadable inside the block
-    becomes a SoftprintError that names the file.
+    Use as a context manager. A dataset or attribute that turns out to be missing or unreadable inside the
+    block becomes a SoftprintError that names the file.
     """
     import h5py
 
@@ -126,7 +130,9 @@ def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5p
         try:
             yield file
         except KeyError as error:
-            raise SoftprintError(f"{source}: the {kind} file is incomplete ({error.args[0]}): make it again") from error
+            raise SoftprintError(
+                f"{source}: the {kind} file is incomplete ({error.args[0]}): make it again"
+            ) from error
         except OSError as error:
             raise SoftprintError(f"{source}: the {kind} file is damaged ({error}): make it again") from error
 
@@ -134,7 +140,9 @@ def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5p
 def _check_kind(file: h5py.File, source: Path, kind: str, version: int) -> None:
     found_kind = file.attrs.get("softprint_kind")
     if found_kind is None:
-        raise SoftprintError(f"{source}: an HDF5 file, but not one of Softprint's; a {kind} file was expected")
+        raise SoftprintError(
+            f"{source}: an HDF5 file, but not one of Softprint's; a {kind} file was expected"
+        )
     if found_kind != kind:
         raise SoftprintError(f"{source}: this is a {found_kind} file; a {kind} file was expected")
     found_version = int(file.attrs.get("softprint_version", -1))

@@ -1,8 +1,8 @@
 """Reduced bodies: handles, subspace basis, cubature, and the file that keeps them."""
 
 from runtime.body.body import ReducedBody
-from runtime.body.body_file import load_body, save_body
-from runtime.body.build import assemble_body, build_body
+from runtime.body.body_file import load_body, read_recipe, save_body
+from runtime.body.build import assemble_body, body_recipe, build_body
 from runtime.body.cubature import Cubature
 from runtime.body.handles import FrameHandle, Handles
 from runtime.body.material_points import MaterialPoints
@@ -17,9 +17,11 @@ __all__ = [
     "ReducedBody",
     "SurfaceSamples",
     "assemble_body",
+    "body_recipe",
     "build_body",
     "frame_in_box",
     "load_body",
     "place_handles",
+    "read_recipe",
     "save_body",
 ]

@@ -1,4 +1,4 @@
-"""The subspace basis: biharmonic generalised barycentric coordinates (BGBC, Wang et al. 2015), from libigl."""
+"""The subspace basis: biharmonic generalised barycentric coordinates (BGBC, Wang et al. 2015)."""
 
 from __future__ import annotations
 
@@ -10,28 +10,33 @@ from runtime.body.handles import Handles
 from runtime.errors import SoftprintError
 from runtime.mesh import Mesh
 
-# Affine maps are reproduced to about 1e-12 of the body's size; a factorisation that went wrong is far above this.
+# Affine maps are reproduced to about 1e-12 of the body's size; a factorisation that went wrong is far above
+# this.
 _AFFINE_TOLERANCE = 1e-6
 
 
 def biharmonic_basis(mesh: Mesh, handles: Handles) -> Array:
     """U (n_nodes, n_rows): reduced positions are U @ rows (thesis eq. 4.1), with exact affine reproduction.
 
-    Minimises the squared linearly precise Laplacian subject to interpolation at point handles and in frame regions.
-    Weights may be negative. Raises SoftprintError where the handles do not determine the minimiser.
+    Minimises the squared linearly precise Laplacian subject to interpolation at point handles and in frame
+    regions. Weights may be negative. Raises SoftprintError where the handles do not determine the
+    minimiser.
     """
     regions = [[int(node)] for node in handles.points] + [frame.nodes.tolist() for frame in handles.frames]
     basis = np.ascontiguousarray(igl.biharmonic_coordinates(mesh.points, mesh.cells, regions, 2))
-    # libigl reports failure by an empty array, and a nearly singular system by weights that reproduce nothing.
+    # libigl reports failure by an empty array, and a nearly singular system by weights that reproduce
+    # nothing.
     if basis.shape != (mesh.n_nodes, handles.n_rows) or not np.isfinite(basis).all():
         raise SoftprintError(
-            f"body: no biharmonic coordinates for {handles.n_points} points and {len(handles.frames)} frames: there must "
+            f"body: no biharmonic coordinates for {handles.n_points} points and {len(handles.frames)} "
+            f"frames: there must "
             f"be a frame or at least {mesh.dim + 1} points in general position, and cells of a sound shape"
         )
     error = np.abs(basis @ handles.rest_rows(mesh.points) - mesh.points).max()
     if error > _AFFINE_TOLERANCE * mesh.size:
         raise SoftprintError(
-            f"body: the biharmonic coordinates reproduce the rest shape only to {error:.1e} m: the handles are too few or "
+            f"body: the biharmonic coordinates reproduce the rest shape only to {error:.1e} m: the handles "
+            f"are too few or "
             "nearly in a line or plane, or the mesh has nearly flat cells"
         )
     return basis

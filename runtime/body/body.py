@@ -24,8 +24,8 @@ class ReducedBody:
     """A soft body and its subspace: reduced positions are x = U rows (thesis eq. 4.1 without correction).
 
     basis: U (n_nodes, n_rows); material: parameters for each cell; density: (n_cells,) [kg/m^dim];
-    node_mass: (n_nodes,) lumped [kg]; reduced_mass: (n_rows, n_rows) = U^T diag(node_mass) U [kg]. In 2D the body is
-    one metre thick: masses are kg per metre, energies J per metre.
+    node_mass: (n_nodes,) lumped [kg]; reduced_mass: (n_rows, n_rows) = U^T diag(node_mass) U [kg]. In 2D
+    the body is one metre thick: masses are kg per metre, energies J per metre.
     """
 
     mesh: Mesh
@@ -59,8 +59,8 @@ class ReducedBody:
     def content_hash(self) -> str:
         """Names the body by what defines it: mesh, handles, basis kind, material and density.
 
-        Cubature and surface samples are left out (a truth file stays valid when they change), and so are numbers that
-        follow from these and may differ in the last digit between machines.
+        Cubature and surface samples are left out (a truth file stays valid when they change), and so are
+        numbers that follow from these and may differ in the last digit between machines.
         """
         content: dict[str, object] = {
             "points": self.mesh.points,

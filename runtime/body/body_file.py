@@ -1,20 +1,22 @@
 """The body file (HDF5): a reduced body, whole, with the hash of its content. SI units throughout.
 
-    mesh/points (n_nodes, dim) m, mesh/cells          handles/points, handles/frames/<number>/{nodes, pivot} @name
-    basis (n_nodes, n_rows)                           material/{young Pa, poisson} @model, density kg/m^dim
-    node_mass kg, reduced_mass kg                     cubature/{cells, weights m^dim} @energy_error @force_error
+    mesh/points (n_nodes, dim) m, mesh/cells     handles/points, handles/frames/<number>/{nodes, pivot} @name
+    basis (n_nodes, n_rows)                      material/{young Pa, poisson} @model, density kg/m^dim
+    node_mass kg, reduced_mass kg                cubature/{cells, weights m^dim} @energy_error @force_error
     surface/{nodes, areas m^(dim-1)}
 
-Attributes: softprint_kind "body", softprint_version, provenance, name, content_hash (what defines the body: see
-:attr:`ReducedBody.content_hash`), file_hash (all of the above).
+Attributes: softprint_kind "body", softprint_version, provenance, name, content_hash (what defines the body:
+see :attr:`ReducedBody.content_hash`), file_hash (all of the above), recipe (what it was built from).
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
@@ -30,24 +32,35 @@ KIND = "body"
 VERSION = 1
 
 
-def save_body(path: Path | str, body: ReducedBody) -> None:
-    """Write the body file, atomically."""
+def save_body(path: Path | str, body: ReducedBody, recipe: str = "") -> None:
+    """Write the body file, atomically. recipe: what it was built from (:func:`runtime.body.body_recipe`)."""
     arrays = _arrays(body)
     with create_softprint_h5(path, KIND, VERSION) as file:
         for name, array in arrays.items():
-            file.create_dataset(name, data=array, compression="gzip" if array.size > 1000 else None, shuffle=array.size > 1000)
+            large = array.size > 1000
+            file.create_dataset(name, data=array, compression="gzip" if large else None, shuffle=large)
         for index, frame in enumerate(body.handles.frames):
             file[f"handles/frames/{index}"].attrs["name"] = frame.name
         file["material"].attrs["model"] = body.material.model
         file["cubature"].attrs["energy_error"] = body.cubature.energy_error
         file["cubature"].attrs["force_error"] = body.cubature.force_error
         file.attrs["name"] = body.name
+        file.attrs["recipe"] = recipe
         file.attrs["content_hash"] = body.content_hash
         file.attrs["file_hash"] = content_hash({**arrays, "content_hash": body.content_hash})
 
 
+def read_recipe(path: Path | str) -> str:
+    """The recipe that was saved with a body; "" if there was none."""
+    with open_softprint_h5(path, KIND, VERSION) as file:
+        return str(file.attrs["recipe"])
+
+
 def load_body(path: Path | str) -> ReducedBody:
-    """Read and check a body file. Raises SoftprintError where it is missing, foreign, truncated, altered or incomplete."""
+    """Read and check a body file.
+
+    Raises SoftprintError where it is missing, foreign, truncated, altered or incomplete.
+    """
     with open_softprint_h5(path, KIND, VERSION) as file:
         handles = Handles(
             int(file["mesh/points"].shape[1]),
@@ -62,7 +75,9 @@ def load_body(path: Path | str) -> ReducedBody:
             handles=handles,
             basis=_numbers(file, "basis"),
             material=make_material(
-                str(file["material"].attrs["model"]), _numbers(file, "material/young"), _numbers(file, "material/poisson")
+                str(file["material"].attrs["model"]),
+                _numbers(file, "material/young"),
+                _numbers(file, "material/poisson"),
             ),
             density=_numbers(file, "density"),
             node_mass=_numbers(file, "node_mass"),
@@ -77,8 +92,13 @@ def load_body(path: Path | str) -> ReducedBody:
             name=str(file.attrs["name"]),
         )
         recorded, file_hash = str(file.attrs["content_hash"]), str(file.attrs["file_hash"])
-    if body.content_hash != recorded or content_hash({**_arrays(body), "content_hash": recorded}) != file_hash:
-        raise SoftprintError(f"{path}: the body file was altered or damaged (its hash does not match): make it again")
+    if (
+        body.content_hash != recorded
+        or content_hash({**_arrays(body), "content_hash": recorded}) != file_hash
+    ):
+        raise SoftprintError(
+            f"{path}: the body file was altered or damaged (its hash does not match): make it again"
+        )
     return body
 
 
@@ -88,9 +108,9 @@ def _frame_groups(file: h5py.File) -> list[h5py.Group]:
     return [frames[str(index)] for index in range(len(frames))]
 
 
-def _arrays(body: ReducedBody) -> dict[str, np.ndarray]:
+def _arrays(body: ReducedBody) -> dict[str, NDArray[Any]]:
     """Every array of the body under its name in the file."""
-    arrays = {
+    arrays: dict[str, NDArray[Any]] = {
         "mesh/points": body.mesh.points,
         "mesh/cells": body.mesh.cells,
         "handles/points": body.handles.points,

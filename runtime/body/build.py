@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from runtime.body.placement import frame_in_box, in_box, place_handles
 from runtime.body.surface_samples import sample_surface
 from runtime.elasticity.materials import Material, make_material
 from runtime.errors import SoftprintError
+from runtime.files import content_hash
 from runtime.mesh import Mesh, read_mesh
 
 if TYPE_CHECKING:
@@ -29,8 +31,8 @@ log = logging.getLogger(__name__)
 def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0) -> ReducedBody:
     """The body of an experiment's [body] table; paths in it are relative to base_dir.
 
-    ``seed`` draws only the states at which the cubature error is measured. Raises SoftprintError for all that can be
-    wrong with the mesh, the handles and the material.
+    ``seed`` draws only the states at which the cubature error is measured. Raises SoftprintError for all
+    that can be wrong with the mesh, the handles and the material.
     """
     path = Path(base_dir) / spec.mesh
     mesh = read_mesh(path)
@@ -49,16 +51,31 @@ def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0) -> ReducedBo
     )
 
 
+def body_recipe(spec: BodySpec, base_dir: Path | str, seed: int = 0) -> str:
+    """A hash of all that :func:`build_body` reads: the table, the mesh file's bytes, the seed."""
+    path = Path(base_dir) / spec.mesh
+    try:
+        mesh = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise SoftprintError(f"{path}: the mesh file cannot be read: {error.strerror}") from error
+    return content_hash({"table": spec.model_dump_json(exclude={"mesh"}), "mesh": mesh, "seed": seed})
+
+
 def material_of_cells(mesh: Mesh, spec: MaterialSpec) -> tuple[Material, Array]:
-    """Material and density (n_cells,) [kg/m^dim]: a later region overrides an earlier one where it gives a value.
+    """Material and density (n_cells,) [kg/m^dim]: a later region overrides an earlier one where it gives a
+    value.
 
     A cell belongs to a region when its centroid lies in the region's box.
     """
-    values = {key: np.full(mesh.n_cells, float(getattr(spec, key))) for key in ("young", "poisson", "density")}
+    values = {
+        key: np.full(mesh.n_cells, float(getattr(spec, key))) for key in ("young", "poisson", "density")
+    }
     for number, region in enumerate(spec.regions):
         inside = in_box(mesh.cell_centroids, region.box)
         if not inside.any():
-            raise SoftprintError(f"body.material.regions[{number}]: no cell has its centroid in the box {region.box}")
+            raise SoftprintError(
+                f"body.material.regions[{number}]: no cell has its centroid in the box {region.box}"
+            )
         for key, array in values.items():
             if getattr(region, key) is not None:
                 array[inside] = getattr(region, key)

@@ -1,15 +1,17 @@
 """Data-oblivious cubature: a few cells with weights stand for the whole body (thesis 3.7.2).
 
 As in the thesis, cells are sampled uniformly and no example of a deformation is needed. The weights go a step
-further. The thesis integrates the biharmonic coordinates of the samples (eq. 3.14, :func:`interpolation_weights`); here
-the weights are those that integrate best what every elastic energy of the subspace is made of. To second order that
-energy is quadratic in the products of basis gradients, so the moments
+further. The thesis integrates the biharmonic coordinates of the samples (eq. 3.14,
+:func:`interpolation_weights`); here the weights are those that integrate best what every elastic energy of
+the subspace is made of. To second order that energy is quadratic in the products of basis gradients, so the
+moments
 
     M_c = mu_c D_c (x) D_c,    D_c = grad U in cell c, (n_rows, dim),
 
-are integrated in the least-squares sense by nonnegative weights, drawn gently towards the volumes that the samples stand
-for. The inner product of two moments is mu_c mu_c' (D_c : D_c')^2, so no moment is ever formed. On the small Jelly, ten
-cells a row, this leaves a third of the force error of eq. 3.14 (``python -m benchmarks.cubature``).
+are integrated in the least-squares sense by nonnegative weights, drawn gently towards the volumes that the
+samples stand for. The inner product of two moments is mu_c mu_c' (D_c : D_c')^2, so no moment is ever
+formed. On the small Jelly, ten cells a row, this leaves a third of the force error of eq. 3.14 (``python -m
+benchmarks.cubature``).
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, IntArray, scatter_sum
 from runtime.body.farthest_points import farthest_points
 from runtime.body.handles import Handles
 from runtime.body.rotations import rotation_dofs
@@ -31,17 +33,19 @@ from runtime.elasticity.materials import Material
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 from runtime.mesh import Mesh
 
-# Pull of the weights towards the samples' own volumes, relative to the moments: from 0.01 to 0.1 the measured error
-# hardly changes; below, weights vanish or grow to several times the mean.
+# Pull of the weights towards the samples' own volumes, relative to the moments: from 0.01 to 0.1 the
+# measured error hardly changes; below, weights vanish or grow to several times the mean.
 RIDGE = 0.03
 _CHUNK = 16384  # cells whose kernel values are held at once
 
 
 @dataclass(frozen=True, eq=False)
 class Cubature:
-    """cells: (m,) cell indices, ascending; weights: (m,) [m^dim], positive: E = sum_i w_i Psi(F_i) (thesis eq. 3.13).
+    """cells: (m,) cell indices, ascending; weights: (m,) [m^dim], positive: E = sum_i w_i Psi(F_i) (thesis
+    eq. 3.13).
 
-    energy_error, force_error: mean relative errors against full integration, measured when the body was built.
+    energy_error, force_error: mean relative errors against full integration, measured when the body was
+    built.
     """
 
     cells: IntArray
@@ -51,12 +55,18 @@ class Cubature:
 
 
 def build_cubature(
-    mesh: Mesh, basis: Array, handles: Handles, material: Material, points_per_row: int, rng: np.random.Generator
+    mesh: Mesh,
+    basis: Array,
+    handles: Handles,
+    material: Material,
+    points_per_row: int,
+    rng: np.random.Generator,
 ) -> Cubature:
     """About points_per_row cells for each row of the basis (n_nodes, n_rows), and their measured errors.
 
-    Cells inside a rigid frame store no energy and are never sampled; each material region has samples of its own, as
-    many as its volume asks for. With more samples asked for than there are cells, integration is full.
+    Cells inside a rigid frame store no energy and are never sampled; each material region has samples of
+    its own, as many as its volume asks for. With more samples asked for than there are cells, integration
+    is full.
     """
     cells, weights = choose_cubature(mesh, basis, handles, material, points_per_row * handles.n_rows)
     states = random_states(mesh, handles, rng)
@@ -96,9 +106,11 @@ def elastic_cells(mesh: Mesh, handles: Handles) -> IntArray:
 def _shares(mesh: Mesh, material: Material, cells: IntArray, count: int) -> list[tuple[IntArray, int]]:
     """The material regions of the cells, each with its number of samples: by volume, at least one."""
     local = material.at(cells)
-    parameters = np.column_stack([np.broadcast_to(value, len(cells)) for value in (local.young, local.poisson)])
+    parameters = np.column_stack(
+        [np.broadcast_to(value, len(cells)) for value in (local.young, local.poisson)]
+    )
     _, region = np.unique(parameters, axis=0, return_inverse=True)
-    volume = np.bincount(region.reshape(-1), mesh.cell_volumes[cells])
+    volume = scatter_sum(region, mesh.cell_volumes[cells], int(region.max()) + 1)
     samples = np.maximum(1, np.floor(count * volume / volume.sum())).astype(int)
     return [(cells[region.reshape(-1) == index], int(share)) for index, share in enumerate(samples)]
 
@@ -106,13 +118,16 @@ def _shares(mesh: Mesh, material: Material, cells: IntArray, count: int) -> list
 def uniform_cells(mesh: Mesh, cells: IntArray, count: int) -> IntArray:
     """``count`` of the cells, uniform in volume: farthest points, then one step of Lloyd's iteration.
 
-    Farthest points crowd the surface; the step towards the centroid of what each stands for takes them off it.
+    Farthest points crowd the surface; the step towards the centroid of what each stands for takes them off
+    it.
     """
     centroids, volumes = mesh.cell_centroids[cells], mesh.cell_volumes[cells]
     samples = centroids[farthest_points(centroids, count)]
     _, owner = cKDTree(samples).query(centroids)
-    mass = np.bincount(owner, volumes, minlength=len(samples))
-    middles = [np.bincount(owner, volumes * centroids[:, axis], minlength=len(samples)) / mass for axis in range(mesh.dim)]
+    mass = scatter_sum(owner, volumes, len(samples))
+    middles = [
+        scatter_sum(owner, volumes * centroids[:, axis], len(samples)) / mass for axis in range(mesh.dim)
+    ]
     _, nearest = cKDTree(centroids).query(np.column_stack(middles))
     return cells[np.unique(nearest)]
 
@@ -120,20 +135,24 @@ def uniform_cells(mesh: Mesh, cells: IntArray, count: int) -> IntArray:
 def nearest_volumes(mesh: Mesh, cells: IntArray, sampled: IntArray) -> Array:
     """(m,) volume of the cells nearest to each sampled cell [m^dim]."""
     _, owner = cKDTree(mesh.cell_centroids[sampled]).query(mesh.cell_centroids[cells])
-    return np.bincount(owner, mesh.cell_volumes[cells], minlength=len(sampled))
+    return scatter_sum(owner, mesh.cell_volumes[cells], len(sampled))
 
 
 def moment_weights(
     mesh: Mesh, basis: Array, material: Material, cells: IntArray, sampled: IntArray, volumes: Array
 ) -> Array:
-    """Nonnegative weights (m,) of the sampled cells [m^dim] that integrate mu D (x) D over the cells; see above.
+    """Nonnegative weights (m,) of the sampled cells [m^dim] that integrate mu D (x) D over the cells; see
+    above.
 
-    With w = y * volumes, minimises |sum_c w_c M_c - integral M|^2 / |sum_c volumes_c M_c|^2 + RIDGE^2 mean (y - 1)^2.
+    With w = y * volumes, minimises |sum_c w_c M_c - integral M|^2 / |sum_c volumes_c M_c|^2 + RIDGE^2 mean
+    (y - 1)^2.
     """
     shear = np.broadcast_to(material.lame_mu, mesh.n_cells)
 
     def moments(which: IntArray) -> Array:
-        gradient = ReducedElasticity.on_cells(mesh, basis, material, which, mesh.cell_volumes[which]).basis_gradient
+        gradient = ReducedElasticity.on_cells(
+            mesh, basis, material, which, mesh.cell_volumes[which]
+        ).basis_gradient
         return np.sqrt(shear[which])[:, None] * gradient.reshape(len(which), -1)
 
     own = moments(sampled)
@@ -151,8 +170,8 @@ def moment_weights(
 def interpolation_weights(mesh: Mesh, sampled: IntArray) -> Array:
     """The thesis's weights, eq. 3.14: integrals of the biharmonic coordinates of the samples (m,) [m^dim].
 
-    The coordinates live at nodes: each sampled cell is represented by the node nearest to its centroid (samples that share
-    one share its weight). Kept to compare with; they may be negative.
+    The coordinates live at nodes: each sampled cell is represented by the node nearest to its centroid
+    (samples that share one share its weight). Kept to compare with; they may be negative.
     """
     _, nearest = cKDTree(mesh.points).query(mesh.cell_centroids[sampled])
     nodes, owner, shared = np.unique(nearest, return_inverse=True, return_counts=True)
@@ -161,7 +180,7 @@ def interpolation_weights(mesh: Mesh, sampled: IntArray) -> Array:
 
 
 def random_states(mesh: Mesh, handles: Handles, rng: np.random.Generator, count: int = 8) -> list[Array]:
-    """Handle rows to measure with: each handle displaced by a normal 5 % of the body's size, frames turned by 0.1 rad."""
+    """Handle rows to measure with: normal displacements of 5 % of the body's size, turns of 0.1 rad."""
     rest = handles.rest_rows(mesh.points)
     spread = dof_scale(mesh, handles)
     return [handles.retract(rest, spread * rng.normal(size=handles.n_dofs)) for _ in range(count)]
@@ -171,7 +190,9 @@ def dof_scale(mesh: Mesh, handles: Handles) -> Array:
     """(n_dofs,) a moderate displacement for translations (5 % of the size) [m], 0.1 for rotations [rad]."""
     turn = rotation_dofs(mesh.dim)
     frame = [0.05 * mesh.size] * mesh.dim + [0.1] * turn
-    return np.concatenate([np.full(handles.n_points * mesh.dim, 0.05 * mesh.size), *([frame] * len(handles.frames))])
+    return np.concatenate(
+        [np.full(handles.n_points * mesh.dim, 0.05 * mesh.size), *([frame] * len(handles.frames))]
+    )
 
 
 def cubature_error(
@@ -190,13 +211,14 @@ def cubature_error(
     """
     reduced = ReducedElasticity.on_cells(mesh, basis, material, cells, weights)
     scale = dof_scale(mesh, handles)
-    errors = []
+    errors: list[tuple[float, float]] = []
     for rows in states:
         positions, F = basis @ rows, reduced.deformation_gradients(rows)
         tangent = handles.tangent(rows) * scale
         energy = elastic_energy(mesh, material, positions)
         force = tangent.T @ (basis.T @ elastic_gradient(mesh, material, positions)).ravel()
         difference = tangent.T @ reduced.gradient(F).ravel() - force
-        errors.append([abs(reduced.energy(F) / energy - 1.0), np.linalg.norm(difference) / np.linalg.norm(force)])
-    energy_error, force_error = np.mean(errors, axis=0)
-    return float(energy_error), float(force_error)
+        force_error = float(np.linalg.norm(difference) / np.linalg.norm(force))
+        errors.append((abs(reduced.energy(F) / energy - 1.0), force_error))
+    mean = np.mean(errors, axis=0)
+    return float(mean[0]), float(mean[1])

@@ -7,11 +7,14 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 
 
-def farthest_points(points: Array, count: int, *, first: int | None = None, distance: Array | None = None) -> IntArray:
+def farthest_points(
+    points: Array, count: int, *, first: int | None = None, distance: Array | None = None
+) -> IntArray:
     """Indices of ``count`` of the points (n, dim), each the farthest from those chosen before it.
 
-    Start from ``first``, or from given distances (n,) to what is already chosen, or (neither given) with the point
-    farthest from the centroid. Deterministic: ties go to the lowest index. Returns (min(count, n),) in order of choice.
+    Start from ``first``, or from given distances (n,) to what is already chosen, or (neither given) with
+    the point farthest from the centroid. Deterministic: ties go to the lowest index. Returns (min(count,
+    n),) in order of choice.
     """
     count = min(count, len(points))
     chosen = np.empty(count, dtype=np.int64)

@@ -1,15 +1,17 @@
 """Handles: what the reduced model moves, and the tangent space in which Newton's method steps them.
 
-The reduced state is kept as *handle rows* (n_rows, dim): first one row for each point handle (its position), then
-dim+1 rows for each rigid frame: the dim rows of R^T, then the translation t, so that a rest point X of the frame sits
-at x = X R^T + t. Reduced positions are linear in the rows, x = U rows (thesis eq. 4.1 without r).
+The reduced state is kept as *handle rows* (n_rows, dim): first one row for each point handle (its
+position), then dim+1 rows for each rigid frame: the dim rows of R^T, then the translation t, so that a rest
+point X of the frame sits at x = X R^T + t. Reduced positions are linear in the rows, x = U rows (thesis eq.
+4.1 without r).
 
-Frames are stepped in the tangent space of their pose (thesis 4.2.3): an increment is a translation u and a world
-rotation vector w about the frame's *pivot*, the centroid of its region as it now stands,
+Frames are stepped in the tangent space of their pose (thesis 4.2.3): an increment is a translation u and a
+world rotation vector w about the frame's *pivot*, the centroid of its region as it now stands,
 
     R' = exp(w) R,    p' = p + u,    p = X_pivot R^T + t.
 
-Rotating about the pivot and not about the far-away origin keeps u and w uncoupled in the mass matrix of the region.
+Rotating about the pivot and not about the far-away origin keeps u and w uncoupled in the mass matrix of the
+region.
 """
 
 from __future__ import annotations
@@ -56,7 +58,9 @@ class Handles:
     @property
     def frame_nodes(self) -> IntArray:
         """All nodes in the regions of frames, ascending."""
-        return np.sort(np.concatenate([frame.nodes for frame in self.frames] or [np.empty(0, dtype=np.int64)]))
+        return np.sort(
+            np.concatenate([frame.nodes for frame in self.frames] or [np.empty(0, dtype=np.int64)])
+        )
 
     def rows_of(self, handle: int | str) -> slice:
         """Rows of one handle: a point by number, a frame by name."""
@@ -66,7 +70,7 @@ class Handles:
         return slice(self._point_index(handle), handle + 1)
 
     def dofs_of(self, handle: int | str) -> slice:
-        """Minimal coordinates of one handle; for a frame the translation comes first, then the rotation vector."""
+        """Minimal coordinates of one handle; a frame has its translation first, then its rotation vector."""
         if isinstance(handle, str):
             width = self.dim + rotation_dofs(self.dim)
             start = self.n_points * self.dim + self._frame_index(handle) * width
@@ -82,7 +86,9 @@ class Handles:
 
     def _point_index(self, number: int) -> int:
         if not 0 <= number < self.n_points:
-            raise SoftprintError(f"the body has no point handle {number}; they are numbered 0 to {self.n_points - 1}")
+            raise SoftprintError(
+                f"the body has no point handle {number}; they are numbered 0 to {self.n_points - 1}"
+            )
         return number
 
     def rest_rows(self, points: Array) -> Array:
@@ -104,7 +110,8 @@ class Handles:
         return moved
 
     def rigid(self, rows: Array) -> Array:
-        """Rows whose frames are rigid: each affine frame is replaced by its nearest rotation, its pivot kept in place.
+        """Rows whose frames are rigid: each affine frame is replaced by its nearest rotation, its pivot
+        kept in place.
 
         Rows that come from a projection of full positions are affine in general.
         """
@@ -119,21 +126,25 @@ class Handles:
     def check_rows(self, rows: Array, what: str = "rows") -> None:
         """Refuse rows of a wrong shape, not finite, or whose frames are not rotations."""
         if rows.shape != (self.n_rows, self.dim):
-            raise SoftprintError(f"{what}: shape {rows.shape}, but this body has handle rows {(self.n_rows, self.dim)}")
+            raise SoftprintError(
+                f"{what}: shape {rows.shape}, but this body has handle rows {(self.n_rows, self.dim)}"
+            )
         if not np.isfinite(rows).all():
             raise SoftprintError(f"{what}: holds numbers that are not finite")
         for index, frame in enumerate(self.frames):
             rotation = rows[self._frame_rows(index)][:-1]
             # 1e-6: far above the drift of many thousand float64 retractions, far below any real deformation.
             if np.abs(rotation @ rotation.T - np.eye(self.dim)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-                raise SoftprintError(f"{what}: frame {frame.name!r} is not a rotation; Handles.rigid makes it one")
+                raise SoftprintError(
+                    f"{what}: frame {frame.name!r} is not a rotation; Handles.rigid makes it one"
+                )
 
     def _frame_rows(self, index: int) -> slice:
         start = self.n_points + index * (self.dim + 1)
         return slice(start, start + self.dim + 1)
 
     def tangent(self, rows: Array) -> Array:
-        """T (n_rows*dim, n_dofs): d rows.ravel() = T v to first order in the increment v of :meth:`retract`."""
+        """T (n_rows*dim, n_dofs): d rows.ravel() = T v, to first order in the v of :meth:`retract`."""
         dim, spin = self.dim, rotation_dofs(self.dim)
         tangent = np.zeros((self.n_rows * dim, self.n_dofs))
         diagonal = np.arange(self.n_points * dim)
@@ -152,7 +163,7 @@ class Handles:
         return tangent
 
     def retract(self, rows: Array, increment: Array) -> Array:
-        """Rows after the increment v (n_dofs,) [m, rad]: points are added, frames move by the exponential map."""
+        """Rows after the increment v (n_dofs,) [m, rad]: points add it, frames take its exponential map."""
         dim, spin = self.dim, rotation_dofs(self.dim)
         result = rows.copy()
         result[: self.n_points] += increment[: self.n_points * dim].reshape(-1, dim)
@@ -166,7 +177,8 @@ class Handles:
         return result
 
     def curvature(self, rows: Array, gradient: Array) -> Array:
-        """(n_dofs, n_dofs): second derivative of the retraction at v = 0, contracted with dE/drows (n_rows, dim).
+        """(n_dofs, n_dofs): second derivative of the retraction at v = 0, contracted with dE/drows (n_rows,
+        dim).
 
         With it Newton's Hessian T^T (d2E/drows2) T + curvature is exact. From exp(w)^T = I - W + W^2/2 and
         W^2 = w w^T - |w|^2 I in 3D, -w^2 I in 2D; M = R (dE/dR^T - X_pivot (x) dE/dt).

@@ -13,8 +13,8 @@ class MaterialPoints:
 
     rest: (n, dim) [m]; basis: (n, n_rows), so that reduced positions are basis @ rows; basis_gradient:
     (n, n_rows, dim) [1/m], volume-averaged at nodes, so that F_ij = sum_r rows_ri basis_gradient_rj;
-    surface_distance: (n,) rest distance to the body's surface [m]; surface_normal: (n, dim) outward unit normal of the
-    nearest surface point.
+    surface_distance: (n,) rest distance to the body's surface [m]; surface_normal: (n, dim) outward unit
+    normal of the nearest surface point.
     """
 
     rest: Array

@@ -1,4 +1,4 @@
-"""Where handles go: listed by hand or spread over the surface, and checked before anything is computed from them."""
+"""Where handles go: listed by hand or spread over the surface, and checked before they are used."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from runtime.body.handles import FrameHandle, Handles
 from runtime.errors import SoftprintError
 from runtime.mesh import Mesh
 
-# A region is in general position when its thinnest extent is at least this share of its widest (singular values).
+# A region is in general position when its thinnest extent is at least this share of its widest (singular
+# values).
 _FLAT = 1e-3
 # A coordinate given by hand may be this far from the nearest node, as a share of the body's size.
 _SNAP = 0.25
@@ -40,11 +41,14 @@ def frame_in_box(mesh: Mesh, name: str, box: ArrayLike) -> FrameHandle:
     nodes = np.flatnonzero(in_box(mesh.points, box))
     where = f"frame {name!r}, box {np.asarray(box).tolist()}"
     if len(nodes) == mesh.n_nodes:
-        raise SoftprintError(f"{where}: holds every node of the body, so nothing is left to deform: make it smaller")
+        raise SoftprintError(
+            f"{where}: holds every node of the body, so nothing is left to deform: make it smaller"
+        )
     if not in_general_position(mesh.points[nodes]):
         lower, upper = mesh.points.min(axis=0).round(4).tolist(), mesh.points.max(axis=0).round(4).tolist()
         raise SoftprintError(
-            f"{where}: its {len(nodes)} nodes do not span {mesh.dim} dimensions; make the box thick enough to hold two "
+            f"{where}: its {len(nodes)} nodes do not span {mesh.dim} dimensions; make the box thick enough "
+            f"to hold two "
             f"layers of nodes (the body reaches from {lower} to {upper} m)"
         )
     return FrameHandle(name, nodes, mesh.points[nodes].mean(axis=0))
@@ -58,24 +62,31 @@ def in_general_position(points: Array) -> bool:
     return bool(extents[-1] > _FLAT * extents[0])
 
 
-def place_handles(mesh: Mesh, points: int | Sequence[Sequence[float]], frames: Sequence[FrameHandle] = ()) -> Handles:
+def place_handles(
+    mesh: Mesh, points: int | Sequence[Sequence[float]], frames: Sequence[FrameHandle] = ()
+) -> Handles:
     """Handles of a body: frames first checked against each other, then points outside them.
 
-    points: how many to spread over the surface by farthest point (the first is farthest from the frames, or from the
-    centroid if there are none), or coordinates [m], each snapped to its nearest node.
+    points: how many to spread over the surface by farthest point (the first is farthest from the frames, or
+    from the centroid if there are none), or coordinates [m], each snapped to its nearest node.
     """
     taken = np.zeros(mesh.n_nodes, dtype=bool)
     for index, frame in enumerate(frames):
         if frame.name in {other.name for other in frames[:index]}:
-            raise SoftprintError(f"handles: two frames are named {frame.name!r}; each needs a name of its own")
+            raise SoftprintError(
+                f"handles: two frames are named {frame.name!r}; each needs a name of its own"
+            )
         if taken[frame.nodes].any():
-            raise SoftprintError(f"handles: frame {frame.name!r} shares nodes with another frame: their boxes must not meet")
+            raise SoftprintError(
+                f"handles: frame {frame.name!r} shares nodes with another frame: their boxes must not meet"
+            )
         taken[frame.nodes] = True
     nodes = _spread(mesh, points, taken) if isinstance(points, int) else _snap(mesh, points, taken)
     handles = Handles(mesh.dim, nodes, tuple(frames))
     if not frames and not in_general_position(mesh.points[nodes]):
         raise SoftprintError(
-            f"handles: {len(nodes)} points that do not span {mesh.dim} dimensions cannot carry the body: add a frame, or "
+            f"handles: {len(nodes)} points that do not span {mesh.dim} dimensions cannot carry the body: "
+            f"add a frame, or "
             f"at least {mesh.dim + 1} points in general position"
         )
     return handles
@@ -84,7 +95,9 @@ def place_handles(mesh: Mesh, points: int | Sequence[Sequence[float]], frames: S
 def _spread(mesh: Mesh, count: int, taken: BoolArray) -> IntArray:
     free = mesh.surface_nodes[~taken[mesh.surface_nodes]]
     if count > len(free):
-        raise SoftprintError(f"handles: {count} points asked for, but only {len(free)} surface nodes lie outside the frames")
+        raise SoftprintError(
+            f"handles: {count} points asked for, but only {len(free)} surface nodes lie outside the frames"
+        )
     distance = cKDTree(mesh.points[taken]).query(mesh.points[free])[0] if taken.any() else None
     return free[farthest_points(mesh.points[free], count, distance=distance)]
 
@@ -92,14 +105,20 @@ def _spread(mesh: Mesh, count: int, taken: BoolArray) -> IntArray:
 def _snap(mesh: Mesh, points: Sequence[Sequence[float]], taken: BoolArray) -> IntArray:
     wanted = np.asarray(points, dtype=np.float64).reshape(len(points), -1)
     if len(wanted) and wanted.shape[1] != mesh.dim:
-        raise SoftprintError(f"handles: points have {wanted.shape[1]} coordinates each, the body lives in {mesh.dim}D")
+        raise SoftprintError(
+            f"handles: points have {wanted.shape[1]} coordinates each, the body lives in {mesh.dim}D"
+        )
     wanted = wanted.reshape(-1, mesh.dim)
     distance, nodes = cKDTree(mesh.points).query(wanted)
     for number, (away, node) in enumerate(zip(distance, nodes, strict=True)):
         where = f"handles: point {number} at {wanted[number].tolist()}"
         if away > _SNAP * mesh.size:
-            raise SoftprintError(f"{where} is {away:.3g} m from the nearest node of the body: are its units metres?")
+            raise SoftprintError(
+                f"{where} is {away:.3g} m from the nearest node of the body: are its units metres?"
+            )
         if taken[node]:
-            raise SoftprintError(f"{where} lies in a frame or coincides with another point: move it, or leave it out")
+            raise SoftprintError(
+                f"{where} lies in a frame or coincides with another point: move it, or leave it out"
+            )
         taken[node] = True
     return np.asarray(nodes, dtype=np.int64)

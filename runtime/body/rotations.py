@@ -13,7 +13,7 @@ def rotation_dofs(dim: int) -> int:
 
 
 def skew(vector: Array) -> Array:
-    """The skew matrix of a rotation vector [rad]: (1,) -> (2, 2), (3,) -> (3, 3) with skew(w) x = w cross x."""
+    """Skew matrix of a rotation vector [rad]: (1,) -> (2, 2), (3,) -> (3, 3) with skew(w) x = w cross x."""
     if len(vector) == 1:
         return np.array([[0.0, -vector[0]], [vector[0], 0.0]])
     x, y, z = vector

@@ -12,8 +12,8 @@ from runtime.mesh import Mesh
 def nearest_surface(mesh: Mesh) -> tuple[Array, Array]:
     """(distance (n_nodes,) [m], normal (n_nodes, dim)) of the nearest surface point of every node.
 
-    For an inner node the outward unit normal at the nearest point is the direction to it; a surface node has its own
-    area-weighted normal.
+    For an inner node the outward unit normal at the nearest point is the direction to it; a surface node
+    has its own area-weighted normal.
     """
     in_space = np.zeros((mesh.n_nodes, 3))  # libigl wants three coordinates; edges are welcome as elements
     in_space[:, : mesh.dim] = mesh.points

@@ -1,4 +1,4 @@
-"""The surface points at which the runtime feels contact: at most so many, each with the area it stands for."""
+"""The surface points at which the runtime feels contact, each with the area it stands for."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, IntArray, scatter_sum
 from runtime.body.farthest_points import farthest_points
 from runtime.mesh import Mesh
 
@@ -21,10 +21,10 @@ class SurfaceSamples:
 
 
 def sample_surface(mesh: Mesh, at_most: int) -> SurfaceSamples:
-    """At most so many surface nodes by farthest point; every surface node gives its area to the nearest of them."""
+    """At most so many surface nodes by farthest point; every other one gives its area to the nearest."""
     points = mesh.points[mesh.surface_nodes]
     if len(points) <= at_most:
         return SurfaceSamples(mesh.surface_nodes, mesh.surface_areas)
     chosen = np.sort(farthest_points(points, at_most))
     _, nearest = cKDTree(points[chosen]).query(points)
-    return SurfaceSamples(mesh.surface_nodes[chosen], np.bincount(nearest, mesh.surface_areas, minlength=len(chosen)))
+    return SurfaceSamples(mesh.surface_nodes[chosen], scatter_sum(nearest, mesh.surface_areas, len(chosen)))

@@ -40,7 +40,10 @@ def cofactor(F: Array) -> Array:
         result[:, 1, 0], result[:, 1, 1] = -F[:, 0, 1], F[:, 0, 0]
         return result
     for i in range(3):
-        a, b = F[:, (i + 1) % 3], F[:, (i + 2) % 3]  # row i of the cofactor is the cross product of the other two rows
+        a, b = (
+            F[:, (i + 1) % 3],
+            F[:, (i + 2) % 3],
+        )  # row i of the cofactor is the cross product of the other two rows
         for j in range(3):
             k, m = (j + 1) % 3, (j + 2) % 3
             result[:, i, j] = a[:, k] * b[:, m] - a[:, m] * b[:, k]

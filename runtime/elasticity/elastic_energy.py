@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
+from runtime.arrays import Array, scatter_sum
 from runtime.elasticity.materials import Material
 from runtime.mesh import Mesh
 
@@ -21,9 +21,9 @@ def elastic_gradient(mesh: Mesh, material: Material, positions: Array) -> Array:
     """dE/dx (n_nodes, dim) [N]; elastic forces are its negative."""
     stress = material.first_piola(mesh.deformation_gradients(positions))
     blocks = element_gradients(stress, mesh.cell_gradients, mesh.cell_volumes)
-    nodes = mesh.cells.ravel()
     return np.stack(
-        [np.bincount(nodes, blocks[:, :, axis].ravel(), minlength=mesh.n_nodes) for axis in range(mesh.dim)], axis=1
+        [scatter_sum(mesh.cells, blocks[:, :, axis], mesh.n_nodes) for axis in range(mesh.dim)],
+        axis=1,
     )
 
 
@@ -36,7 +36,9 @@ def element_hessians(tangent: Array, gradients: Array, volumes: Array) -> Array:
     """V sum_jl G_aj A_ijkl G_bl: (n, (dim+1)*dim, (dim+1)*dim) [N/m], row-major in (corner, axis)."""
     count, corners, dim = gradients.shape
     right = tangent.reshape(count, dim**3, dim) @ gradients.transpose(0, 2, 1)  # (n, ijk, b)
-    right = right.reshape(count, dim, dim, dim * corners).transpose(0, 2, 1, 3).reshape(count, dim, -1)  # (n, j, ikb)
+    right = (
+        right.reshape(count, dim, dim, dim * corners).transpose(0, 2, 1, 3).reshape(count, dim, -1)
+    )  # (n, j, ikb)
     both = (gradients @ right).reshape(count, corners, dim, dim, corners)  # (n, a, i, k, b)
     blocks = both.transpose(0, 1, 2, 4, 3).reshape(count, corners * dim, corners * dim)
     return volumes[:, None, None] * blocks

@@ -1,8 +1,9 @@
 """Hyperelastic materials: energy density Psi(F) [J/m^dim], first Piola-Kirchhoff stress P and its tangent.
 
-F: (n, dim, dim) deformation gradients. P_ij = dPsi/dF_ij [Pa]; tangent A_ijkl = dP_ij/dF_kl [Pa]. In 2D every law is
-*plane strain*: the 3D law with F_33 = 1 and no shear out of the plane. All are given by Young's modulus E and
-Poisson's ratio nu, and all have mu_L = E / (2 (1 + nu)), lambda_L = E nu / ((1 + nu)(1 - 2 nu)) at small strain.
+F: (n, dim, dim) deformation gradients. P_ij = dPsi/dF_ij [Pa]; tangent A_ijkl = dP_ij/dF_kl [Pa]. In 2D
+every law is *plane strain*: the 3D law with F_33 = 1 and no shear out of the plane. All are given by
+Young's modulus E and Poisson's ratio nu, and all have mu_L = E / (2 (1 + nu)), lambda_L = E nu / ((1 +
+nu)(1 - 2 nu)) at small strain.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from runtime.errors import SoftprintError
 
 @dataclass(frozen=True, eq=False)
 class Material(ABC):
-    """young: E [Pa]; poisson: nu; each a scalar or (n,), one for each deformation gradient that will be given."""
+    """young: E [Pa]; poisson: nu; each a scalar or (n,), one for each deformation gradient."""
 
     young: Array
     poisson: Array
@@ -36,7 +37,9 @@ class Material(ABC):
             raise SoftprintError(f"material: Young's modulus must be positive, it is {np.min(young)} Pa")
         if not ((poisson > -1) & (poisson < 0.5)).all():
             wrong = poisson[~((poisson > -1) & (poisson < 0.5))].flat[0]
-            raise SoftprintError(f"material: Poisson's ratio must lie between -1 and 0.5 (exclusive), it is {wrong}")
+            raise SoftprintError(
+                f"material: Poisson's ratio must lie between -1 and 0.5 (exclusive), it is {wrong}"
+            )
         return cls(young, poisson)
 
     def at(self, cells: IntArray | BoolArray | slice) -> Self:
@@ -80,13 +83,15 @@ class Material(ABC):
 
 
 class StableNeoHookean(Material):
-    """Stable Neo-Hookean of Smith, de Goes and Kim 2018 (eq. 14, with the origin barrier), zero and stress-free at rest:
+    """Stable Neo-Hookean of Smith, de Goes and Kim 2018 (eq. 14, with the origin barrier), zero and
+    stress-free at rest:
 
-    Psi = mu/2 (I_C - 3) - mu/2 log((I_C + 1)/4) - 3/4 mu (J - 1) + lambda/2 (J - 1)^2,    I_C = F:F (+ 1 in 2D),
+    Psi = mu/2 (I_C - 3) - mu/2 log((I_C + 1)/4) - 3/4 mu (J - 1) + lambda/2 (J - 1)^2,    I_C = F:F (+ 1 in
+    2D),
 
-    which is their lambda/2 (J - alpha)^2 with alpha = 1 + mu/lambda - mu/(4 lambda), less its value at rest. Finite
-    for every F, inverted or flat. Their remapping makes E and nu exact at small strain:
-    mu = 4/3 mu_L, lambda = lambda_L + 5/6 mu_L.
+    which is their lambda/2 (J - alpha)^2 with alpha = 1 + mu/lambda - mu/(4 lambda), less its value at
+    rest. Finite for every F, inverted or flat. Their remapping makes E and nu exact at small strain: mu =
+    4/3 mu_L, lambda = lambda_L + 5/6 mu_L.
 
     P = mu (1 - 1/(I_C + 1)) F + (lambda (J - 1) - 3/4 mu) dJ/dF.
     """
@@ -134,8 +139,8 @@ class NeoHookean(Material):
 
     Psi = mu/2 (F:F - dim) - mu log J + lambda/2 (log J)^2,    mu = mu_L, lambda = lambda_L.
 
-    P = mu F + (lambda log J - mu) F^-T. Infinite for J <= 0 (a line search never accepts such a step), where stress and
-    tangent are not defined (NaN).
+    P = mu F + (lambda log J - mu) F^-T. Infinite for J <= 0 (a line search never accepts such a step),
+    where stress and tangent are not defined (NaN).
     """
 
     model = "neo_hookean"
@@ -154,7 +159,9 @@ class NeoHookean(Material):
     def tangent(self, F: Array) -> Array:
         inverse_transpose, log_J = _inverse_transpose(F)
         # dF^-T_ij / dF_kl = -F^-T_il F^-T_kj
-        crossed = inverse_transpose[:, :, None, None, :] * inverse_transpose.transpose(0, 2, 1)[:, None, :, :, None]
+        crossed: Array = (
+            inverse_transpose[:, :, None, None, :] * inverse_transpose.transpose(0, 2, 1)[:, None, :, :, None]
+        )
         result = (self.mu - self.lam * log_J)[:, None, None, None, None] * crossed
         result += _outer(inverse_transpose, self.lam)
         return _add_identity(result, self.mu)
@@ -176,14 +183,19 @@ class Linear(Material):
     def first_piola(self, F: Array) -> Array:
         strain = _small_strain(F)
         trace = np.trace(strain, axis1=1, axis2=2)
-        return 2.0 * _stack(self.mu, len(F)) * strain + (self.lam * trace)[:, None, None] * np.eye(F.shape[-1])
+        return 2.0 * _stack(self.mu, len(F)) * strain + (self.lam * trace)[:, None, None] * np.eye(
+            F.shape[-1]
+        )
 
     def tangent(self, F: Array) -> Array:
         identity = np.eye(F.shape[-1])
         shear = np.einsum("ik,jl->ijkl", identity, identity) + np.einsum("il,jk->ijkl", identity, identity)
         volume = np.einsum("ij,kl->ijkl", identity, identity)
         count = len(F)
-        return _stack(self.mu, count)[:, :, :, None, None] * shear + _stack(self.lam, count)[:, :, :, None, None] * volume
+        return (
+            _stack(self.mu, count)[:, :, :, None, None] * shear
+            + _stack(self.lam, count)[:, :, :, None, None] * volume
+        )
 
 
 _MODELS: dict[str, type[Material]] = {kind.model: kind for kind in (StableNeoHookean, NeoHookean, Linear)}

@@ -5,8 +5,8 @@ With the basis gradients D_c (n_rows, dim) of a cell, F_c,ij = sum_r rows_ri D_c
     dE/drows_ri           = sum_c w_c D_c,rj P_c,ij
     d2E/drows_ri drows_sk = sum_c w_c D_c,rj A_c,ijkl D_c,sl,
 
-each written as one matrix product over (cell, j). Where a correction moves the corners of a cell too, F depends on
-all rows and the general form with B = dF/drows is used.
+each written as one matrix product over (cell, j). Where a correction moves the corners of a cell too, F
+depends on all rows and the general form with B = dF/drows is used.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 class ReducedElasticity:
     """m cubature cells of a body.
 
-    weights: (m,) [m^dim]; material: at those cells; basis_gradient: D (m, n_rows, dim) [1/m]; corners: (m, dim+1) node
-    indices and hat_gradients: (m, dim+1, dim) [1/m] of the cells, for corrections that move their corners.
+    weights: (m,) [m^dim]; material: at those cells; basis_gradient: D (m, n_rows, dim) [1/m]; corners: (m,
+    dim+1) node indices and hat_gradients: (m, dim+1, dim) [1/m] of the cells, for corrections that move
+    their corners.
     """
 
     weights: Array
@@ -45,7 +46,9 @@ class ReducedElasticity:
         return cls.on_cells(body.mesh, body.basis, body.material, body.cubature.cells, body.cubature.weights)
 
     @classmethod
-    def on_cells(cls, mesh: Mesh, basis: Array, material: Material, cells: IntArray, weights: Array) -> ReducedElasticity:
+    def on_cells(
+        cls, mesh: Mesh, basis: Array, material: Material, cells: IntArray, weights: Array
+    ) -> ReducedElasticity:
         """On cells and weights of one's own choice; all cells with their volumes give full integration.
 
         basis: (n_nodes, n_rows); material: of all cells of the mesh.
@@ -71,12 +74,16 @@ class ReducedElasticity:
     @cached_property
     def _flat(self) -> Array:
         """D as a matrix (m*dim, n_rows) over (cell, j)."""
-        return np.ascontiguousarray(self.basis_gradient.transpose(0, 2, 1).reshape(-1, self.basis_gradient.shape[1]))
+        return np.ascontiguousarray(
+            self.basis_gradient.transpose(0, 2, 1).reshape(-1, self.basis_gradient.shape[1])
+        )
 
     @cached_property
     def _flat_weighted(self) -> Array:
         """(n_rows, m*dim) with the weights multiplied in."""
-        return np.ascontiguousarray((np.repeat(self.weights, self.basis_gradient.shape[2])[:, None] * self._flat).T)
+        return np.ascontiguousarray(
+            (np.repeat(self.weights, self.basis_gradient.shape[2])[:, None] * self._flat).T
+        )
 
     @cached_property
     def _basis_gradient_transposed(self) -> Array:
@@ -104,7 +111,9 @@ class ReducedElasticity:
     def hessian(self, F: Array) -> Array:
         """d2E/drows2 (n_rows*dim, n_rows*dim) [N/m], row-major in (row, axis); basis alone."""
         count, n_rows, dim = self.basis_gradient.shape
-        tangent = self.material.tangent(F).transpose(0, 2, 1, 3, 4).reshape(count, dim**3, dim)  # (c, j.i.k, l)
+        tangent = (
+            self.material.tangent(F).transpose(0, 2, 1, 3, 4).reshape(count, dim**3, dim)
+        )  # (c, j.i.k, l)
         right = (tangent @ self._basis_gradient_transposed).reshape(count * dim, -1)  # (c.j, i.k.s)
         blocks = (self._flat_weighted @ right).reshape(n_rows, dim, dim, n_rows)
         return blocks.transpose(0, 1, 3, 2).reshape(n_rows * dim, n_rows * dim)

@@ -22,7 +22,10 @@ def box_mesh(lower: Sequence[float], upper: Sequence[float], divisions: Sequence
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
     counts = np.asarray(divisions) + 1
     strides = np.array([int(np.prod(counts[axis + 1 :])) for axis in range(dim)])
-    low = np.stack(np.meshgrid(*[np.arange(n) for n in divisions], indexing="ij"), axis=-1).reshape(-1, dim) @ strides
+    low = (
+        np.stack(np.meshgrid(*[np.arange(n) for n in divisions], indexing="ij"), axis=-1).reshape(-1, dim)
+        @ strides
+    )
     walks = [np.concatenate([[0], np.cumsum(strides[list(order)])]) for order in permutations(range(dim))]
     cells = (low[:, None, None] + np.array(walks)).reshape(-1, dim + 1)
     return oriented_mesh(points, cells)

@@ -14,27 +14,37 @@ from runtime.mesh.mesh import FACETS, Mesh, signed_volumes
 
 log = logging.getLogger(__name__)
 
-# A cell is degenerate below this share of (its longest edge)^dim: round-off of float32 coordinates is about 1e-7.
+# A cell is degenerate below this share of (its longest edge)^dim: round-off of float32 coordinates is about
+# 1e-7.
 DEGENERATE = 1e-6
 
 
 def oriented_mesh(points: Array, cells: IntArray, source: str = "the mesh") -> Mesh:
     """A checked :class:`Mesh`: unused nodes dropped, inverted cells turned round (both logged).
 
-    points: (n, dim) [m], cells: (m, dim+1). Raises SoftprintError, naming ``source``, for: no cells, indices out of
-    range, coordinates that are not finite, degenerate or repeated cells, facets shared by more than two cells or by
-    two cells on the same side, and a mesh in several pieces (pieces that touch only in a node or an edge count as several).
+    points: (n, dim) [m], cells: (m, dim+1). Raises SoftprintError, naming ``source``, for: no cells,
+    indices out of range, coordinates that are not finite, degenerate or repeated cells, facets shared by
+    more than two cells or by two cells on the same side, and a mesh in several pieces (pieces that touch
+    only in a node or an edge count as several).
     """
     points = np.array(points, dtype=np.float64)
     cells = np.array(cells, dtype=np.int64)
-    if points.ndim != 2 or points.shape[1] not in (2, 3) or cells.ndim != 2 or cells.shape[1] != points.shape[1] + 1:
+    if (
+        points.ndim != 2
+        or points.shape[1] not in (2, 3)
+        or cells.ndim != 2
+        or cells.shape[1] != points.shape[1] + 1
+    ):
         raise SoftprintError(
-            f"{source}: points {points.shape} and cells {cells.shape} are neither triangles in 2D nor tetrahedra in 3D"
+            f"{source}: points {points.shape} and cells {cells.shape} are neither triangles in 2D nor "
+            f"tetrahedra in 3D"
         )
     if len(cells) == 0:
         raise SoftprintError(f"{source}: has no cells; a body needs triangles (2D) or tetrahedra (3D)")
     if cells.min() < 0 or cells.max() >= len(points):
-        raise SoftprintError(f"{source}: a cell names node {cells.max()}, but there are only {len(points)} nodes")
+        raise SoftprintError(
+            f"{source}: a cell names node {cells.max()}, but there are only {len(points)} nodes"
+        )
     points, cells = _drop_unused(points, cells, source)
     if not np.isfinite(points).all():
         node = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
@@ -60,7 +70,8 @@ def _orient(points: Array, cells: IntArray, source: str) -> IntArray:
         cell = int(np.flatnonzero(flat)[0])
         raise SoftprintError(
             f"{source}: {flat.sum()} of {len(cells)} cells have no volume (the first is cell {cell}, at "
-            f"{np.round(corners[cell].mean(axis=0), 6).tolist()}): mesh the body again with better-shaped cells"
+            f"{np.round(corners[cell].mean(axis=0), 6).tolist()}): mesh the body again with better-shaped "
+            f"cells"
         )
     inverted = volumes < 0
     if inverted.any():
@@ -75,22 +86,28 @@ def _check_facets(cells: IntArray, dim: int, source: str) -> None:
         raise SoftprintError(f"{source}: some cells occur twice: remove the repeated cells")
     every = cells[:, FACETS[dim]].reshape(-1, dim)
     order = np.argsort(every, axis=1)
-    _, facet, count = np.unique(np.take_along_axis(every, order, axis=1), axis=0, return_inverse=True, return_counts=True)
+    _, facet, count = np.unique(
+        np.take_along_axis(every, order, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
     facet = facet.reshape(-1)
     if (count > 2).any():
         raise SoftprintError(
             f"{source}: not a manifold: {(count > 2).sum()} facets are shared by more than two cells "
             "(overlapping or repeated parts): mesh the body again"
         )
-    # Two neighbours see their common facet with opposite orientation; equal orientation means that one lies in the other.
+    # Two neighbours see their common facet with opposite orientation; equal orientation means that one lies
+    # in the other.
     even = np.linalg.det(np.eye(dim)[order]) > 0
     balance = np.bincount(facet, weights=np.where(even, 1.0, -1.0))
     if (np.abs(balance[count == 2]) > 0).any():
-        raise SoftprintError(f"{source}: not a manifold: neighbouring cells overlap (the mesh is folded): mesh the body again")
+        raise SoftprintError(
+            f"{source}: not a manifold: neighbouring cells overlap (the mesh is folded): mesh the body again"
+        )
     owner = np.repeat(np.arange(len(cells)), dim + 1)
     touches = sp.csr_matrix((np.ones(len(owner)), (owner, facet)), shape=(len(cells), len(count)))
     pieces, _ = connected_components(touches @ touches.T, directed=False)
     if pieces > 1:
         raise SoftprintError(
-            f"{source}: is in {pieces} pieces that share no facet; a body must be one piece: keep one, or join them"
+            f"{source}: is in {pieces} pieces that share no facet; a body must be one piece: keep one, or "
+            f"join them"
         )

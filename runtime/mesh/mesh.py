@@ -9,7 +9,7 @@ from math import factorial
 import numpy as np
 import scipy.sparse as sp
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, IntArray, scatter_sum
 
 # Facet k lies opposite corner k; corners in the order that makes its normal point out of a positive cell.
 FACETS = {
@@ -72,7 +72,7 @@ class Mesh:
         """(n_nodes,) sums of cell values (n_cells,), each spread evenly over its cell's corners."""
         corners = self.dim + 1
         shares = np.repeat(cell_values / corners, corners)
-        return np.bincount(self.cells.ravel(), weights=shares, minlength=self.n_nodes)
+        return scatter_sum(self.cells, shares, self.n_nodes)
 
     @cached_property
     def facets(self) -> IntArray:
@@ -94,10 +94,10 @@ class Mesh:
 
     @cached_property
     def surface_areas(self) -> Array:
-        """(n_surface,) lumped boundary length [m] or area [m^2] of each surface node; sums to the whole boundary."""
+        """(n_surface,) boundary length [m] or area [m^2] lumped at each surface node."""
         measure = np.linalg.norm(self.facet_vectors, axis=1)
         shares = np.repeat(measure / self.dim, self.dim)
-        return np.bincount(self.facets.ravel(), weights=shares, minlength=self.n_nodes)[self.surface_nodes]
+        return scatter_sum(self.facets, shares, self.n_nodes)[self.surface_nodes]
 
     @cached_property
     def surface_normals(self) -> Array:
@@ -126,11 +126,13 @@ class Mesh:
         corners = self.dim + 1
         rows = np.repeat(self.cells, corners, axis=1).ravel()  # node that receives
         columns = np.tile(self.cells, (1, corners)).ravel()  # node whose value enters
-        around = np.bincount(self.cells.ravel(), np.repeat(self.cell_volumes, corners), minlength=self.n_nodes)
+        around = scatter_sum(self.cells, np.repeat(self.cell_volumes, corners), self.n_nodes)
         weights = self.cell_volumes[:, None, None] / around[self.cells][:, :, None]
         shape = (self.n_nodes, self.n_nodes)
         return tuple(
-            sp.csr_matrix(((weights * self.cell_gradients[:, None, :, axis]).ravel(), (rows, columns)), shape=shape)
+            sp.csr_matrix(
+                ((weights * self.cell_gradients[:, None, :, axis]).ravel(), (rows, columns)), shape=shape
+            )
             for axis in range(self.dim)
         )
 

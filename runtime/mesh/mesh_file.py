@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
 from runtime.files import atomic_path
 from runtime.mesh.check import oriented_mesh
@@ -17,27 +18,33 @@ from runtime.mesh.mesh import Mesh
 log = logging.getLogger(__name__)
 
 _LOWER = {"vertex", "line"}  # what gmsh leaves in a file beside the cells of the body
-_HINT_SURFACE = "a body needs its inside meshed too: fill the surface with tetrahedra (gmsh, fTetWild, TetGen)"
+_HINT_SURFACE = (
+    "a body needs its inside meshed too: fill the surface with tetrahedra (gmsh, fTetWild, TetGen)"
+)
 
 
 def read_mesh(path: Path | str) -> Mesh:
     """Read, repair and check a body's mesh [m].
 
-    Tetrahedra make a 3D body; triangles, all with the same z, a 2D body. Cells of lower dimension are ignored. Raises
-    SoftprintError for a missing or unreadable file, other or mixed kinds of cells, a triangle surface in 3D, and for all
-    that :func:`runtime.mesh.oriented_mesh` refuses.
+    Tetrahedra make a 3D body; triangles, all with the same z, a 2D body. Cells of lower dimension are
+    ignored. Raises SoftprintError for a missing or unreadable file, other or mixed kinds of cells, a
+    triangle surface in 3D, and for all that :func:`runtime.mesh.oriented_mesh` refuses.
     """
     source = Path(path)
     points, blocks = _read(source)
     if "tetra" in blocks:
         cells, foreign = blocks["tetra"], set(blocks) - _LOWER - {"tetra", "triangle"}
         if points.shape[1] != 3:
-            raise SoftprintError(f"{source}: tetrahedra need points in 3D, these have {points.shape[1]} coordinates")
+            raise SoftprintError(
+                f"{source}: tetrahedra need points in 3D, these have {points.shape[1]} coordinates"
+            )
     elif "triangle" in blocks:
         cells, foreign = blocks["triangle"], set(blocks) - _LOWER - {"triangle"}
     else:
         found = ", ".join(sorted(blocks)) or "no cells at all"
-        raise SoftprintError(f"{source}: holds {found}; a body needs linear triangles (2D) or linear tetrahedra (3D)")
+        raise SoftprintError(
+            f"{source}: holds {found}; a body needs linear triangles (2D) or linear tetrahedra (3D)"
+        )
     if foreign:
         raise SoftprintError(
             f"{source}: mixes cells of several kinds ({', '.join(sorted(foreign))} besides the simplices): "
@@ -49,11 +56,17 @@ def read_mesh(path: Path | str) -> Mesh:
             raise SoftprintError(f"{source}: is a triangle surface in 3D, not a solid; {_HINT_SURFACE}")
         points = points[:, :2]
     mesh = oriented_mesh(points, cells, str(source))
-    log.info("%s: %d nodes, %d %s", source, mesh.n_nodes, mesh.n_cells, "triangles" if mesh.dim == 2 else "tetrahedra")
+    log.info(
+        "%s: %d nodes, %d %s",
+        source,
+        mesh.n_nodes,
+        mesh.n_cells,
+        "triangles" if mesh.dim == 2 else "tetrahedra",
+    )
     return mesh
 
 
-def _read(source: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _read(source: Path) -> tuple[Array, dict[str, IntArray]]:
     """Points and the cells of each kind."""
     import meshio
 
@@ -65,13 +78,16 @@ def _read(source: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
             raw = meshio.read(source)
     except (SystemExit, Exception) as error:
         raise SoftprintError(
-            f"{source}: cannot be read as a mesh ({type(error).__name__}): truncated, or of a format that meshio does not know"
+            f"{source}: cannot be read as a mesh ({type(error).__name__}): truncated, or of a format that "
+            f"meshio does not know"
         ) from error
-    blocks: dict[str, list[np.ndarray]] = {}
+    blocks: dict[str, list[IntArray]] = {}
     for block in raw.cells:
         if len(block.data):
-            blocks.setdefault(block.type, []).append(np.asarray(block.data))
-    return np.asarray(raw.points, dtype=np.float64), {kind: np.concatenate(parts) for kind, parts in blocks.items()}
+            blocks.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))
+    return np.asarray(raw.points, dtype=np.float64), {
+        kind: np.concatenate(parts) for kind, parts in blocks.items()
+    }
 
 
 def write_mesh(path: Path | str, mesh: Mesh) -> None:

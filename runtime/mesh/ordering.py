@@ -13,7 +13,11 @@ _BITS = 10  # 1024 steps along each axis
 def in_morton_order(mesh: Mesh) -> Mesh:
     """The same mesh, nodes numbered along a Morton (z-order) curve and cells sorted by their nodes."""
     steps = ((mesh.points - mesh.points.min(axis=0)) / mesh.size * (2**_BITS - 1)).astype(np.int64)
-    code = sum(((steps[:, axis] >> bit) & 1) << (mesh.dim * bit + axis) for axis in range(mesh.dim) for bit in range(_BITS))
+    code = sum(
+        ((steps[:, axis] >> bit) & 1) << (mesh.dim * bit + axis)
+        for axis in range(mesh.dim)
+        for bit in range(_BITS)
+    )
     order = np.argsort(code, kind="stable")
     number = np.empty_like(order)
     number[order] = np.arange(len(order))

@@ -26,7 +26,9 @@ def make_body(dim, **options):
     mesh = make_box(dim)
     frame = frame_in_box(mesh, "base", [[-1.0] * dim, [0.015] + [1.0] * (dim - 1)])
     handles = place_handles(mesh, 6, [frame])
-    return assemble_body(mesh, handles, make_material("stable_neo_hookean", 2e4, 0.4), 1000.0, name="box", **options)
+    return assemble_body(
+        mesh, handles, make_material("stable_neo_hookean", 2e4, 0.4), 1000.0, name="box", **options
+    )
 
 
 @pytest.fixture(scope="module", params=[2, 3])
@@ -115,7 +117,9 @@ def test_material_points_know_gradient_distance_and_normal(body):
     dim = body.dim
     # The nodal gradient of the rest state is the identity.
     np.testing.assert_allclose(
-        np.einsum("ri,nrj->nij", body.rest_rows, points.basis_gradient), np.tile(np.eye(dim), (len(points), 1, 1)), atol=1e-9
+        np.einsum("ri,nrj->nij", body.rest_rows, points.basis_gradient),
+        np.tile(np.eye(dim), (len(points), 1, 1)),
+        atol=1e-9,
     )
     lower, upper = points.rest.min(axis=0), points.rest.max(axis=0)
     to_faces = np.minimum(points.rest - lower, upper - points.rest).min(axis=1)
@@ -177,4 +181,6 @@ def test_body_is_built_from_its_table(tmp_path):
 def test_handles_that_carry_nothing_are_refused():
     mesh = make_box(2)
     with pytest.raises(SoftprintError, match="biharmonic coordinates"):
-        biharmonic_basis(mesh, Handles(2, np.array([0, 40]), ()))  # place_handles would not have let them through
+        biharmonic_basis(
+            mesh, Handles(2, np.array([0, 40]), ())
+        )  # place_handles would not have let them through

@@ -12,9 +12,14 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     target = tmp_path / "new" / "out.txt"
     with atomic_path(target) as path:
         path.write_text("old")
-    with pytest.raises(RuntimeError), atomic_path(target) as path:
-        path.write_text("half of the n")
-        raise RuntimeError("killed")
+
+    def killed_in_the_middle():
+        with atomic_path(target) as path:
+            path.write_text("half of the n")
+            raise RuntimeError("killed")
+
+    with pytest.raises(RuntimeError):
+        killed_in_the_middle()
     assert target.read_text() == "old"
     assert list(target.parent.iterdir()) == [target]
 
@@ -72,5 +77,8 @@ def test_only_the_right_kind_and_version_opens(tmp_path):
 def test_a_missing_dataset_is_named(tmp_path):
     with create_softprint_h5(tmp_path / "a.h5", "body", 1):
         pass
-    with pytest.raises(SoftprintError, match="incomplete.*'x'"), open_softprint_h5(tmp_path / "a.h5", "body", 1) as file:
+    with (
+        pytest.raises(SoftprintError, match=r"incomplete.*'x'"),
+        open_softprint_h5(tmp_path / "a.h5", "body", 1) as file,
+    ):
         file["x"]

@@ -11,7 +11,7 @@ from runtime.body.rotations import nearest_rotation, rotation_exponential
 from runtime.errors import SoftprintError
 from runtime.mesh import box_mesh
 
-STEP = 1e-5  # of finite differences: central differences then err by about 1e-10 in first, 1e-6 in second derivatives
+STEP = 1e-5  # central differences then err by about 1e-10
 
 
 def box_with_handles(dim):
@@ -36,14 +36,17 @@ def test_counts_and_addresses(dim):
     assert handles.dofs_of("right").stop == handles.n_dofs
     rest = handles.rest_rows(mesh.points)
     np.testing.assert_array_equal(handles.position(rest, 3), mesh.points[handles.points[3]])
-    np.testing.assert_allclose(handles.position(rest, "left"), mesh.points[handles.frames[0].nodes].mean(axis=0))
+    np.testing.assert_allclose(
+        handles.position(rest, "left"), mesh.points[handles.frames[0].nodes].mean(axis=0)
+    )
     for wrong, words in ((5, "no point handle 5"), ("middle", "no frame named 'middle'.*left, right")):
         with pytest.raises(SoftprintError, match=words):
             handles.rows_of(wrong)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_exponential_map_matches_scipy(dim, rng=np.random.default_rng(1)):
+def test_exponential_map_matches_scipy(dim):
+    rng = np.random.default_rng(1)
     for scale in (0.0, 1e-9, 0.5, 3.0):
         vector = scale * rng.normal(size=dim * (dim - 1) // 2)
         in_space = vector if dim == 3 else np.array([0.0, 0.0, vector[0]])
@@ -52,7 +55,8 @@ def test_exponential_map_matches_scipy(dim, rng=np.random.default_rng(1)):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_retraction_keeps_frames_rigid_and_moves_the_pivot_by_its_translation(dim, rng=np.random.default_rng(2)):
+def test_retraction_keeps_frames_rigid_and_moves_the_pivot_by_its_translation(dim):
+    rng = np.random.default_rng(2)
     mesh, handles = box_with_handles(dim)
     rows = moved_rows(mesh, handles, rng)
     handles.check_rows(rows)
@@ -60,14 +64,17 @@ def test_retraction_keeps_frames_rigid_and_moves_the_pivot_by_its_translation(di
     after = handles.retract(rows, increment)
     handles.check_rows(after)
     shift = increment[handles.dofs_of("right")][:dim]
-    np.testing.assert_allclose(handles.position(after, "right") - handles.position(rows, "right"), shift, atol=1e-13)
+    np.testing.assert_allclose(
+        handles.position(after, "right") - handles.position(rows, "right"), shift, atol=1e-13
+    )
     assert np.array_equal(handles.retract(rows, np.zeros(handles.n_dofs)), rows) or np.allclose(
         handles.retract(rows, np.zeros(handles.n_dofs)), rows, atol=1e-15
     )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_tangent_is_the_derivative_of_the_retraction(dim, rng=np.random.default_rng(3)):
+def test_tangent_is_the_derivative_of_the_retraction(dim):
+    rng = np.random.default_rng(3)
     mesh, handles = box_with_handles(dim)
     rows = moved_rows(mesh, handles, rng)
     differences = [
@@ -78,8 +85,9 @@ def test_tangent_is_the_derivative_of_the_retraction(dim, rng=np.random.default_
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_curvature_makes_newtons_hessian_exact(dim, rng=np.random.default_rng(4)):
+def test_curvature_makes_newtons_hessian_exact(dim):
     """d2/dv2 of a quartic of the rows along the retraction, by differences of differences."""
+    rng = np.random.default_rng(4)
     mesh, handles = box_with_handles(dim)
     rows = moved_rows(mesh, handles, rng)
     mix = rng.normal(size=(rows.size, rows.size)) / rows.size
@@ -91,18 +99,23 @@ def test_curvature_makes_newtons_hessian_exact(dim, rng=np.random.default_rng(4)
     inner = mix @ rows.ravel()
     gradient = (mix.T @ inner**3).reshape(rows.shape)
     tangent = handles.tangent(rows)
-    exact = tangent.T @ (mix.T @ (3 * inner[:, None] ** 2 * mix)) @ tangent + handles.curvature(rows, gradient)
+    exact = tangent.T @ (mix.T @ (3 * inner[:, None] ** 2 * mix)) @ tangent + handles.curvature(
+        rows, gradient
+    )
     step = 1e-4  # second differences: truncation 1e-8, cancellation 1e-16 / 1e-8 = 1e-8
     axes = step * np.eye(handles.n_dofs)
     turns = np.r_[handles.dofs_of("left"), handles.dofs_of("right")]
     for a in turns:
         for b in turns:
             corners = [energy(s * axes[a] + t * axes[b]) * s * t for s in (1, -1) for t in (1, -1)]
-            assert sum(corners) / (4 * step**2) == pytest.approx(exact[a, b], abs=1e-6 * np.abs(exact).max() + 1e-7)
+            assert sum(corners) / (4 * step**2) == pytest.approx(
+                exact[a, b], abs=1e-6 * np.abs(exact).max() + 1e-7
+            )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_affine_rows_are_made_rigid_and_frames_set(dim, rng=np.random.default_rng(5)):
+def test_affine_rows_are_made_rigid_and_frames_set(dim):
+    rng = np.random.default_rng(5)
     mesh, handles = box_with_handles(dim)
     rows = moved_rows(mesh, handles, rng)
     affine = rows + 0.05 * rng.normal(size=rows.shape)

@@ -26,9 +26,9 @@ def unit_differences(function, F):
     dim = F.shape[-1]
     columns = []
     for k in range(dim):
-        for l in range(dim):
+        for m in range(dim):
             step = np.zeros((dim, dim))
-            step[k, l] = STEP
+            step[k, m] = STEP
             columns.append((function(F + step) - function(F - step)) / (2 * STEP))
     stacked = np.stack(columns, axis=-1)
     return stacked.reshape(*stacked.shape[:-1], dim, dim)
@@ -45,7 +45,9 @@ def test_stress_and_tangent_are_derivatives(model, dim):
     tangent = unit_differences(material.first_piola, F)
     scale = np.abs(tangent).max()
     np.testing.assert_allclose(material.tangent(F) / scale, tangent / scale, atol=DIFFERENCE)
-    np.testing.assert_allclose(material.tangent(F), material.tangent(F).transpose(0, 3, 4, 1, 2), rtol=1e-12, atol=1e-6)
+    np.testing.assert_allclose(
+        material.tangent(F), material.tangent(F).transpose(0, 3, 4, 1, 2), rtol=1e-12, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -57,7 +59,9 @@ def test_rest_is_free_of_energy_and_stress_and_stiff_as_hookes_law(model, dim):
     assert abs(material.energy_density(rest)[0]) < 1e-10
     assert np.abs(material.first_piola(rest)).max() < 1e-9
     mu, lam, eye = material.lame_mu, material.lame_lambda, np.eye(dim)
-    hooke = lam * np.einsum("ij,kl", eye, eye) + mu * (np.einsum("ik,jl", eye, eye) + np.einsum("il,jk", eye, eye))
+    hooke = lam * np.einsum("ij,kl", eye, eye) + mu * (
+        np.einsum("ik,jl", eye, eye) + np.einsum("il,jk", eye, eye)
+    )
     np.testing.assert_allclose(material.tangent(rest)[0], hooke, atol=1e-9 * YOUNG)
 
 
@@ -78,7 +82,9 @@ def test_rotations_change_nothing(model, dim):
     turn = Rotation.from_rotvec(vector).as_matrix()[:dim, :dim]
     np.testing.assert_allclose(material.energy_density(turn @ F), material.energy_density(F), rtol=1e-10)
     np.testing.assert_allclose(material.energy_density(F @ turn), material.energy_density(F), rtol=1e-10)
-    np.testing.assert_allclose(material.first_piola(turn @ F), turn @ material.first_piola(F), atol=1e-8 * YOUNG)
+    np.testing.assert_allclose(
+        material.first_piola(turn @ F), turn @ material.first_piola(F), atol=1e-8 * YOUNG
+    )
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -103,7 +109,9 @@ def uniaxial(material, stretch):
     return lateral, stress(lateral)[0, 0]
 
 
-@pytest.mark.parametrize(("stretch", "lateral", "stress"), [(2.0, 0.71971603, 66327.2507), (0.5, 1.34841608, -113907.988)])
+@pytest.mark.parametrize(
+    ("stretch", "lateral", "stress"), [(2.0, 0.71971603, 66327.2507), (0.5, 1.34841608, -113907.988)]
+)
 def test_stable_neo_hookean_bar(stretch, lateral, stress):
     """The free bar under uniaxial stretch, solved for the law with the origin barrier log(I_C + 1)."""
     found = uniaxial(make_material("stable_neo_hookean", YOUNG, POISSON), stretch)

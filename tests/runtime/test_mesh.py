@@ -38,13 +38,18 @@ def test_surface_is_closed_and_points_outward(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_gradients_are_exact_for_affine_maps(dim, rng=np.random.default_rng(0)):
+def test_gradients_are_exact_for_affine_maps(dim):
+    rng = np.random.default_rng(0)
     mesh = small_box(dim)
     map_, shift = rng.normal(size=(dim, dim)), rng.normal(size=dim)
     moved = mesh.points @ map_.T + shift
-    np.testing.assert_allclose(mesh.deformation_gradients(moved), np.tile(map_, (mesh.n_cells, 1, 1)), atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        mesh.deformation_gradients(moved), np.tile(map_, (mesh.n_cells, 1, 1)), atol=ROUND_OFF
+    )
     for axis, derivative in enumerate(mesh.nodal_gradient):
-        np.testing.assert_allclose(derivative @ moved, np.tile(map_[:, axis], (mesh.n_nodes, 1)), atol=ROUND_OFF)
+        np.testing.assert_allclose(
+            derivative @ moved, np.tile(map_[:, axis], (mesh.n_nodes, 1)), atol=ROUND_OFF
+        )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -136,10 +141,13 @@ def test_mesh_files_come_back(tmp_path, dim, suffix):
 def test_lower_cells_are_ignored_and_foreign_ones_refused(tmp_path):
     mesh = small_box(3)
     tets = ("tetra", mesh.cells)
-    meshio.write(tmp_path / "gmsh.vtu", meshio.Mesh(mesh.points, [tets, ("triangle", mesh.facets), ("line", mesh.surface_edges)]))
+    meshio.write(
+        tmp_path / "gmsh.vtu",
+        meshio.Mesh(mesh.points, [tets, ("triangle", mesh.facets), ("line", mesh.surface_edges)]),
+    )
     assert read_mesh(tmp_path / "gmsh.vtu").n_cells == mesh.n_cells
     meshio.write(tmp_path / "mixed.vtu", meshio.Mesh(mesh.points, [tets, ("hexahedron", np.arange(8)[None])]))
-    with pytest.raises(SoftprintError, match="mixes cells.*hexahedron"):
+    with pytest.raises(SoftprintError, match=r"mixes cells.*hexahedron"):
         read_mesh(tmp_path / "mixed.vtu")
 
 
