@@ -23,6 +23,9 @@ def biharmonic_basis(mesh: Mesh, handles: Handles) -> Array:
     minimiser.
     """
     regions = [[int(node)] for node in handles.points] + [frame.nodes.tolist() for frame in handles.frames]
+    held = np.concatenate([handles.points, handles.frame_nodes])
+    if len(np.unique(held)) < len(held):  # libigl does not check, and corrupts its memory
+        raise SoftprintError("body: two handles hold the same node: point handles and frames must not meet")
     basis = np.ascontiguousarray(igl.biharmonic_coordinates(mesh.points, mesh.cells, regions, 2))
     # libigl reports failure by an empty array, and a nearly singular system by weights that reproduce
     # nothing.

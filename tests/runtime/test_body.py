@@ -184,3 +184,5 @@ def test_handles_that_carry_nothing_are_refused():
         biharmonic_basis(
             mesh, Handles(2, np.array([0, 40]), ())
         )  # place_handles would not have let them through
+    with pytest.raises(SoftprintError, match="hold the same node"):
+        biharmonic_basis(mesh, Handles(2, np.array([0, 4, 40, 40]), ()))
