@@ -104,7 +104,7 @@ def corrected_model(
         known = ", ".join([BARE, *trained_models(out)])
         raise SoftprintError(
             f"there is no model {name!r}: looked for {path}. Known here: {known}; `softprint train` makes "
-            f"corrections, and {', '.join(_announced()) or 'no other model'} comes with the installed packages"
+            f"corrections; of installed packages come: {', '.join(_announced()) or 'no others'}"
         )
     trained_for = experiment.training.collider
     for placed in parts.colliders:

@@ -43,12 +43,12 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.CONVERGED: "The forces balance to the tolerance.",
-    Status.MAX_ITERATIONS: "Stopped at the iteration limit before the tolerance was seen to be met: right for "
-    "real time; otherwise allow more iterations or take a smaller time step.",
-    Status.LINE_SEARCH_FAILED: "No step along the Newton direction lowers the energy: the tolerance may be below "
-    "what the correction's float32 network can resolve, or the start has inverted cells.",
-    Status.NOT_FINITE: "Energy or gradient is not finite: inverted cells in a material that resists inversion "
-    "with infinite energy, or a state that is not made of numbers; take a smaller time step.",
+    Status.MAX_ITERATIONS: "Stopped at the iteration limit before the tolerance was seen to be met: right "
+    "for real time; otherwise allow more iterations or take a smaller time step.",
+    Status.LINE_SEARCH_FAILED: "No step along the Newton direction lowers the energy: the tolerance may be "
+    "below what the correction's float32 network can resolve, or the start has inverted cells.",
+    Status.NOT_FINITE: "Energy or gradient is not finite: inverted cells in a material that resists "
+    "inversion with infinite energy, or a state that is not made of numbers; take a smaller time step.",
 }
 
 _ARMIJO = 1e-4

@@ -157,9 +157,16 @@ class Simulator:
         mass = self.body.reduced_mass / h**2
         inertia = _about(mass, state.rows + h * state.rows_velocity)
         contact = StepContact(self._surface_of(state, timings), state.poses, h, {})
-        solved = self._minimise(state.rows, end, end_poses, inertia, contact, timings)
+        solved = self._minimise(self._carried_on(state), end, end_poses, inertia, contact, timings)
         velocity = (solved.x - state.rows) / h
         return self._result(solved, velocity, end, end_poses, inertia, contact, timings)
+
+    def _carried_on(self, state: ReducedState) -> Array:
+        """Rows after a step at constant velocity, frames kept rigid: where Newton starts."""
+        handles = self.body.handles
+        tangent = handles.tangent(state.rows)
+        moved = tangent.T @ (self.settings.time_step * state.rows_velocity).ravel()
+        return handles.retract(state.rows, np.linalg.solve(tangent.T @ tangent, moved))
 
     def settle(
         self, state: ReducedState | None = None, newton: NewtonSettings | None = None
