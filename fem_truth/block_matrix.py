@@ -96,6 +96,12 @@ def spd_inverse(blocks: Array) -> Array:
     return inverse
 
 
+def inverse_square_roots(blocks: Array) -> Array:
+    """|B|^(-1/2) of (n, dim, dim) symmetric blocks, with absolute eigenvalues as in `spd_inverse`."""
+    values, vectors = np.linalg.eigh(blocks)
+    return np.asarray((vectors / np.sqrt(_positive(values))[:, None, :]) @ vectors.transpose(0, 2, 1))
+
+
 def positive_part(blocks: Array) -> Array:
     """The nearest positive semi-definite blocks to (n, dim, dim) symmetric ones."""
     values, vectors = np.linalg.eigh(blocks)

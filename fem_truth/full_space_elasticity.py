@@ -19,6 +19,7 @@ from fem_truth import dolfinx_version as dfx
 from fem_truth.block_matrix import BlockMatrix, BlockPattern
 from fem_truth.elasticity_form import energy_density
 from runtime.arrays import Array, IntArray
+from runtime.elasticity.determinant import determinant
 from runtime.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class FullSpaceElasticity:
 
     def min_det_F(self, x: Array) -> float:
         """The smallest volume ratio of a cell: not positive if a cell is inverted."""
-        return float(np.linalg.det(self.deformation_gradients(x)).min())
+        return float(determinant(self.deformation_gradients(x)).min())
 
     def _set(self, x: Array) -> None:
         self._u.x.array[:] = (x - self.mesh.points)[self._node_of_dof].ravel()
