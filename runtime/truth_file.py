@@ -68,7 +68,9 @@ class TruthWriter:
                 # One row of a field is one chunk: a training batch reads the samples it wants and nothing else.
                 chunk = (1, *shape) if "nodes" in column.shape else (256, *shape)
                 dtype = h5py.string_dtype() if column.dtype == "str" else column.dtype
-                dataset = group.create_dataset(key, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunk, fletcher32=True)
+                dataset = group.create_dataset(
+                    key, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunk, fletcher32=True
+                )
                 dataset.attrs["unit"], dataset.attrs["meaning"] = column.unit, column.meaning
         file["mesh/points"], file["mesh/cells"] = body.mesh.points, body.mesh.cells
 
@@ -184,7 +186,9 @@ class Table:
             yield
         except OSError as error:
             name = Path(self._group.file.filename)
-            raise SoftprintError(f"{name}: column {column!r} is damaged ({error}): make the file again") from error
+            raise SoftprintError(
+                f"{name}: column {column!r} is damaged ({error}): make the file again"
+            ) from error
 
 
 class TruthData:
@@ -224,7 +228,9 @@ class TruthData:
         for name, columns in TABLES.items():
             lengths = {key: len(file[name][key]) for key in columns}
             if len(set(lengths.values())) != 1:
-                raise SoftprintError(f"{self.path}: columns of {name!r} differ in length ({lengths}): make it again")
+                raise SoftprintError(
+                    f"{self.path}: columns of {name!r} differ in length ({lengths}): make it again"
+                )
 
     def _check_body(self, file: h5py.File, body: ReducedBody | None) -> None:
         if body is not None and body.content_hash != self.header.body_hash:

@@ -50,7 +50,9 @@ STATES: dict[str, Column] = {
     "residual": Column("f8", "relative residual of the internal equilibrium", "1"),
     "decrement": Column("f8", "relative Newton decrement of the internal equilibrium", "1"),
     "min_det_F": Column("f8", "smallest det F of the internal equilibrium", "1"),
-    "min_eigenvalue": Column("f8", "lowest Ritz value on the null space, relative to the block diagonal", "1"),
+    "min_eigenvalue": Column(
+        "f8", "lowest Ritz value on the null space, relative to the block diagonal", "1"
+    ),
     "energy": Column("f8", "potential energy of the internal equilibrium", "J"),
     "stable": Column("?", "no negative curvature on the null space"),
     "scene": Column("str", "recorded scene the state comes from"),
@@ -82,7 +84,9 @@ CONTACTS: dict[str, Column] = {
 SAMPLES: dict[str, Column] = {
     "contact": Column("i8", "row of contacts/"),
     "depth_index": Column("i8", "number of the depth along the contact's path, shallow to deep"),
-    "depth": Column("f8", "deepest point of the collider below the internal equilibrium's surface nodes", "m"),
+    "depth": Column(
+        "f8", "deepest point of the collider below the internal equilibrium's surface nodes", "m"
+    ),
     "pose_rotation": Column("f8", "rotation of the collider: world = R z + t", "1", ("dim", "dim")),
     "pose_translation": Column("f8", "translation of the collider: world = R z + t", "m", ("dim",)),
     "displacement": Column(
@@ -106,7 +110,9 @@ REPEAT: dict[str, Column] = {
     "sample": Column("i8", "row of samples/ that was solved a second time, along another path"),
     "displacement": Column("f4", "contact displacement at the end of the other path", "m", ("nodes", "dim")),
     "status": Column("i4", "see the attribute `status_codes`"),
-    "spread": Column("f8", "|u2 - u1| / |u1|: the label noise of the sample (NaN where either did not converge)", "1"),
+    "spread": Column(
+        "f8", "|u2 - u1| / |u1|: the label noise of the sample (NaN where either did not converge)", "1"
+    ),
 }
 
 TABLES: dict[str, dict[str, Column]] = {

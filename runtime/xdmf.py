@@ -104,7 +104,10 @@ def _add_step(parent: ElementTree.Element, step: Step) -> None:
 
 
 def _add_values(parent: ElementTree.Element, values: Values) -> None:
-    number = {"NumberType": "Float" if values.dtype.kind == "f" else "Int", "Precision": str(values.dtype.itemsize)}
+    number = {
+        "NumberType": "Float" if values.dtype.kind == "f" else "Int",
+        "Precision": str(values.dtype.itemsize),
+    }
     if values.index is not None:
         parent = ElementTree.SubElement(
             parent, "DataItem", ItemType="HyperSlab", Dimensions=_spaced(values.slice_shape), **number
@@ -115,7 +118,9 @@ def _add_values(parent: ElementTree.Element, values: Values) -> None:
             parent, "DataItem", Dimensions=f"3 {rank}", Format="XML", NumberType="Int"
         )
         selection.text = " ".join((_spaced(start), _spaced((1,) * rank), _spaced((1, *values.slice_shape))))
-    item = ElementTree.SubElement(parent, "DataItem", Dimensions=_spaced(values.shape), Format="HDF", **number)
+    item = ElementTree.SubElement(
+        parent, "DataItem", Dimensions=_spaced(values.shape), Format="HDF", **number
+    )
     item.text = f"{values.file}:{PurePosixPath(values.dataset)}"
 
 

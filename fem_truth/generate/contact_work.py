@@ -48,7 +48,9 @@ class ContactWork:
         """The tables `contacts` (one row), `samples` and `repeat` of a unit; rows count from 0 within the unit."""
         contact = self.plan[unit]
         approach = self._approach(contact)
-        depths = noisy_depths(self.depths, self.max_depth, self.depth_noise, self.plan.rng(DEPTHS_STREAM, contact))
+        depths = noisy_depths(
+            self.depths, self.max_depth, self.depth_noise, self.plan.rng(DEPTHS_STREAM, contact)
+        )
         path = ContactPath(
             self.problem,
             self.collider,
@@ -75,7 +77,9 @@ class ContactWork:
             self._surfaces[contact.state] = deformed.points[mesh.surface_nodes], deformed.surface_normals
         surface, normals = self._surfaces[contact.state]
         aimed = int(np.searchsorted(mesh.surface_nodes, place))
-        return Approach(self.collider, surface, surface[aimed], normals[aimed], self.rotations[contact.rotation])
+        return Approach(
+            self.collider, surface, surface[aimed], normals[aimed], self.rotations[contact.rotation]
+        )
 
     def _sideways(self, contact: PlannedContact, approach: Approach) -> Array:
         """A unit vector along the surface at the place, drawn for this contact alone."""
@@ -116,7 +120,9 @@ class ContactWork:
             "pose_translation": [sample.pose.translation for sample in samples],
             "displacement": [blank if u is None else u for u in first],
             "status": [_status(sample.solution) for sample in samples],
-            "reason": [unreached if sample.solution is None else sample.solution.reason for sample in samples],
+            "reason": [
+                unreached if sample.solution is None else sample.solution.reason for sample in samples
+            ],
             "branch_flag": speed > JUMP_SPEED,
             "node_speed": speed,
             "newton_iterations": [sample.work.newton_iterations for sample in samples],
@@ -129,7 +135,9 @@ class ContactWork:
             ]
         repeat = {
             "sample": list(range(len(again))),
-            "displacement": np.array([blank if u is None else u for u in second]).reshape(-1, *internal.shape),
+            "displacement": np.array([blank if u is None else u for u in second]).reshape(
+                -1, *internal.shape
+            ),
             "status": [_status(solution) for solution in again],
             "spread": [_spread(u1, u2) for u1, u2 in zip(first, second, strict=False)],
         }

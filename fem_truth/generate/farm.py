@@ -7,11 +7,8 @@ end by at most one unit. Which rank does a unit has no influence on its result: 
 
 from __future__ import annotations
 
-import sys
 import time
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar, cast
 
@@ -69,8 +66,8 @@ def share_units(
     """Call work(unit) once for each of ``units`` on one of the ranks, in their order, until the budget is spent.
 
     Collective, with the same ``units`` on every rank; returns on all ranks when all are done. progress(n) is called
-    when this rank takes a unit, n being how many all ranks have taken before. An exception in ``work`` is the
-    caller's to end on all ranks (see :func:`one_fails_all_fail`).
+    when this rank takes a unit, n being how many all ranks have taken before. After an exception in ``work`` the other
+    ranks wait for ever: the command line ends them all (`runtime.cli.ranks.end_all_ranks`).
     """
     last = len(units) if budget.units is None else min(len(units), budget.units)
     counter = Counter(comm)
@@ -88,12 +85,8 @@ def wait_idly(comm: MPI.Comm) -> None:
         time.sleep(0.01)
 
 
-class AgreedError(SoftprintError):
-    """An error that all ranks raise together: each may leave as it likes, none waits for another."""
-
-
 def on_first_rank(comm: MPI.Comm, work: Callable[[], T]) -> T:
-    """Do ``work`` on rank 0 only; all ranks get its result, or raise its SoftprintError as an AgreedError."""
+    """Do ``work`` on rank 0 only; all ranks get its result, or raise its SoftprintError."""
     outcome: tuple[T | None, str | None] = (None, None)
     if comm.rank == 0:
         try:
@@ -103,27 +96,12 @@ def on_first_rank(comm: MPI.Comm, work: Callable[[], T]) -> T:
     wait_idly(comm)
     result, trouble = comm.bcast(outcome, root=0)
     if trouble is not None:
-        raise AgreedError(trouble)
+        raise SoftprintError(trouble)
     return cast(T, result)
 
 
 def first_rank_first(comm: MPI.Comm, work: Callable[[], T]) -> T:
     """Do ``work`` on all ranks, on rank 0 before the others: for what fills a cache that all use."""
-    result = work() if comm.rank == 0 else None
-    wait_idly(comm)
-    return cast(T, result if comm.rank == 0 else work())
-
-
-@contextmanager
-def one_fails_all_fail(comm: MPI.Comm) -> Iterator[None]:
-    """End all ranks when one has an exception that the others do not share, so that none waits for it for ever."""
-    try:
-        yield
-    except AgreedError:
-        raise
-    except BaseException as error:
-        if comm.size == 1:
-            raise
-        story = str(error) if isinstance(error, SoftprintError) else traceback.format_exc()
-        print(f"rank {comm.rank} of {comm.size} failed: {story}", file=sys.stderr, flush=True)
-        comm.Abort(1)
+    made: list[T] = []
+    on_first_rank(comm, lambda: made.append(work()))
+    return made[0] if made else work()

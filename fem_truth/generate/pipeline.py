@@ -23,13 +23,13 @@ from fem_truth.generate.farm import Budget, first_rank_first, on_first_rank, sha
 from fem_truth.generate.merge import merge_shards
 from fem_truth.generate.plan_hash import check_manifest, fingerprint, refuse_changes, write_manifest
 from fem_truth.generate.shards import is_whole, write_shard
-from fem_truth.generate.state_stage import find_states
+from fem_truth.generate.state_stage import Columns, find_states
 from fem_truth.newton import NewtonSettings
 from fem_truth.sampling.contact_places import spread_places
 from fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactPlan
 from fem_truth.sampling.rotations import spread_rotations
-from runtime.body import build_body, load_body, save_body
 from runtime.body.body import ReducedBody
+from runtime.cli.progress import Progress
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
@@ -45,12 +45,12 @@ log = logging.getLogger(__name__)
 @dataclass(frozen=True)
 class Options:
     """How far to go in this run. units: stop after so many new contacts; minutes: take no new contact after so long;
-    resume: keep finished work; progress(done, of): called as contacts are taken up."""
+    resume: keep finished work; progress(total): makes the bar that counts contacts."""
 
     units: int | None = None
     minutes: float | None = None
     resume: bool = True
-    progress: Callable[[int, int], None] = lambda done, of: None
+    progress: Callable[[int], Progress] = lambda total: Progress(total, silent=True)
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,15 @@ class Run:
     peak_memory: int
 
 
-def generate(comm: MPI.Comm, experiment: Experiment, out: Path, options: Options = Options()) -> Run:
+def generate(
+    comm: MPI.Comm, experiment: Experiment, body: ReducedBody, out: Path, options: Options = Options()
+) -> Run:
     """Bring ``out``/truth.h5 up to what experiment and options ask for. Collective; raises SoftprintError on all ranks.
 
     All finished contacts are in the truth file when this returns, be it complete or not. Shards are kept until it is.
     """
     began = time.monotonic()
     truth, folder = out / "truth.h5", out / "shards"
-    body = _body_on_all_ranks(comm, experiment, out)
     made_from = on_first_rank(comm, lambda: fingerprint(experiment, body))
     with _only_generator(comm, out):
         if on_first_rank(comm, lambda: options.resume and _is_complete(truth, made_from)):
@@ -80,55 +81,58 @@ def generate(comm: MPI.Comm, experiment: Experiment, out: Path, options: Options
         states, refused = find_states(comm, folder, experiment, problem)
         work = _contact_work(comm, experiment, problem, states)
 
-        pending = on_first_rank(comm, lambda: [unit for unit in range(len(work.plan)) if not is_whole(_shard(folder, unit))])
+        pending = on_first_rank(
+            comm, lambda: [unit for unit in range(len(work.plan)) if not is_whole(_shard(folder, unit))]
+        )
         n_before = len(work.plan) - len(pending)
         budget = Budget(options.units, None if options.minutes is None else began + 60 * options.minutes)
 
         def solve(unit: int) -> None:
             write_shard(_shard(folder, unit), work.solve(unit))
 
-        share_units(comm, pending, solve, budget, lambda taken: options.progress(n_before + taken, len(work.plan)))
+        with options.progress(len(work.plan)) as bar:
+            bar.skip(n_before)
+            share_units(comm, pending, solve, budget, lambda taken: bar.update(n_before + taken - bar.count))
+            bar.update(sum(_shard(folder, unit).exists() for unit in pending) + n_before - bar.count)
 
         def finish() -> int:
-            finished = [unit for unit in range(len(work.plan)) if _shard(folder, unit).exists()]
-            options.progress(len(finished), len(work.plan))
-            header = TruthHeader(
-                body_hash=body.content_hash,
-                experiment=experiment.model_dump_json(),
-                seed=work.plan.seed,
-                colliders=(work.collider.name,),
-                planned_contacts=len(work.plan),
-                made_from=made_from,
+            return (
+                _write_truth(truth, folder, body, work, states, refused, made_from, experiment.text)
+                - n_before
             )
-            merge_shards(truth, header, body, states, refused, (_shard(folder, unit) for unit in finished))
-            if len(finished) == len(work.plan):
-                shutil.rmtree(folder)
-            return len(finished) - n_before
 
         solved = on_first_rank(comm, finish)
     return Run(truth, solved, time.monotonic() - began, _peak_memory(comm))
 
 
+def _write_truth(
+    truth: Path,
+    folder: Path,
+    body: ReducedBody,
+    work: ContactWork,
+    states: Columns,
+    refused: Columns,
+    made_from: dict[str, str],
+    text: str,
+) -> int:
+    """Merge all finished contacts and return their number; the shards go when none is missing."""
+    finished = [unit for unit in range(len(work.plan)) if _shard(folder, unit).exists()]
+    header = TruthHeader(
+        body_hash=body.content_hash,
+        experiment=text,
+        seed=work.plan.seed,
+        colliders=(work.collider.name,),
+        planned_contacts=len(work.plan),
+        made_from=made_from,
+    )
+    merge_shards(truth, header, body, states, refused, (_shard(folder, unit) for unit in finished))
+    if len(finished) == len(work.plan):
+        shutil.rmtree(folder)
+    return len(finished)
+
+
 def _shard(folder: Path, unit: int) -> Path:
     return folder / f"contact_{unit:06d}.shard"
-
-
-def _body_on_all_ranks(comm: MPI.Comm, experiment: Experiment, out: Path) -> ReducedBody:
-    """The experiment's body, built on rank 0 and handed over in its file, which has to be of the same body."""
-    path = out / "body.h5"
-
-    def build() -> None:
-        body = build_body(experiment.body, experiment.base_dir, experiment.experiment.seed)
-        if not path.exists():
-            save_body(path, body)
-        elif load_body(path).content_hash != body.content_hash:
-            raise SoftprintError(
-                f"{path} holds another body than the experiment's [body] table describes: "
-                "make it again with `softprint body`, or choose another --out"
-            )
-
-    on_first_rank(comm, build)
-    return load_body(path)
 
 
 def _is_complete(truth: Path, made_from: dict[str, str]) -> bool:
@@ -150,17 +154,20 @@ def _prepare_folder(folder: Path, made_from: dict[str, str], resume: bool) -> No
 
 def _problem(experiment: Experiment, body: ReducedBody) -> ConstrainedProblem:
     gravity = np.array(experiment.dynamics.gravity, dtype=float)
-    return ConstrainedProblem(FullSpaceElasticity(body), gravity, PenaltyContact(experiment.contact.stiffness), body)
+    return ConstrainedProblem(
+        FullSpaceElasticity(body), gravity, PenaltyContact(experiment.contact.stiffness), body
+    )
 
 
 def _contact_work(
-    comm: MPI.Comm, experiment: Experiment, problem: ConstrainedProblem, states: dict[str, np.ndarray]
+    comm: MPI.Comm, experiment: Experiment, problem: ConstrainedProblem, states: Columns
 ) -> ContactWork:
-    sampling, seed, body = experiment.sampling, experiment.experiment.seed, problem.body
-    specs = [spec for spec in experiment.colliders if spec.name == sampling.collider]
-    collider = build_collider(specs[0], experiment.base_dir)
+    sampling, seed, body = experiment.sampling, experiment.seed, problem.body
+    collider = build_collider(experiment.collider(sampling.collider), experiment.base_dir)
     places = on_first_rank(comm, lambda: _places(body, collider, experiment))
-    rotations = spread_rotations(body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM]))
+    rotations = spread_rotations(
+        body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM])
+    )
     reduced = np.stack([body.reduced_positions(rows) for rows in states["rows"]])
     return ContactWork(
         problem=problem,
@@ -188,7 +195,9 @@ def _places(body: ReducedBody, collider: Collider, experiment: Experiment) -> np
             f"sampling.collider = {collider.name!r} has no bounds: a contact needs a collider that can come from "
             "outside; take a box, a cylinder or a mesh"
         )
-    return spread_places(body, experiment.sampling.places, experiment.sampling.frame_clearance * collider.size)
+    return spread_places(
+        body, experiment.sampling.places, experiment.sampling.frame_clearance * collider.size
+    )
 
 
 @contextmanager
@@ -200,14 +209,14 @@ def _only_generator(comm: MPI.Comm, out: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise SoftprintError(f"another `softprint generate` is at work in {out}: wait for it or end it") from error
+            raise SoftprintError(
+                f"another `softprint generate` is at work in {out}: wait for it or end it"
+            ) from error
 
     with lock.open("a") as file:
         on_first_rank(comm, take)
         yield
         wait_idly(comm)
-    if comm.rank == 0:
-        lock.unlink(missing_ok=True)
 
 
 def _peak_memory(comm: MPI.Comm) -> int:

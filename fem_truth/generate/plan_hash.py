@@ -27,7 +27,7 @@ _ABSENT = "(absent)"
 def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
     """Everything that decides the truth of an experiment, flat: {"sampling.max_depth": "0.012", ...}."""
     content = experiment.model_dump(mode="json")
-    collider = next(spec for spec in experiment.colliders if spec.name == experiment.sampling.collider)
+    collider = experiment.collider(experiment.sampling.collider)
     deciding = {key: content[key] for key in ("body", "contact", "dynamics", "sampling")}
     deciding["colliders"] = {spec["name"]: spec for spec in content["colliders"]}
     deciding["scenes"] = {scene["name"]: scene for scene in content["scenes"] if scene["role"] == "record"}
@@ -43,7 +43,11 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
 
 def _flatten(value: Any, prefix: str) -> list[tuple[str, str]]:
     if isinstance(value, dict):
-        return [pair for key, item in value.items() for pair in _flatten(item, f"{prefix}.{key}" if prefix else key)]
+        return [
+            pair
+            for key, item in value.items()
+            for pair in _flatten(item, f"{prefix}.{key}" if prefix else key)
+        ]
     return [(prefix, json.dumps(value))]
 
 

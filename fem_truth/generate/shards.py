@@ -29,7 +29,11 @@ class DamagedShard(Exception):
 
 def write_shard(path: Path, tables: Mapping[str, Mapping[str, object]]) -> None:
     """Write tables of columns (arrays, or lists of str) to ``path``: atomic, synced, never pickled."""
-    arrays = {f"{table}/{key}": _plain(values) for table, columns in tables.items() for key, values in columns.items()}
+    arrays = {
+        f"{table}/{key}": _plain(values)
+        for table, columns in tables.items()
+        for key, values in columns.items()
+    }
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     payload = buffer.getvalue()

@@ -10,10 +10,11 @@ import numpy as np
 from mpi4py import MPI
 
 from fem_truth.constrained import ConstrainedProblem
-from fem_truth.generate.farm import AgreedError, on_first_rank, share_units
+from fem_truth.generate.farm import on_first_rank, share_units
 from fem_truth.generate.shards import Tables, is_whole, read_shard, write_shard
 from fem_truth.sampling.recorded_states import record_scenes, spread_states
 from runtime.body.body import ReducedBody
+from runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment
@@ -44,8 +45,11 @@ def find_states(
         tried = len(accepted) + len(refused)
         batch = range(tried, min(tried + wanted - len(accepted), n_candidates))
         if not batch:
-            reasons = "; ".join(sorted({str(one["reason"][0]) for one in refused})) or "the recorded frames are too few"
-            raise AgreedError(
+            reasons = (
+                "; ".join(sorted({str(one["reason"][0]) for one in refused}))
+                or "the recorded frames are too few"
+            )
+            raise SoftprintError(
                 f"only {len(accepted)} of sampling.states = {wanted} states could be found among {n_candidates} "
                 f"candidates ({reasons}): ask for fewer states, or record more varied and gentler scenes"
             )

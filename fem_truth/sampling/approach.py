@@ -124,4 +124,6 @@ class _DeepestPoint:
         return -float(closest)
 
     def _sdf(self, s: float, nodes: slice | IntArray) -> Array:
-        return self._approach.collider.sdf(self._approach.pose(s).apply_inverse(self._approach.surface[nodes]))
+        return self._approach.collider.sdf(
+            self._approach.pose(s).apply_inverse(self._approach.surface[nodes])
+        )

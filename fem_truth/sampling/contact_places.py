@@ -25,7 +25,9 @@ def surface_distances(mesh: Mesh, sources: IntArray) -> Array:
     """
     nodes = mesh.surface_nodes
     ends = np.searchsorted(nodes, mesh.surface_edges)
-    lengths = np.linalg.norm(mesh.points[mesh.surface_edges[:, 0]] - mesh.points[mesh.surface_edges[:, 1]], axis=1)
+    lengths = np.linalg.norm(
+        mesh.points[mesh.surface_edges[:, 0]] - mesh.points[mesh.surface_edges[:, 1]], axis=1
+    )
     graph = csr_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
     return dijkstra(graph, directed=False, indices=np.searchsorted(nodes, sources), min_only=True)
 

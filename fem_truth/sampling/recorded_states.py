@@ -16,10 +16,13 @@ from fem_truth.sampling.farthest import farthest_selection
 from fem_truth.sampling.rigid_free import RigidFreeDescriptor
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
+from runtime.dynamics.model import bare_model, play
+from runtime.dynamics.scene import scene_steps
+from runtime.dynamics.state import ReducedState
 from runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment
+    from runtime.experiment import Experiment, SceneSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,21 +39,23 @@ class Recording:
 
 
 def record_scenes(experiment: Experiment, body: ReducedBody) -> Recording:
-    """Run every scene with ``role = "record"``; raises SoftprintError if there is none."""
+    """Play every scene with ``role = "record"`` in the bare subspace; raises SoftprintError if there is none."""
     frames = [
-        (scene.name, number, time, rows)
-        for scene in experiment.scenes
-        if scene.role == "record"
-        for number, (time, rows) in enumerate(_run(experiment, body, scene.name))
+        (scene.name, number, state.time, state.rows)
+        for scene in experiment.scenes_of_role("record")
+        for number, state in enumerate(_states_of(experiment, body, scene))
     ]
     if not frames:
-        raise SoftprintError('no scene has role = "record": the states to sample come from such scenes; add one')
-    scene, number, time, rows = zip(*frames, strict=True)
-    return Recording(np.array(rows), list(scene), np.array(number, dtype=np.int64), np.array(time))
+        raise SoftprintError(
+            f'{experiment.path}: no scene has role = "record"; the states to sample come from such scenes: add one'
+        )
+    names, numbers, times, rows = zip(*frames, strict=True)
+    return Recording(np.array(rows), list(names), np.array(numbers, dtype=np.int64), np.array(times))
 
 
-def _run(experiment: Experiment, body: ReducedBody, scene: str) -> Iterator[tuple[float, Array]]:
-    raise NotImplementedError
+def _states_of(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> Iterator[ReducedState]:
+    model = bare_model(experiment, body, scene)
+    return (result.state for result in play(model, scene_steps(experiment, scene)))
 
 
 def spread_states(body: ReducedBody, rows: Array, count: int) -> IntArray:

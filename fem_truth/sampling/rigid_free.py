@@ -47,7 +47,9 @@ class RigidFreeDescriptor:
         """For each edge its numbers: relative position over the rest length, then rotations of frames at its ends."""
         positions, rotations = _positions(self.handles, rows), _rotations(self.handles, rows)
         orientation = rotations[0] if rotations else self._best_fit(positions)
-        relative = (positions[self.edges[:, 1]] - positions[self.edges[:, 0]]) @ orientation / self.lengths[:, None]
+        relative = (
+            (positions[self.edges[:, 1]] - positions[self.edges[:, 0]]) @ orientation / self.lengths[:, None]
+        )
         numbers = []
         for edge, (i, j) in enumerate(self.edges):
             frames = [end - self.handles.n_points for end in (i, j) if end >= self.handles.n_points]

@@ -1,0 +1,100 @@
+"""`softprint generate`: ground truth of contact, on one rank or under mpirun, resumable, one file at the end."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+if TYPE_CHECKING:
+    from fem_truth.generate.pipeline import Run
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """How far to go in one run."""
+    parser.add_argument(
+        "--units",
+        type=int,
+        metavar="K",
+        help="stop after K more contacts; the truth file then holds a useful part",
+    )
+    parser.add_argument(
+        "--time-budget", type=float, metavar="MINUTES", help="take up no new contact after so many minutes"
+    )
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """Truth for the whole plan, or for as much of it as the options allow; truth.h5 and .xdmf in the run directory."""
+    # h5py before DOLFINx: PyPI's wheel of h5py crashes when it comes second.
+    import h5py  # noqa: F401
+    from mpi4py import MPI
+
+    from fem_truth.generate.farm import first_rank_first
+    from fem_truth.generate.pipeline import Options, generate
+    from runtime.cli.run_body import body_of_run
+    from runtime.errors import SoftprintError
+
+    for name, value in (("--units", args.units), ("--time-budget", args.time_budget)):
+        if value is not None and value < 0:
+            raise SoftprintError(f"{name} {value}: must not be negative")
+    _warn_of_threads(context, MPI.COMM_WORLD.size)
+    options = Options(
+        units=args.units,
+        minutes=args.time_budget,
+        resume=context.resume,
+        progress=lambda total: context.progress(total, unit="contacts", desc="truth"),
+    )
+    body = first_rank_first(MPI.COMM_WORLD, lambda: body_of_run(context))
+    done = generate(MPI.COMM_WORLD, context.experiment, body, context.out_dir, options)
+    if MPI.COMM_WORLD.rank == 0:
+        context.say(_summary(done, MPI.COMM_WORLD.size))
+    return 0
+
+
+def _warn_of_threads(context: Context, ranks: int) -> None:
+    import os
+
+    if ranks > 1 and os.environ.get("OMP_NUM_THREADS") != "1":
+        context.say(
+            "OMP_NUM_THREADS is not 1: ranks will fight over the cores; start with OMP_NUM_THREADS=1 mpirun ..."
+        )
+
+
+def _summary(done: Run, ranks: int) -> str:
+    """What is in the truth file and what it cost, in a few lines."""
+    import numpy as np
+
+    from runtime.truth_file import load_truth
+    from runtime.truth_schema import CONVERGED
+
+    with load_truth(done.truth) as truth:
+        samples, n_contacts = truth.samples, len(truth.contacts)
+        n = max(1, truth.n_samples)
+        converged = np.count_nonzero(samples["status"] == CONVERGED)
+        lines = [
+            f"{done.truth}: {n_contacts} of {truth.header.planned_contacts} contacts"
+            + ("" if truth.complete else " (partial: the same command goes on)"),
+            f"  {truth.n_samples} samples at {len(truth.states)} states ({len(truth.refused)} refused), "
+            f"{100 * converged / n:.1f} % converged, {np.count_nonzero(samples['branch_flag'])} flagged as jumps, "
+            f"{np.count_nonzero(truth.usable)} usable",
+            f"  label noise of {len(truth.repeat)} samples solved twice: median {100 * truth.noise_floor:.2g} %",
+            f"  {truth.contacts['seconds'].sum() / n:.3f} core-seconds a sample (second paths included)",
+        ]
+    lines.append(
+        f"  this run: {done.solved} contacts in {done.seconds:.1f} s on {ranks} rank(s), "
+        f"at most {done.peak_memory / 2**20:.0f} MiB a rank"
+    )
+    return "\n".join(lines)
+
+
+VERB = Verb(
+    name="generate",
+    order=30,
+    summary="solve the ground truth of contact with finite elements, also under mpirun",
+    example="OMP_NUM_THREADS=1 mpirun -n 2 softprint generate examples/jelly3d_small.toml",
+    run=run,
+    needs=("dolfinx", "mpi4py", "h5py"),
+    configure=configure,
+)

@@ -1,0 +1,209 @@
+"""Sampling of states, places, rotations, depths and approaches: invariances and properties of farthest points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fem_truth.sampling.approach import Approach, OutOfReach
+from fem_truth.sampling.contact_path import node_speeds
+from fem_truth.sampling.contact_places import candidate_places, spread_places, surface_distances
+from fem_truth.sampling.contact_plan import ContactPlan
+from fem_truth.sampling.depths import noisy_depths
+from fem_truth.sampling.farthest import farthest_selection
+from fem_truth.sampling.recorded_states import spread_states
+from fem_truth.sampling.rigid_free import RigidFreeDescriptor
+from fem_truth.sampling.rotations import spread_rotations
+from runtime.body import assemble_body, frame_in_box, place_handles
+from runtime.body.body import ReducedBody
+from runtime.colliders import Box, Sphere
+from runtime.elasticity.materials import make_material
+from runtime.errors import SoftprintError
+from runtime.mesh import box_mesh
+
+
+def small_body(dim: int, frame: bool) -> ReducedBody:
+    mesh = box_mesh((-0.05,) * (dim - 1) + (0.0,), (0.05,) * dim, (6,) * dim)
+    box = [[-1.0] * dim, [1.0] * (dim - 1) + [0.012]]
+    frames = [frame_in_box(mesh, "base", box)] if frame else []
+    handles = place_handles(mesh, 6, frames)
+    return assemble_body(mesh, handles, make_material("linear", 1e4, 0.3), 1000.0, name="block")
+
+
+@pytest.fixture(scope="module", params=[(2, True), (2, False), (3, True), (3, False)], ids=str)
+def body(request: pytest.FixtureRequest) -> ReducedBody:
+    return small_body(*request.param)
+
+
+def random_states(body: ReducedBody, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Rest and rigid-framed random states near it."""
+    n_dofs = body.n_dofs
+    scale = np.full(n_dofs, 0.01)
+    return np.array(
+        [body.rest_rows]
+        + [body.handles.retract(body.rest_rows, scale * rng.standard_normal(n_dofs)) for _ in range(count)]
+    )
+
+
+def moved(body: ReducedBody, rows: np.ndarray, rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """The state after a rigid motion of the whole body."""
+    result = rows @ rotation.T
+    result[: body.handles.n_points] += shift
+    for frame in body.handles.frames:
+        result[body.handles.rows_of(frame.name).stop - 1] += shift
+    return result
+
+
+def random_rotation(dim: int, rng: np.random.Generator) -> np.ndarray:
+    if dim == 3:
+        return Rotation.from_quat(rng.standard_normal(4)).as_matrix()
+    a = rng.uniform(0, 2 * np.pi)
+    return np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+
+
+def test_rigid_motion_leaves_descriptor_and_selection_unchanged(body: ReducedBody) -> None:
+    rng = np.random.default_rng(0)
+    states = random_states(body, 30, rng)
+    turned = np.array(
+        [moved(body, rows, random_rotation(body.dim, rng), rng.standard_normal(body.dim)) for rows in states]
+    )
+    descriptor = RigidFreeDescriptor.of(body)
+    # 1e-10: round-off of metre-sized shifts against edges of centimetres, scaled up by the normalisation.
+    np.testing.assert_allclose(descriptor.normalised(turned), descriptor.normalised(states), atol=1e-10)
+    np.testing.assert_array_equal(spread_states(body, turned, 8), spread_states(body, states, 8))
+
+
+def test_states_begin_with_the_one_nearest_to_rest(body: ReducedBody) -> None:
+    states = random_states(body, 10, np.random.default_rng(1))[::-1]
+    assert spread_states(body, states, 3)[0] == len(states) - 1
+
+
+def test_every_edge_of_the_descriptor_has_unit_variance(body: ReducedBody) -> None:
+    descriptor = RigidFreeDescriptor.of(body)
+    numbers = descriptor.normalised(random_states(body, 40, np.random.default_rng(2)))
+    # Each edge contributes variance 1 in all.
+    assert np.isclose(np.mean(np.sum(numbers**2, axis=1)), len(descriptor.edges))
+
+
+def test_farthest_selection_is_greedy_and_stops_at_duplicates() -> None:
+    points = np.array([[0.0], [1.0], [0.4], [0.4], [1.0]])
+    chosen = farthest_selection(lambda k: np.linalg.norm(points - points[k], axis=1), 0, 5)
+    np.testing.assert_array_equal(chosen, [0, 1, 2])
+
+
+def test_a_prefix_of_a_selection_is_the_selection_of_that_length() -> None:
+    points = np.random.default_rng(0).random((200, 3))
+    distance = lambda k: np.linalg.norm(points - points[k], axis=1)  # noqa: E731
+    np.testing.assert_array_equal(farthest_selection(distance, 7, 20)[:9], farthest_selection(distance, 7, 9))
+
+
+def test_surface_distance_along_a_square_is_its_arc_length() -> None:
+    mesh = box_mesh((0.0, 0.0), (1.0, 1.0), (8, 8))
+    corner = int(np.argmin(mesh.points.sum(axis=1)))
+    distance = surface_distances(mesh, np.array([corner]))
+    opposite = np.searchsorted(mesh.surface_nodes, int(np.argmax(mesh.points.sum(axis=1))))
+    assert np.isclose(distance[opposite], 2.0)
+    assert np.isclose(distance.max(), 2.0)
+
+
+def test_places_keep_clear_of_frames_and_apart(body: ReducedBody) -> None:
+    clearance = 0.015
+    places = spread_places(body, 8, clearance)
+    assert len(set(places.tolist())) == 8
+    frame_nodes = body.handles.frame_nodes
+    if len(frame_nodes):
+        gap = np.linalg.norm(body.mesh.points[places][:, None] - body.mesh.points[frame_nodes], axis=2).min()
+        assert gap > clearance
+    index = {int(node): k for k, node in enumerate(body.mesh.surface_nodes)}
+    apart = [surface_distances(body.mesh, places[:k])[index[int(places[k])]] for k in range(1, len(places))]
+    assert np.all(np.diff(apart) <= 1e-12)  # greedy: each is as far as can be, so distances only fall
+
+
+def test_too_many_places_are_refused_with_the_number_that_there_are(body: ReducedBody) -> None:
+    n_candidates = int(candidate_places(body, 0.015).sum())
+    with pytest.raises(SoftprintError, match=f"only {n_candidates} surface nodes"):
+        spread_places(body, n_candidates + 1, 0.015)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_rotations_are_rotations_and_spread(dim: int) -> None:
+    count = 12
+    rotations = spread_rotations(dim, count, np.random.default_rng(5))
+    np.testing.assert_allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.broadcast_to(np.eye(dim), rotations.shape), atol=1e-14
+    )
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
+    trace = np.einsum("aij,bij->ab", rotations, rotations)
+    angle = np.arccos(np.clip((trace - 1) / 2 if dim == 3 else trace / 2, -1, 1))
+    closest = np.min(angle + 10 * np.eye(count))
+    # 2D: evenly spaced. 3D: 12 even balls of SO(3) have a radius of about 60 degrees; greedy reaches well over half.
+    assert closest > (2 * np.pi / count - 1e-9 if dim == 2 else np.radians(60))
+
+
+def test_depths_ascend_and_never_exceed_the_largest() -> None:
+    depths = noisy_depths(5, 0.01, 0.4, np.random.default_rng(0))
+    assert np.all(np.diff(depths) > 0)
+    assert 0 < depths[0] and depths[-1] <= 0.01
+    np.testing.assert_allclose(
+        noisy_depths(4, 0.01, 0.0, np.random.default_rng(0)), [0.0025, 0.005, 0.0075, 0.01]
+    )
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_depth_asked_for_is_reached_exactly(dim: int) -> None:
+    body = small_body(dim, frame=True)
+    mesh = body.mesh
+    rng = np.random.default_rng(4)
+    collider = Box(np.full(dim, 0.02), rounding=0.005)
+    surface = mesh.points[mesh.surface_nodes] + 0.001 * rng.standard_normal((len(mesh.surface_nodes), dim))
+    depths = np.array([0.001, 0.004, 0.01])
+    for node in (0, 11, len(surface) - 1):
+        approach = Approach(
+            collider, surface, surface[node], mesh.surface_normals[node], random_rotation(dim, rng)
+        )
+        for depth, pose in zip(depths, approach.poses_at(depths), strict=True):
+            deepest = -collider.sdf(pose.apply_inverse(surface)).min()
+            assert abs(deepest - depth) < 1e-9  # the root finder's tolerance is 1e-12 sizes of the collider
+            # Coming from outside this is the first such pose: a little farther out the collider is not so deep.
+            s = (pose.translation - approach.place) @ approach.normal
+            assert all(approach.depth(s + out) < depth for out in np.linspace(1e-6, 0.2, 400))
+
+
+def test_a_depth_beyond_the_collider_is_out_of_reach() -> None:
+    mesh = small_body(2, frame=False).mesh
+    surface = mesh.points[mesh.surface_nodes]
+    approach = Approach(Sphere(0.01, dim=2), surface, surface[0], mesh.surface_normals[0], np.eye(2))
+    with pytest.raises(OutOfReach, match="never gets 0.02 m"):
+        approach.poses_at(np.array([0.02]))
+
+
+def test_plan_is_a_permutation_with_balanced_prefixes() -> None:
+    plan = ContactPlan(n_states=3, n_places=8, n_rotations=5, repeat_share=0.1, seed=1)
+    contacts = list(plan)
+    assert len({(c.state, c.place, c.rotation) for c in contacts}) == len(plan) == 120
+    first = contacts[: 3 * 8]
+    assert {(c.state, c.place) for c in first} == {(s, p) for s in range(3) for p in range(8)}
+    counts = np.bincount([c.rotation for c in first], minlength=5)
+    assert counts.max() - counts.min() <= 3  # 24 contacts over 5 rotations, state by state
+    assert sum(c.repeated for c in contacts) == 12
+
+
+def test_a_contact_draws_the_same_numbers_whatever_was_drawn_before() -> None:
+    plan = ContactPlan(2, 3, 4, 0.0, seed=9)
+    alone = plan.rng(2, plan[17]).random(3)
+    for contact in plan:
+        drawn = plan.rng(2, contact).random(3)
+    assert not np.array_equal(alone, drawn)
+    np.testing.assert_array_equal(plan.rng(2, plan[17]).random(3), alone)
+
+
+def test_node_speeds_tell_a_snap_from_a_press() -> None:
+    down = np.array([[0.0, -1.0], [0.0, -0.5]])
+    depths = np.array([0.001, 0.002, 0.003, 0.004])
+    smooth = [depth * down for depth in depths]
+    np.testing.assert_allclose(node_speeds(smooth, depths), 1.0)
+    snapped = [*smooth[:2], smooth[2] + [0.004, 0.0], None]
+    speeds = node_speeds(snapped, depths)
+    assert speeds[2] > 4
+    assert np.isnan(speeds[3])
