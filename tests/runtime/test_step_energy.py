@@ -1,0 +1,185 @@
+"""The energy of a step: its gradient and Hessian by finite differences, in 2D and 3D, with everything
+switched on."""
+
+import numpy as np
+import pytest
+
+from runtime.body import assemble_body, frame_in_box, place_handles
+from runtime.colliders import KeyframedPath, RigidPose, Sphere
+from runtime.contact import CoulombFriction, PenaltyContact
+from runtime.corrections.correction import CorrectionField
+from runtime.dynamics import DynamicsSettings, HandleSpring, KinematicHandle, PlacedCollider, Simulator
+from runtime.dynamics import simulator as simulator_module
+from runtime.elasticity import make_material
+from runtime.mesh import box_mesh
+
+TIME_STEP = 0.01
+dims = pytest.mark.parametrize("dim", [2, 3])
+kinds = pytest.mark.parametrize("corrected", [False, True], ids=["bare", "corrected"])
+
+
+class WavyCorrection:
+    """u = R s(U rows, z-centre): a smooth made-up field in collider space with an exact Jacobian.
+
+    With z = T^-1 (U rows): r_a = amplitude sin(k_a . z + c (U rows at the first handle)_a).
+    """
+
+    name, collider, support = "wavy", "ball", np.inf
+
+    def __init__(self, amplitude):
+        self.amplitude = amplitude
+
+    def bind(self, points, reach=np.inf):
+        return BoundWave(points.basis, self.amplitude)
+
+
+class BoundWave:
+    def __init__(self, basis, amplitude):
+        self.basis, self.amplitude = basis, amplitude
+        self.waves = 40.0 * np.random.default_rng(3).normal(size=(3, 3))
+
+    def _phase(self, rows, pose):
+        dim = rows.shape[1]
+        z = pose.apply_inverse(self.basis @ rows)
+        return z @ self.waves[:dim, :dim].T + 7.0 * pose.apply_inverse(rows[:1])
+
+    def displacement(self, rows, pose):
+        return pose.rotate(self.amplitude * np.sin(self._phase(rows, pose)))
+
+    def linearise(self, rows, pose):
+        dim = rows.shape[1]
+        slope = self.amplitude * np.cos(self._phase(rows, pose))  # (n, a), collider space
+        first = np.eye(1, len(rows)).ravel()
+        # d phase_a / d rows_rb = sum_c waves_ac R_bc U_r + 7 R_ba [r = 0]
+        phase = np.einsum("ac,bc,nr->narb", self.waves[:dim, :dim], pose.rotation, self.basis)
+        phase += 7.0 * np.einsum("ba,r->arb", pose.rotation, first)
+        jacobian = np.einsum("ia,na,narb->nirb", pose.rotation, slope, phase)
+        return CorrectionField(np.arange(len(self.basis)), self.displacement(rows, pose), jacobian)
+
+
+def make_body(dim):
+    mesh = box_mesh([0.0] * dim, [0.1, 0.05, 0.05][:dim], [8, 4, 4][:dim])
+    frame = frame_in_box(mesh, "base", [[-1.0] * dim, [0.015] + [1.0] * (dim - 1)])
+    handles = place_handles(mesh, 5, [frame])
+    return assemble_body(mesh, handles, make_material("stable_neo_hookean", 2e4, 0.4), 1000.0, name="box")
+
+
+def step_energy(dim, corrected, monkeypatch, kinematic=()):
+    """The `StepEnergy` of a step of a turned, strained, moving body that a ball slides along; and rows near
+    it."""
+    body = make_body(dim)
+    rng = np.random.default_rng(dim)
+    ball = Sphere(0.03, dim, "ball")
+    begin = RigidPose.from_rotation_vector([0.3] if dim == 2 else [0.3, 0.1, 0.2], [0.07, 0.072, 0.02][:dim])
+    end = RigidPose(begin.rotation, begin.translation + 0.002 * np.eye(dim)[0])
+    target = KeyframedPath([0.0], [[0.12, 0.02, 0.03][:dim]], [[0.5] if dim == 2 else [0.5, 0.2, 0.1]])
+    simulator = Simulator(
+        body,
+        [PlacedCollider("ball", ball, None, WavyCorrection(1e-3) if corrected else None)],
+        contact=PenaltyContact(1e8),
+        friction=CoulombFriction(0.4, slip_velocity=0.1),
+        gravity=[0.0] * (dim - 1) + [-9.81],
+        springs=[HandleSpring("base", 50.0, target, rotation_stiffness=0.3), HandleSpring(2, 80.0, target)],
+        kinematic=kinematic,
+        settings=DynamicsSettings(TIME_STEP),
+    )
+    problems = []
+
+    def keep(problem, rows, settings, solving):
+        problems.append(problem)
+        raise StopIteration
+
+    monkeypatch.setattr(simulator_module, "minimise", keep)
+    state = simulator.rest_state(poses={"ball": begin})
+    rows = body.handles.retract(state.rows, 2e-3 * rng.normal(size=body.n_dofs))
+    with pytest.raises(StopIteration):
+        simulator.step(state, poses={"ball": end})
+    return problems[0], rows, rng
+
+
+def differences(problem, rows, function, directions, step):
+    """Central differences of `function` along the tangent directions (k, n)."""
+    return np.array(
+        [
+            (function(problem.retract(rows, step * d)) - function(problem.retract(rows, -step * d)))
+            / (2 * step)
+            for d in directions
+        ]
+    )
+
+
+@dims
+@kinds
+def test_gradient_is_the_derivative_of_the_energy(dim, corrected, monkeypatch):
+    problem, rows, rng = step_energy(dim, corrected, monkeypatch)
+    at = problem.linearise(rows)  # lags friction at these very rows, where it slips by up to 2 mm
+    problem._relags_left = 0
+    touched = problem._surface.linearise(rows, problem._poses, problem._step, False, problem._timings)
+    assert touched[0] > 0  # the ball is in the body: contact and friction take part
+    assert at.energy == pytest.approx(problem.energy(rows), rel=1e-12)  # the same sums in another order
+    directions = rng.normal(size=(12, len(at.gradient)))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    # Step 1e-6 m on features of 1e-3 m (slip, depth): truncation (1e-3)^2; measured 1e-7 at most.
+    numeric = differences(problem, rows, problem.energy, directions, 1e-6)
+    np.testing.assert_allclose(directions @ at.gradient, numeric, rtol=1e-5, atol=1e-6 * at.scale)
+
+
+@dims
+def test_hessian_of_the_bare_body_is_the_derivative_of_the_gradient(dim, monkeypatch):
+    problem, rows, rng = step_energy(dim, False, monkeypatch)
+    at = problem.linearise(rows)
+    problem._relags_left = 0
+    np.testing.assert_allclose(at.hessian, at.hessian.T, atol=1e-10 * np.abs(at.hessian).max())
+    # Second differences of the energy along retractions from one point: the gradient at another point is in
+    # other tangent coordinates. Step 3e-5: truncation (3e-5/1e-3)^2 ~ 1e-3 of the contact's share, noise
+    # 1e-15 E/1e-9.
+    step = 3e-5
+    for _ in range(8):
+        d = rng.normal(size=len(at.gradient))
+        d /= np.linalg.norm(d)
+        e = [problem.energy(problem.retract(rows, k * step * d)) for k in (-2, -1, 0, 1, 2)]
+        numeric = (-e[0] + 16 * e[1] - 30 * e[2] + 16 * e[3] - e[4]) / (12 * step**2)
+        assert d @ at.hessian @ d == pytest.approx(numeric, rel=1e-4)
+
+
+@dims
+def test_kinematic_handles_are_no_unknowns(dim, monkeypatch):
+    problem, rows, _ = step_energy(
+        dim, True, monkeypatch, kinematic=[KinematicHandle("base"), KinematicHandle(1)]
+    )
+    at = problem.linearise(rows)
+    assert at.gradient.shape == (4 * dim,)
+    moved = problem.retract(rows, np.ones(4 * dim))
+    np.testing.assert_array_equal(moved[5:], rows[5:])
+    np.testing.assert_array_equal(moved[1], rows[1])
+
+
+@dims
+def test_energy_and_step_do_not_depend_on_where_the_world_is(dim, monkeypatch):
+    """Without gravity and springs, turning and shifting everything turns the gradient along."""
+    body = make_body(dim)
+    turn = RigidPose.from_rotation_vector([0.7] if dim == 2 else [0.7, -0.4, 1.1], [0.3, -0.2, 0.5][:dim])
+    ball, correction = Sphere(0.03, dim, "ball"), WavyCorrection(1e-3)
+    simulator = Simulator(
+        body,
+        [PlacedCollider("ball", ball, None, correction)],
+        contact=PenaltyContact(1e8),
+        friction=CoulombFriction(0.4, 0.1),
+    )
+    begin = RigidPose(np.eye(dim), np.array([0.07, 0.075, 0.02])[:dim])
+    end = RigidPose(np.eye(dim), begin.translation - 0.002)
+    state = simulator.rest_state(poses={"ball": begin})
+    rows = np.vstack([turn.apply(state.rows[:5]), state.rows[5:-1] @ turn.rotation.T, turn.translation])
+    turned = type(state)(0.0, rows, np.zeros_like(rows), {"ball": turn.compose(begin)})
+    here = simulator.step(state, {"ball": end})
+    there = simulator.step(turned, {"ball": turn.compose(end)})
+    assert here.converged
+    assert there.converged
+    # Both are converged to 1e-4 of the force; round-off alone makes their iterations differ, far below that.
+    np.testing.assert_allclose(
+        simulator.positions(there.state), turn.apply(simulator.positions(here.state)), atol=1e-8
+    )
+    force = here.contacts["ball"].force
+    np.testing.assert_allclose(
+        there.contacts["ball"].force, turn.rotation @ force, atol=1e-4 * np.linalg.norm(force)
+    )
