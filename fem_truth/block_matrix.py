@@ -1,7 +1,7 @@
 """Sparse symmetric matrices of dim x dim blocks, and the two cheap things Newton's method adds to them.
 
-scipy's BSR product took 0.85 ms where PETSc's BAIJ product took 2.3 ms (11,900 nodes, 167,000 blocks of 3 x 3, one
-core), and float32 gained nothing, so the inner iterations run here, in float64.
+scipy's BSR product took 0.85 ms where PETSc's BAIJ product took 2.3 ms (11,900 nodes, 167,000 blocks of 3 x
+3, one core), and float32 gained nothing, so the inner iterations run here, in float64.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from runtime.elasticity.determinant import cofactor, determinant
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Where the blocks are. row_starts (n+1,), columns (n_blocks,) in CSR order; diagonal (n,): block of (i, i)."""
+    """Where the blocks are. row_starts (n+1,), columns (n_blocks,) in CSR order; diagonal (n,): block of (i,
+    i)."""
 
     row_starts: IntArray
     columns: IntArray
@@ -31,8 +32,9 @@ class BlockPattern:
 
 @dataclass(eq=False)
 class BlockMatrix:
-    """A matrix over node vectors (n, dim). blocks: (n_blocks, dim, dim) on `pattern`, plus for each entry (w, k) of
-    `low_rank` the rank-dim term k (w w^T) (x) I with w (n,): a spring that holds the w-weighted mean of the nodes."""
+    """A matrix over node vectors (n, dim). blocks: (n_blocks, dim, dim) on `pattern`, plus for each entry (w,
+    k) of `low_rank` the rank-dim term k (w w^T) (x) I with w (n,): a spring that holds the w-weighted mean of
+    the nodes."""
 
     pattern: BlockPattern
     blocks: Array
@@ -68,7 +70,8 @@ class BlockMatrix:
         return BlockMatrix(self.pattern, self.blocks.copy(), self.low_rank)
 
     def add_diagonal(self, index: IntArray, blocks: Array) -> None:
-        """Add blocks (m, dim, dim), or scalars (m, 1, 1) times the identity, at the distinct nodes index (m,)."""
+        """Add blocks (m, dim, dim), or scalars (m, 1, 1) times the identity, at the distinct nodes index
+        (m,)."""
         if blocks.shape[1] == 1:
             blocks = blocks * np.eye(self.blocks.shape[1])
         self.blocks[self.pattern.diagonal[index]] += blocks
@@ -80,8 +83,9 @@ class BlockMatrix:
 def spd_inverse(blocks: Array) -> Array:
     """Inverses of (n, dim, dim) symmetric blocks, made positive definite first where they are not.
 
-    In a block that is indefinite the eigenvalues are replaced by their absolute values (at least 1e-3 of the largest
-    one), the usual cure: a preconditioner has to be positive definite, and it decides nothing but the speed.
+    In a block that is indefinite the eigenvalues are replaced by their absolute values (at least 1e-3 of the
+    largest one), the usual cure: a preconditioner has to be positive definite, and it decides nothing but the
+    speed.
     """
     det, cofactors = determinant(blocks), cofactor(blocks)
     scale = np.trace(blocks, axis1=1, axis2=2) / blocks.shape[1]

@@ -1,4 +1,5 @@
-"""Full-space equilibria that have a given reduced state (thesis 5.3.3): the ground truth of contact displacements.
+"""Full-space equilibria that have a given reduced state (thesis 5.3.3): the ground truth of contact
+displacements.
 
     x = argmin W_elastic(x) + W_gravity(x) + W_contact(x)   subject to   U^T (x - U q) = 0,
 
@@ -33,10 +34,10 @@ if TYPE_CHECKING:
 class Solution:
     """A full-space equilibrium and how well it is known.
 
-    x: (n_nodes, dim) [m]; residual, decrement: relative, see `fem_truth.newton`; min_det_F: smallest volume ratio of a
-    cell; max_depth: deepest penetration [m]; energy: total [J]; stable: no negative curvature was seen;
-    min_eigenvalue: lowest Ritz value relative to the block diagonal (`fem_truth.stability`; internal equilibria only,
-    NaN otherwise); `reason` says in a sentence how the solve ended.
+    x: (n_nodes, dim) [m]; residual, decrement: relative, see `fem_truth.newton`; min_det_F: smallest volume
+    ratio of a cell; max_depth: deepest penetration [m]; energy: total [J]; stable: no negative curvature was
+    seen; min_eigenvalue: lowest Ritz value relative to the block diagonal (`fem_truth.stability`; internal
+    equilibria only, NaN otherwise); `reason` says in a sentence how the solve ended.
     """
 
     x: Array
@@ -64,23 +65,25 @@ class Solution:
 #: A contact sample: an error of about 1 % in the energy norm before the last Newton step, much less after it.
 CONTACT_SETTINGS = NewtonSettings()
 
-#: An internal equilibrium is the zero from which contact displacement is measured: it is worth six more digits.
+#: An internal equilibrium is the zero from which contact displacement is measured: it is worth six more
+#: digits.
 INTERNAL_SETTINGS = NewtonSettings(gradient_tolerance=1e-7, decrement_tolerance=1e-12, cg_tolerance_min=1e-4)
 
-# Contact forces below this share of the elastic forces are not resolved relative to themselves, but to this floor:
-# without one, a body that is hardly touched would have to be solved to round-off.
+# Contact forces below this share of the elastic forces are not resolved relative to themselves, but to this
+# floor: without one, a body that is hardly touched would have to be solved to round-off.
 _FORCE_FLOOR = 1e-3
 
 
 class InternalEnergy(TotalEnergy):
-    """Elasticity and gravity: forces are measured against the elastic forces, unprojected, energies against W."""
+    """Elasticity and gravity: forces are measured against the elastic forces, unprojected, energies against
+    W."""
 
     def __init__(
         self, elasticity: FullSpaceElasticity, terms: Sequence[Potential], null_space: NullSpace
     ) -> None:
         super().__init__(elasticity, terms, null_space)
-        self._force_floor = 1e-9 * elasticity.force_scale
-        self._energy_floor = 1e-12 * elasticity.energy_scale
+        self._force_floor = 1e-9 * elasticity.unit_force
+        self._energy_floor = 1e-12 * elasticity.unit_energy
 
     def force_scale(self, x: Array, gradient: Gradient) -> float:
         return max(float(np.linalg.norm(gradient.elastic)), self._force_floor)
@@ -90,8 +93,8 @@ class InternalEnergy(TotalEnergy):
 
 
 class ContactEnergy(TotalEnergy):
-    """Elasticity, gravity and contact. Forces are measured against the contact force, projected; energies against the
-    work of the contact force over the displacement it caused, f . (x - reference) ~ u^T K u."""
+    """Elasticity, gravity and contact. Forces are measured against the contact force, projected; energies
+    against the work of the contact force over the displacement it caused, f . (x - reference) ~ u^T K u."""
 
     def __init__(
         self,
@@ -135,7 +138,7 @@ class ConstrainedProblem:
             self.terms = (Gravity(body.node_mass, np.asarray(gravity, dtype=float), mesh.points),)
 
     def constrained(self, rows: Array, x: Array) -> Array:
-        """The positions nearest to x (n_nodes, dim) that satisfy the constraint of the state `rows` exactly."""
+        """The positions nearest to x (n_nodes, dim) that satisfy the constraint of the state."""
         reduced = self.body.reduced_positions(rows)
         return reduced + self.null_space.project(x - reduced)
 
@@ -146,7 +149,8 @@ class ConstrainedProblem:
     def internal_equilibrium(
         self, rows: Array, settings: NewtonSettings = INTERNAL_SETTINGS, x0: Array | None = None
     ) -> Solution:
-        """The equilibrium without contact, from x0 or the reduced positions. A saddle gets the status UNSTABLE."""
+        """The equilibrium without contact, from x0 or the reduced positions. A saddle gets the status
+        UNSTABLE."""
         start = self.constrained(rows, self.body.reduced_positions(rows) if x0 is None else x0)
         result = minimise(InternalEnergy(self.elasticity, self.terms, self.null_space), start, settings)
         lowest = np.nan
@@ -168,10 +172,11 @@ class ConstrainedProblem:
         settings: NewtonSettings = CONTACT_SETTINGS,
         internal: Array | None = None,
     ) -> Solution:
-        """A single equilibrium with the collider at `pose`, from x0: the internal equilibrium, or a shallower depth.
+        """A single equilibrium with the collider at `pose`, from x0: the internal equilibrium, or a shallower
+        depth.
 
-        internal: the internal equilibrium (n_nodes, dim), from which the scale of the decrement is measured; x0 if it
-        is not given, which is stricter. `press` is faster where several depths follow each other.
+        internal: the internal equilibrium (n_nodes, dim), from which the scale of the decrement is measured;
+        x0 if it is not given, which is stricter. `press` is faster where several depths follow each other.
         """
         press = self.press(rows, collider, x0 if internal is None else internal)
         return press.solve(pose, settings, x0)
@@ -197,8 +202,8 @@ class ConstrainedProblem:
 class Press:
     """One contact of one state, solved at one pose after another; each solve starts from the last.
 
-    The answers depend on nothing but the arguments and the poses solved so far, so a press is the unit of work that
-    ranks may share out.
+    The answers depend on nothing but the arguments and the poses solved so far, so a press is the unit of
+    work that ranks may share out.
     """
 
     def __init__(
@@ -219,14 +224,15 @@ class Press:
             abs(elastic.energy(self._internal)),
         )
         self._floors = (
-            max(_FORCE_FLOOR * force, 1e-9 * elasticity.force_scale),
-            max(_FORCE_FLOOR**2 * energy, 1e-12 * elasticity.energy_scale),
+            max(_FORCE_FLOOR * force, 1e-9 * elasticity.unit_force),
+            max(_FORCE_FLOOR**2 * energy, 1e-12 * elasticity.unit_energy),
         )
 
     def solve(
         self, pose: RigidPose, settings: NewtonSettings = CONTACT_SETTINGS, x0: Array | None = None
     ) -> Solution:
-        """The equilibrium with the collider at `pose`, from the last one of this press, or from x0 (n_nodes, dim)."""
+        """The equilibrium with the collider at `pose`, from the last one of this press, or from x0 (n_nodes,
+        dim)."""
         problem = self._problem
         contact = SurfaceContact(
             problem.contact,

@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from typing import Any
 
 import dolfinx
+import dolfinx.fem
+import dolfinx.fem.petsc
 import numpy as np
 import ufl
-from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import create_mesh
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -23,13 +23,18 @@ from petsc4py import PETSc
 from runtime.arrays import Array, IntArray
 from runtime.mesh import Mesh
 
+# Untyped: each release has names that the other lacks.
+dfx: Any = dolfinx
+fem: Any = dolfinx.fem
+fem_petsc: Any = dolfinx.fem.petsc
+
 NEW_NAMES = not hasattr(fem, "VectorFunctionSpace")  # they left in 0.8; 0.9 has basix.ufl and `functionspace`
 JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-g0"], "timeout": 300}
 _CELL_NAMES = {2: "triangle", 3: "tetrahedron"}
 
 
 def make_mesh(mesh: Mesh) -> Any:
-    """A serial DOLFINx mesh (on COMM_SELF) of the same cells. It renumbers cells and nodes: see `orderings`."""
+    """A serial DOLFINx mesh of the same cells; it renumbers cells and nodes, see `orderings`."""
     cell, cells = _CELL_NAMES[mesh.dim], np.asarray(mesh.cells, dtype=np.int64)
     points = np.ascontiguousarray(mesh.points, dtype=float)
     if NEW_NAMES:
@@ -70,7 +75,8 @@ def orderings(domain: Any, space: Any, cell_values: Any, mesh: Mesh) -> tuple[In
     node_dofs = _dof_table(space, mesh.n_cells)
     original_node = np.asarray(domain.geometry.input_global_indices)
     node_of_dof = np.empty(mesh.n_nodes, dtype=np.int64)
-    # Both tables list a P1 simplex's corners in the order of the reference cell, so they match entry by entry.
+    # Both tables list a P1 simplex's corners in the order of the reference cell, so they match entry by
+    # entry.
     node_of_dof[node_dofs.ravel()] = original_node[geometry_nodes.ravel()]
     return node_of_dof, cell_of_dof
 
@@ -88,7 +94,8 @@ def _geometry_table(domain: Any, n_cells: int) -> IntArray:
 def compile_form(form: ufl.Form) -> Any:
     """Compile a UFL form to native code, from the cache where it was compiled before.
 
-    The first compilation takes a second or two; ranks must not race there (see `full_space_elasticity.warm_jit`).
+    The first compilation takes a second or two; ranks must not race there (see
+    `full_space_elasticity.warm_jit`).
     """
     if NEW_NAMES:
         return fem.form(form, jit_options=JIT_OPTIONS)
@@ -97,7 +104,8 @@ def compile_form(form: ufl.Form) -> Any:
 
 @contextmanager
 def quiet_compiler() -> Iterator[None]:
-    """Keeps distutils from reporting every call of the C compiler, and from setting up the root logger to do so."""
+    """Keeps distutils from reporting every call of the C compiler, and from setting up the root logger to do
+    so."""
     root = logging.getLogger()
     level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
     logging.disable(logging.INFO)
@@ -149,8 +157,8 @@ class BlockMatrixAssembler:
         self.matrix.assemble()
 
     def blocks(self) -> Array:
-        """(n_blocks, b, b) assembled blocks, a view that the next assembly overwrites. BAIJ stores each block column by
-        column, hence the transpose.
+        """(n_blocks, b, b) assembled blocks, a view that the next assembly overwrites. BAIJ stores each block
+        column by column, hence the transpose.
 
         petsc4py has no accessor for the values of a BAIJ matrix, so PETSc's C function is called.
         """
@@ -174,4 +182,4 @@ def _petsc_library() -> ctypes.CDLL:
 def versions() -> dict[str, str]:
     """Versions of the finite element stack, for provenance."""
     petsc = ".".join(str(part) for part in PETSc.Sys.getVersion())
-    return {"dolfinx": dolfinx.__version__, "petsc": petsc, "ufl": ufl.__version__}
+    return {"dolfinx": dfx.__version__, "petsc": petsc, "ufl": ufl.__version__}

@@ -1,9 +1,11 @@
-"""Full-space dynamics: backward Euler as minimisation (thesis eq. 5.5), with the runtime's potentials and words.
+"""Full-space dynamics: backward Euler as minimisation (thesis eq. 5.5), with the runtime's potentials and
+words.
 
-    x_new = argmin  1/(2 h^2) |x - x_old - h v_old|_M^2 + W_elastic + W_gravity + W_springs + W_contact + W_friction
+    x_new = argmin  1/(2 h^2) |x - x_old - h v_old|_M^2 + W_elastic + W_gravity + W_springs
+                   + W_contact + W_friction
 
-over all nodes but those of kinematic handles, which are placed. M is the lumped mass. This is the reference that every
-reduced motion is compared with, and the rival that its speed is measured against.
+over all nodes but those of kinematic handles, which are placed. M is the lumped mass. This is the reference
+that every reduced motion is compared with, and the rival that its speed is measured against.
 """
 
 from __future__ import annotations
@@ -11,14 +13,14 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from fem_truth.full_space_elasticity import FullSpaceElasticity
 from fem_truth.full_space_springs import linear_springs
+from fem_truth.newton import NewtonResult, Status, minimise
 from fem_truth.newton import NewtonSettings as FullNewtonSettings
-from fem_truth.newton import minimise
 from fem_truth.null_space import NullSpace
 from fem_truth.potentials import Gravity, Inertia, LaggedFriction, Potential, SurfaceContact
 from fem_truth.total_energy import ElasticTangent, Gradient, TotalEnergy
@@ -46,7 +48,8 @@ Poses = Mapping[str, RigidPose]
 
 @dataclass(frozen=True, eq=False)
 class FullSpaceState:
-    """time [s]; x (n_nodes, dim) positions [m]; velocity (n_nodes, dim) [m/s]; poses: of the colliders at this time."""
+    """time [s]; x (n_nodes, dim) positions [m]; velocity (n_nodes, dim) [m/s]; poses: of the colliders at
+    this time."""
 
     time: float
     x: Array
@@ -54,24 +57,34 @@ class FullSpaceState:
     poses: Poses
 
 
+class StepParts(NamedTuple):
+    """The potentials of a step besides elasticity: smooth ones by name; contact and friction by collider."""
+
+    smooth: Mapping[str, Sequence[Potential]]
+    contacts: Mapping[str, SurfaceContact]
+    friction: Mapping[str, LaggedFriction]
+
+
 class StepEnergy(TotalEnergy):
-    """The energy of one step. Residuals are measured against the largest of the forces that balance one another."""
+    """The energy of one step. Residuals are measured against the largest of the forces that balance one
+    another."""
 
     def __init__(
         self,
         elastic: FullSpaceElasticity,
         tangent: ElasticTangent,
         null_space: NullSpace,
-        smooth: Sequence[Potential],
-        contacts: Mapping[str, SurfaceContact],
-        friction: Mapping[str, LaggedFriction],
+        parts: StepParts,
         friction_updates: int,
         force_floor: float,
     ) -> None:
-        super().__init__(elastic, (*smooth, *contacts.values(), *friction.values()), null_space, tangent)
-        self._contacts, self._friction = contacts, friction
+        smooth = [term for group in parts.smooth.values() for term in group]
+        super().__init__(
+            elastic, (*smooth, *parts.contacts.values(), *parts.friction.values()), null_space, tangent
+        )
+        self._contacts, self._friction = parts.contacts, parts.friction
         # `lag_friction` at the start is the first update.
-        self._updates_left = friction_updates - 1 if friction else 0
+        self._updates_left = friction_updates - 1 if parts.friction else 0
         self._floor = force_floor
 
     def lag_friction(self, x: Array) -> None:
@@ -98,11 +111,13 @@ class StepEnergy(TotalEnergy):
 
 
 class FullSpaceSimulator:
-    """Steps one body in full space; constructor words, methods and results are those of `runtime.dynamics.Simulator`.
+    """Steps one body in full space; constructor words, methods and results are those of
+    `runtime.dynamics.Simulator`.
 
-    Kinematic handles are placed (the region of a frame rigidly); all other nodes are free, those of frames that are not
-    kinematic too. Corrections of the colliders are of no concern here. The elastic Hessian is kept between steps while it
-    serves: a step repeats to the last bit only after the same steps before it, and within the tolerance otherwise.
+    Kinematic handles are placed (the region of a frame rigidly); all other nodes are free, those of frames
+    that are not kinematic too. Corrections of the colliders are of no concern here. The elastic Hessian is
+    kept between steps while it serves: a step repeats to the last bit only after the same steps before it,
+    and within the tolerance otherwise.
     """
 
     def __init__(
@@ -129,7 +144,7 @@ class FullSpaceSimulator:
         self._null_space = NullSpace(np.zeros((body.n_nodes, 0)), _kinematic_nodes(body, kinematic))
         self._tangent = ElasticTangent(self.elasticity)
         weight = float(np.linalg.norm(body.node_mass) * np.linalg.norm(self._gravity))
-        self._force_floor = max(1e-9 * self.elasticity.force_scale, weight)
+        self._force_floor = max(1e-9 * self.elasticity.unit_force, weight)
 
     def rest_state(self, time: float = 0.0, poses: Poses | None = None) -> FullSpaceState:
         """The undeformed body, not moving; kinematic handles where they are at ``time`` [s]."""
@@ -142,7 +157,7 @@ class FullSpaceSimulator:
         end = state.time + h
         inertia = Inertia(self.body.node_mass, state.x + h * state.velocity, h)
         newton = self.settings.newton
-        # One iteration only (linearly implicit Euler) has to get its linear solve right; several may start loosely.
+        # A single iteration (linearly implicit Euler) has to get its linear solve right; several may start loose.
         loosest = 1e-3 if newton.max_iterations == 1 else 0.1
         settings = FullNewtonSettings(newton.tolerance, np.inf, newton.max_iterations, cg_tolerance=loosest)
         return self._solve(state, end, self._poses_at(end, poses), inertia, settings)
@@ -156,13 +171,21 @@ class FullSpaceSimulator:
         state = state or self.rest_state()
         return self._solve(state, state.time, state.poses, None, settings)
 
+    def at_rest(self) -> StepResult[FullSpaceState]:
+        """The rest state as the result of no step at all: its energies and contact forces."""
+        started, state = time.perf_counter(), self.rest_state()
+        parts = self._parts(state, state.time, state.poses, None)
+        nothing = NewtonResult(state.x, Status.CONVERGED, 0.0, 0.0, 0, 0, 0.0, 0.0, None)
+        return self._report(state, parts, nothing, started)
+
     def positions(self, state: FullSpaceState) -> Array:
         """(n_nodes, dim) [m]."""
         return state.x
 
     def reduced_rows(self, state: FullSpaceState) -> Array:
-        """(n_rows, dim) handle rows nearest to the state, frames made rigid (thesis 4.3.2)."""
-        return self.body.handles.rigid(self.body.project(state.x))
+        """(n_rows, dim) nearest handle rows (thesis 4.3.2); frames come out affine where their regions are
+        strained."""
+        return self.body.project(state.x)
 
     def deformation_gradients(self, state: FullSpaceState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default)."""
@@ -170,9 +193,8 @@ class FullSpaceSimulator:
 
     def contact_forces(self, state: FullSpaceState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
-        return {
-            name: _contact_force(c, None, state.x) for name, c in self._surface_contacts(state.poses).items()
-        }
+        contacts = self._parts(state, state.time, state.poses, None).contacts
+        return {name: _contact_force(contact, None, state.x) for name, contact in contacts.items()}
 
     def _solve(
         self,
@@ -183,62 +205,68 @@ class FullSpaceSimulator:
         settings: FullNewtonSettings,
     ) -> StepResult[FullSpaceState]:
         started = time.perf_counter()
-        body, h = self.body, self.settings.time_step
-        contacts = self._surface_contacts(poses)
+        parts = self._parts(state, end, poses, inertia)
+        energy = StepEnergy(
+            self.elasticity,
+            self._tangent,
+            self._null_space,
+            parts,
+            self.settings.friction_updates,
+            self._force_floor,
+        )
+        x0 = self._place(state.x, end)
+        energy.lag_friction(x0)
+        result = minimise(energy, x0, settings)
+        h = self.settings.time_step
+        velocity = np.zeros_like(x0) if inertia is None else (result.x - state.x) / h
+        return self._report(FullSpaceState(end, result.x, velocity, poses), parts, result, started)
+
+    def _parts(self, state: FullSpaceState, end: float, poses: Poses, inertia: Inertia | None) -> StepParts:
+        """The potentials of a step from ``state`` to the time ``end`` [s]; without inertia a static solve, no
+        friction."""
+        mesh = self.body.mesh
+        contacts = {
+            placed.name: SurfaceContact(
+                self._contact, mesh.surface_nodes, mesh.surface_areas, placed.collider, poses[placed.name]
+            )
+            for placed in self.colliders
+        }
         friction: dict[str, LaggedFriction] = {}
         if self._friction is not None and inertia is not None:
-            nodes = body.mesh.surface_nodes
+            nodes, h = mesh.surface_nodes, self.settings.time_step
             friction = {
                 name: LaggedFriction(self._friction, nodes, state.x[nodes], state.poses[name], poses[name], h)
                 for name in contacts
             }
         smooth: dict[str, list[Potential]] = {
             "inertia": [] if inertia is None else [inertia],
-            "gravity": [Gravity(body.node_mass, self._gravity, np.zeros_like(body.mesh.points))],
-            "springs": list(linear_springs(self._springs, body, end)),
+            "gravity": [Gravity(self.body.node_mass, self._gravity, np.zeros_like(mesh.points))],
+            "springs": list(linear_springs(self._springs, self.body, end)),
         }
-        terms = [term for group in smooth.values() for term in group]
-        updates = self.settings.friction_updates
-        energy = StepEnergy(
-            self.elasticity,
-            self._tangent,
-            self._null_space,
-            terms,
-            contacts,
-            friction,
-            updates,
-            self._force_floor,
-        )
-        x0 = self._place(state.x, end)
-        energy.lag_friction(x0)
-        result = minimise(energy, x0, settings)
-        x = result.x
-        velocity = np.zeros_like(x) if inertia is None else (x - state.x) / h
-        energies = {name: float(sum(term.energy(x) for term in group)) for name, group in smooth.items()}
-        energies["kinetic"] = 0.5 * float(body.node_mass @ (velocity**2).sum(axis=1))
+        return StepParts(smooth, contacts, friction)
+
+    def _report(
+        self, state: FullSpaceState, parts: StepParts, result: NewtonResult, started: float
+    ) -> StepResult[FullSpaceState]:
+        x, contacts, friction = state.x, parts.contacts, parts.friction
+        energies = {
+            name: float(sum(term.energy(x) for term in group)) for name, group in parts.smooth.items()
+        }
+        energies["kinetic"] = 0.5 * float(self.body.node_mass @ (state.velocity**2).sum(axis=1))
         energies["elastic"] = self.elasticity.energy(x)
-        energies["contact"] = float(sum(contact.energy(x) for contact in contacts.values()))
+        energies["contact"] = float(sum(term.energy(x) for term in contacts.values()))
         energies["friction"] = float(sum(term.energy(x) for term in friction.values()))
-        reason = f"{result.status.sentence} (iterations {result.newton_iterations}, residual {result.residual:.1e})"
+        numbers = f"iterations {result.newton_iterations}, residual {result.residual:.1e}"
         return StepResult(
-            state=FullSpaceState(end, x, velocity, poses),
+            state=state,
             status=result.status,
-            reason=reason,
+            reason=f"{result.status.sentence} ({numbers})",
             iterations=result.newton_iterations,
             residual=result.residual,
             energies=energies,
             timings={"total": time.perf_counter() - started},
             contacts={name: _contact_force(contacts[name], friction.get(name), x) for name in contacts},
         )
-
-    def _surface_contacts(self, poses: Poses) -> dict[str, SurfaceContact]:
-        mesh = self.body.mesh
-        return {
-            placed.name: SurfaceContact(
-                self._contact, mesh.surface_nodes, mesh.surface_areas, placed.collider, poses[placed.name]
-            )
-            for placed in self.colliders
-        }
 
     def _poses_at(self, at: float, given: Poses | None) -> dict[str, RigidPose]:
         poses = dict(given or {})
@@ -281,7 +309,8 @@ def _kinematic_nodes(body: ReducedBody, kinematic: Sequence[KinematicHandle]) ->
 
 
 def _contact_force(contact: SurfaceContact, friction: LaggedFriction | None, x: Array) -> ContactForce:
-    """What the body does to the collider: the gradient at a node of the body is the force that the body exerts."""
+    """What the body does to the collider: the gradient at a node of the body is the force that the body
+    exerts."""
     gradient = contact.gradient(x)
     if friction is not None:
         gradient += friction.gradient(x)

@@ -1,8 +1,9 @@
-"""Strain energy densities as UFL expressions: the formulas of `runtime.elasticity.materials`, told once more to FFCx.
+"""Strain energy densities as UFL expressions: the formulas of `runtime.elasticity.materials`, told once more
+to FFCx.
 
-F is the deformation gradient (dim x dim, plane strain in 2D), mu and lam the two moduli [Pa] of the model's own formula
-(`Material.mu` and `Material.lam`: Lame's, remapped where the model asks for it).
-In plane strain the third stretch is 1, so tr C gains 1 and J is unchanged; all energies vanish at rest.
+F is the deformation gradient (dim x dim, plane strain in 2D), mu and lam the two moduli [Pa] of the model's
+own formula (`Material.mu` and `Material.lam`: Lame's, remapped where the model asks for it). In plane strain
+the third stretch is 1, so tr C gains 1 and J is unchanged; all energies vanish at rest.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from runtime.errors import SoftprintError
 
 
 def stable_neo_hookean(F: Any, mu: Any, lam: Any) -> Any:
-    """Smith et al. 2018, eq. 14: mu/2 (I_C - 3) - mu/2 log((I_C + 1)/4) - 3/4 mu (J - 1) + lam/2 (J - 1)^2."""
+    """Smith et al. 2018: mu/2 (I_C - 3) - mu/2 log((I_C + 1)/4) - 3/4 mu (J - 1) + lam/2 (J - 1)^2."""
     strain, volume = _strain(F), ufl.det(F) - 1.0
     return mu * (0.5 * strain - 0.5 * ufl.ln(1.0 + 0.25 * strain) - 0.75 * volume) + 0.5 * lam * volume**2
 
@@ -50,6 +51,6 @@ def energy_density(model: str, F: Any, mu: Any, lam: Any) -> Any:
 
 
 def _strain(F: Any) -> Any:
-    """I_C - 3 of the three-dimensional deformation gradient: tr(F^T F) - dim, the third stretch of plane strain
-    being 1."""
+    """I_C - 3 of the three-dimensional deformation gradient: tr(F^T F) - dim, the third stretch of plane
+    strain being 1."""
     return ufl.inner(F, F) - F.ufl_shape[0]

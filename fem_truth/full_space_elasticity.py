@@ -1,4 +1,5 @@
-"""The elastic energy of a whole body in DOLFINx: value, gradient and Hessian from one UFL form (P1, one point).
+"""The elastic energy of a whole body in DOLFINx: value, gradient and Hessian from one UFL form (P1, one
+point).
 
     W(x) = sum over cells of volume * psi(F),   F = I + grad u,   u = x - X.
 
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
 
 
 class FullSpaceElasticity:
-    """W(x) [J] and its derivatives at node positions x (n_nodes, dim) [m]; the matrix is reused between calls."""
+    """W(x) [J] and its derivatives at node positions x (n_nodes, dim) [m]; the matrix is reused between
+    calls."""
 
     def __init__(self, body: ReducedBody) -> None:
         mesh, material = body.mesh, body.material
@@ -51,16 +53,17 @@ class FullSpaceElasticity:
             self._gradient = dfx.VectorAssembler(dfx.compile_form(gradient))
             self._hessian = dfx.BlockMatrixAssembler(dfx.compile_form(ufl.derivative(gradient, self._u)))
         self._pattern, self._block_order = self._node_ordered_pattern()
-        #: Energy of a strain of one everywhere [J] and the matching force [N]: the scales of "nothing at all".
-        self.energy_scale = float(mesh.cell_volumes @ (2 * mu_values + np.abs(lam_values)))
-        self.force_scale = self.energy_scale / mesh.size
+        #: Energy of a strain of one everywhere [J] and the matching force [N]: the scales of "nothing at
+        #: all".
+        self.unit_energy = float(mesh.cell_volumes @ (2 * mu_values + np.abs(lam_values)))
+        self.unit_force = self.unit_energy / mesh.size
 
     @property
     def pattern(self) -> BlockPattern:
         return self._pattern
 
     def energy(self, x: Array) -> float:
-        """W(x) [J]; not finite where the material has no energy for the deformation (neo-Hookean, inverted)."""
+        """W(x) [J]; not finite where the material has no energy (neo-Hookean, inverted)."""
         self._set(x)
         return dfx.assemble_scalar(self._energy)
 
@@ -104,7 +107,8 @@ class FullSpaceElasticity:
 
 
 def warm_jit(comm: MPI.Intracomm, body: ReducedBody) -> None:
-    """Compile the forms of `body` on rank 0 while the other ranks of `comm` wait, so that they find them in the cache.
+    """Compile the forms of `body` on rank 0 while the other ranks of `comm` wait, so that they find them in
+    the cache.
 
     Collective. A failure on rank 0 is raised on every rank.
     """
@@ -112,7 +116,7 @@ def warm_jit(comm: MPI.Intracomm, body: ReducedBody) -> None:
     if comm.rank == 0:
         try:
             FullSpaceElasticity(body)
-        except Exception as error:  # noqa: BLE001 - raised again below, on all ranks
+        except Exception as error:  # raised again below, on all ranks
             failure = error
     failure = comm.bcast(failure, root=0)
     if failure is not None:

@@ -1,8 +1,9 @@
-"""Springs on handles as a full-space body feels them: on the node of a point handle, on the region of a frame.
+"""Springs on handles as a full-space body feels them: on the node of a point handle, on the region of a
+frame.
 
-A frame's region is elastic here. Its position is the mean of its nodes; its orientation is the least-squares linear fit
-A of x_i - mean(x) = A (X_i - mean(X)), so that  k_r/4 |A - R_target|^2  is a sum of dim linear springs. For a rigid
-region both agree with the springs of the reduced model, `runtime.dynamics.springs`.
+A frame's region is elastic here. Its position is the mean of its nodes; its orientation is the least-squares
+linear fit A of x_i - mean(x) = A (X_i - mean(X)), so that  k_r/4 |A - R_target|^2  is a sum of dim linear
+springs. For a rigid region both agree with the springs of the reduced model, `runtime.dynamics.springs`.
 """
 
 from __future__ import annotations

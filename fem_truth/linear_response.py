@@ -17,6 +17,7 @@ class QuadraticElasticity:
 
     def __init__(self, elasticity: FullSpaceElasticity, x0: Array) -> None:
         self._x0 = x0
+        self.unit_energy = elasticity.unit_energy
         self._energy, self._gradient = elasticity.energy(x0), elasticity.gradient(x0)
         self._hessian = elasticity.hessian(x0)
         self._matrix = self._hessian.sparse()

@@ -5,9 +5,10 @@ Minimises E(x) over x0 + (null space). A solve counts as converged only if BOTH 
     residual   = |P E'(x)| / force scale                        (how well forces balance)
     decrement  = 1/2 d^T H d / energy scale ~ 1/2 (|error| / |displacement|)^2 in the energy norm
 
-with d the Newton step. The residual alone does not bound the error of the displacement (DESIGN.md, part 5): soft,
-smooth modes carry much displacement and hardly any force. A decrement of 1e-4 means an error of about 1 %.
-The decrement is that of the last full step taken, so what is returned is better than its figure by that step.
+with d the Newton step. The residual alone does not bound the error of the displacement (DESIGN.md, part 5):
+soft, smooth modes carry much displacement and hardly any force. A decrement of 1e-4 means an error of about 1
+%. The decrement is that of the last full step taken, so what is returned is better than its figure by that
+step.
 """
 
 from __future__ import annotations
@@ -39,14 +40,14 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.CONVERGED: "Forces balance and the Newton decrement is below tolerance.",
-    Status.MAX_ITERATIONS: "The iterations ran out before both tolerances were met: allow more, or start nearer "
-    "(approach a deep contact in smaller steps).",
-    Status.LINE_SEARCH_FAILED: "No step along the Newton direction lowers the energy: the tolerances may be below "
-    "round-off, or the start has inverted cells.",
-    Status.UNSTABLE: "Forces balance, but the energy has negative curvature there: a saddle, from which the body "
-    "would snap away.",
-    Status.NOT_FINITE: "The energy or its gradient is not finite at the start: inverted cells in a material that "
-    "resists inversion with infinite energy, or positions that are not numbers.",
+    Status.MAX_ITERATIONS: "The iterations ran out before both tolerances were met: allow more, or start "
+    "nearer (approach a deep contact in smaller steps).",
+    Status.LINE_SEARCH_FAILED: "No step along the Newton direction lowers the energy: the tolerances may be "
+    "below round-off, or the start has inverted cells.",
+    Status.UNSTABLE: "Forces balance, but the energy has negative curvature there: a saddle, from which the "
+    "body would snap away.",
+    Status.NOT_FINITE: "The energy or its gradient is not finite at the start: inverted cells in a material "
+    "that resists inversion with infinite energy, or positions that are not numbers.",
 }
 
 
@@ -54,9 +55,9 @@ _SENTENCES = {
 class NewtonSettings:
     """gradient_tolerance, decrement_tolerance: see the module; max_iterations: of Newton.
 
-    cg_tolerance: loosest relative residual asked of the linear solver; it tightens as the square of the fall of the
-    nonlinear residual (Eisenstat and Walker 1996, choice 2), not below cg_tolerance_min. cg_max_iterations: of CG
-    in one Newton iteration. line_search_halvings: how often a step may be halved.
+    cg_tolerance: loosest relative residual asked of the linear solver; it tightens as the square of the fall
+    of the nonlinear residual (Eisenstat and Walker 1996, choice 2), not below cg_tolerance_min.
+    cg_max_iterations: of CG in one Newton iteration. line_search_halvings: how often a step may be halved.
     """
 
     gradient_tolerance: float = 1e-4
@@ -96,7 +97,8 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
     finite = bool(np.isfinite(energy) and np.isfinite(gradient.norm))
     if not finite:
         status = Status.NOT_FINITE
-    for iteration in range(1, settings.max_iterations + 1) if finite else ():
+    while finite and iteration < settings.max_iterations:
+        iteration += 1
         cg = projected_cg(
             problem.hessian(x), gradient.projected, problem.null_space, eta, settings.cg_max_iterations
         )
@@ -138,8 +140,9 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
 
 
 def _forcing(fall: float, eta: float, residual: float, settings: NewtonSettings) -> float:
-    """Eisenstat and Walker's choice 2 for the next linear solve, safeguarded against a sudden fall of the residual,
-    and against solving more than the last step needs: to half of what would just meet the tolerance."""
+    """Eisenstat and Walker's choice 2 for the next linear solve, safeguarded against a sudden fall of the
+    residual, and against solving more than the last step needs: to half of what would just meet the
+    tolerance."""
     proposed = 0.9 * fall**2
     if 0.9 * eta**2 > 0.1:
         proposed = max(proposed, 0.9 * eta**2)
@@ -155,7 +158,7 @@ def _line_search(
     Where the predicted change drowns in the round-off of the energy, the slope at the end of the step decides
     instead (the approximate Wolfe condition of Hager and Zhang 2005).
     """
-    noise = 1e-12 * max(abs(energy), abs(slope))
+    noise = max(1e-12 * abs(energy), problem.noise)
     length = 1.0
     for _ in range(halvings + 1):
         trial = x + length * step

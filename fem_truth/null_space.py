@@ -1,6 +1,7 @@
 """The null space of the reduced basis: displacements that leave the reduced state as it is (thesis 5.3.3).
 
-    P = I - U_f (U_f^T U_f)^-1 U_f^T   on the free nodes f, the same for each coordinate;  P = 0 on the fixed nodes.
+    P = I - U_f (U_f^T U_f)^-1 U_f^T   on the free nodes f, the same for each coordinate;  P = 0 on the fixed
+    nodes.
 
 U has one column for a handle row, so P acts on the (n_nodes, dim) array as it is: the Kronecker form P (x) I.
 """
@@ -13,7 +14,8 @@ from scipy.linalg import cholesky, solve_triangular
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
 
-# Beyond this condition number of U_f the Gram matrix loses all digits and the constraint cannot be kept to 1e-10.
+# Beyond this condition number of U_f the Gram matrix loses all digits and the constraint cannot be kept to
+# 1e-10.
 MAX_CONDITION = 1e7
 
 
@@ -48,13 +50,14 @@ class NullSpace:
         return v - self._basis @ (self._basis.T @ v)
 
     def violation(self, v: Array) -> float:
-        """Largest entry of the constraint Q^T v and of v at fixed nodes: zero on the null space. Unit of v."""
+        """Largest entry of Q^T v and of v at fixed nodes, in the unit of v: zero on the null space."""
         fixed = np.abs(v[~self.free]).max(initial=0.0)
         return float(max(fixed, np.abs(self._basis.T @ v).max(initial=0.0)))
 
 
 def _orthonormal(basis: Array) -> Array:
-    """Q with the range of basis, by two rounds of Cholesky of the small Gram matrix: the second repairs round-off."""
+    """Q with the range of basis, by two rounds of Cholesky of the small Gram matrix: the second repairs
+    round-off."""
     for _ in range(2 if basis.shape[1] else 0):
         lower = cholesky(basis.T @ basis, lower=True)
         basis = solve_triangular(lower, basis.T, lower=True).T
@@ -69,14 +72,15 @@ def _condition(basis: Array, n_free: int) -> float:
     if (lengths == 0).any() or n_free < basis.shape[1]:
         raise SoftprintError(
             f"the subspace leaves nothing free: {basis.shape[1]} handle rows on {n_free} free nodes, columns "
-            f"{np.flatnonzero(lengths == 0).tolist()} of U vanish there; use fewer handles or smaller frame regions"
+            f"{np.flatnonzero(lengths == 0).tolist()} of U vanish there; use fewer handles "
+            "or smaller frame regions"
         )
     values = np.linalg.svd(basis / lengths, compute_uv=False)
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
     if condition > MAX_CONDITION:
         raise SoftprintError(
-            f"the columns of the subspace basis are linearly dependent on the {n_free} free nodes (condition number "
-            f"{condition:.1e}, at most {MAX_CONDITION:.0e}): two handles move the same nodes in the same way; "
-            "move them apart or take one away"
+            f"the columns of the subspace basis are linearly dependent on the {n_free} free nodes (condition "
+            f"number {condition:.1e}, at most {MAX_CONDITION:.0e}): two handles move the same nodes in the "
+            "same way; move them apart or take one away"
         )
     return condition

@@ -1,7 +1,7 @@
 """The terms of the energy other than elasticity, each with value, gradient and what it adds to the Hessian.
 
-All act on node positions x (n_nodes, dim) in the mesh's order. Contact is summed over all surface nodes with their
-lumped areas, as in the runtime, whose potentials these are.
+All act on node positions x (n_nodes, dim) in the mesh's order. Contact is summed over all surface nodes with
+their lumped areas, as in the runtime, whose potentials these are.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ class Potential(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Gravity:
-    """W = - sum_i m_i g . (x_i - X_i). mass: (n_nodes,) [kg]; acceleration: g (dim,) [m/s^2]; rest: X (n_nodes, dim)."""
+    """W = - sum_i m_i g . (x_i - X_i). mass: (n_nodes,) [kg]; acceleration: g (dim,) [m/s^2]; rest: X
+    (n_nodes, dim)."""
 
     mass: Array
     acceleration: Array
@@ -47,7 +48,8 @@ class Gravity:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """W = 1/(2 h^2) sum_i m_i |x_i - x*_i|^2, thesis eq. 5.5. predicted: x* = x_old + h v_old; time_step: h [s]."""
+    """W = 1/(2 h^2) sum_i m_i |x_i - x*_i|^2, thesis eq. 5.5. predicted: x* = x_old + h v_old; time_step: h
+    [s]."""
 
     mass: Array
     predicted: Array
@@ -65,9 +67,11 @@ class Inertia:
 
 @dataclass(frozen=True, eq=False)
 class LinearSpring:
-    """W = k/2 |w^T x - target|^2: a spring [N/m] on a weighted sum of nodes. weights: w (n_nodes,); target: (dim,) [m].
+    """W = k/2 |w^T x - target|^2: a spring [N/m] on a weighted sum of nodes. weights: w (n_nodes,); target:
+    (dim,) [m].
 
-    With the mean of a region it holds its centroid; with a row of the region's least-squares fit, its orientation.
+    With the mean of a region it holds its centroid; with a row of the region's least-squares fit, its
+    orientation.
     """
 
     weights: Array
@@ -85,7 +89,8 @@ class LinearSpring:
 
 
 class SurfaceContact:
-    """Penalty contact of the surface nodes with one collider at one pose; the curvature of the distance included.
+    """Penalty contact of the surface nodes with one collider at one pose; the curvature of the distance
+    included.
 
     The terms of the last x are kept, for gradient and Hessian are asked for at the same x.
     """
@@ -125,9 +130,11 @@ class SurfaceContact:
 
 
 class LaggedFriction:
-    """Regularised Coulomb friction over one step; normals and normal forces are those of the last call of `lag`.
+    """Regularised Coulomb friction over one step; normals and normal forces are those of the last call of
+    `lag`.
 
-    start: (n_surface, dim) where the surface nodes were when the step began [m]; pose_start, pose_end: of the collider.
+    start: (n_surface, dim) where the surface nodes were when the step began [m]; pose_start, pose_end: of the
+    collider.
     """
 
     def __init__(

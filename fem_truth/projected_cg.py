@@ -1,7 +1,8 @@
-"""Block-Jacobi preconditioned conjugate gradients in the null space of the reduced basis (thesis 5.3.3, [AB03]).
+"""Block-Jacobi preconditioned conjugate gradients in the null space of the reduced basis (thesis 5.3.3,
+[AB03]).
 
-Minimises  1/2 d^T H d + g^T d  over d = P d. Stops early, as Steihaug's truncated Newton method does, where H turns
-out to have negative curvature: the iterate so far is still a descent direction.
+Minimises  1/2 d^T H d + g^T d  over d = P d. Stops early, as Steihaug's truncated Newton method does, where H
+turns out to have negative curvature: the iterate so far is still a descent direction.
 """
 
 from __future__ import annotations

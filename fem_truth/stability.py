@@ -1,4 +1,5 @@
-"""Is an equilibrium stable? The lowest Ritz value of the Hessian on the null space, by preconditioned Lanczos."""
+"""Is an equilibrium stable? The lowest Ritz value of the Hessian on the null space, by preconditioned
+Lanczos."""
 
 from __future__ import annotations
 
@@ -6,8 +7,10 @@ import numpy as np
 
 from fem_truth.block_matrix import BlockMatrix, block_diagonal, inverse_square_roots
 from fem_truth.null_space import NullSpace
+from runtime.arrays import Array
 
-# The lowest mode of the 60,000-cell jelly has settled to two digits after about 100 steps, its sign much sooner.
+# The lowest mode of the 60,000-cell jelly has settled to two digits after about 100 steps, its sign much
+# sooner.
 LANCZOS_STEPS = 120
 
 
@@ -15,8 +18,8 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
     """Lowest Ritz value of S H S on {y: S y in the null space}, S = |D|^(-1/2), D the block diagonal of H.
 
     Dimensionless; about 0.01 for a soft body at rest. By Sylvester's law its sign is that of the lowest
-    eigenvalue of H on the null space, and it bounds the lowest eigenvalue of S H S from above: a negative value
-    proves instability. The start vector is fixed, so the answer is reproducible.
+    eigenvalue of H on the null space, and it bounds the lowest eigenvalue of S H S from above: a negative
+    value proves instability. The start vector is fixed, so the answer is reproducible.
     """
     n, dim = hessian.n_nodes, hessian.blocks.shape[1]
     scaling = block_diagonal(inverse_square_roots(hessian.diagonal_blocks()))
@@ -24,7 +27,7 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
     # In the scaled unknowns y the constraint Q^T (S y) = 0 couples the coordinates: one column for each pair.
     constraint, _ = np.linalg.qr(scaling @ np.kron(null_space.orthonormal_basis, np.eye(dim)))
 
-    def project(y: np.ndarray) -> np.ndarray:
+    def project(y: Array) -> Array:
         y = y * mask
         return y - constraint @ (constraint.T @ y)
 

@@ -1,14 +1,14 @@
 """Elasticity plus other terms: what Newton's method minimises, with the reuse of the elastic Hessian.
 
-Assembling the elastic Hessian costs as much as 30 iterations of CG, and near a contact most of what Newton's method has
-to sort out is the contact, not the elasticity. So the matrix is kept until it is to blame: after a step s the error of
-the elastic model,
+Assembling the elastic Hessian costs as much as 30 iterations of CG, and near a contact most of what Newton's
+method has to sort out is the contact, not the elasticity. So the matrix is kept until it is to blame: after a
+step s the error of the elastic model,
 
     e = P (W'(x + s) - W'(x) - H s),
 
-is part of the new residual. The Hessian is assembled anew once e exceeds REUSE_RATE of the residual before the step
-(the rate at which a frozen Hessian would go on converging) and half of the residual after it (contact is not what is
-left to do).
+is part of the new residual. The Hessian is assembled anew once e exceeds REUSE_RATE of the residual before
+the step (the rate at which a frozen Hessian would go on converging) and half of the residual after it
+(contact is not what is left to do).
 """
 
 from __future__ import annotations
@@ -35,7 +35,10 @@ class Gradient(NamedTuple):
 
 
 class Elastic(Protocol):
-    """What `FullSpaceElasticity` offers and its quadratic model imitates."""
+    """What `FullSpaceElasticity` offers and its quadratic model imitates. unit_energy [J]: of a strain of one
+    everywhere."""
+
+    unit_energy: float
 
     def energy(self, x: Array) -> float: ...
     def gradient(self, x: Array) -> Array: ...
@@ -43,7 +46,8 @@ class Elastic(Protocol):
 
 
 class ElasticTangent:
-    """The elastic Hessian, kept between Newton iterations (and between the depths of one contact) while it serves.
+    """The elastic Hessian, kept between Newton iterations (and between the depths of one contact) while it
+    serves.
 
     matrix: a Hessian to begin with, of a nearby x; assembled at first use if there is none.
     """
@@ -58,7 +62,8 @@ class ElasticTangent:
         return self._matrix.copy()
 
     def judge(self, step: Array, change: Array, null_space: NullSpace, before: float, after: float) -> None:
-        """Drop the matrix if it is to blame. change: of W' over the step (n, dim); before, after: residuals [N]."""
+        """Drop the matrix if it is to blame. change: of W' over the step (n, dim); before, after: residuals
+        [N]."""
         if self._matrix is None:
             return
         error = float(np.linalg.norm(null_space.project(change - self._matrix.apply(step))))
@@ -81,6 +86,9 @@ class TotalEnergy:
     ) -> None:
         self.elastic, self.terms, self.null_space = elastic, tuple(terms), null_space
         self._tangent = ElasticTangent(elastic) if tangent is None else tangent
+        #: Differences of energy below this [J] are round-off: terms of about the unit energy cancel in every
+        #: cell.
+        self.noise = 1e-15 * elastic.unit_energy
 
     def energy(self, x: Array) -> float:
         return self.elastic.energy(x) + sum(term.energy(x) for term in self.terms)

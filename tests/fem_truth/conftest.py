@@ -18,7 +18,8 @@ SIZES = {2: ([-0.05, 0.0], [0.05, 0.05], [12, 6]), 3: ([-0.05, -0.05, 0.0], [0.0
 
 @pytest.fixture(scope="session")
 def block() -> Callable[..., ReducedBody]:
-    """block(dim, model): 10 cm wide, E = 20 kPa above and half of it below, four point handles, the base a frame."""
+    """block(dim, model): 10 cm wide, E = 20 kPa above and half of it below, four point handles, the base a
+    frame."""
     made: dict[tuple[int, str], ReducedBody] = {}
 
     def make(dim: int, model: str = "stable_neo_hookean") -> ReducedBody:

@@ -1,0 +1,62 @@
+"""The model `full` of `softprint simulate`: a scene played in full space (entry point group
+``softprint.models``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fem_truth.dynamics import FullSpaceSimulator, FullSpaceState
+from runtime.arrays import Array
+from runtime.body import ReducedBody
+from runtime.dynamics.scene import scene_parts
+from runtime.dynamics.state import StepResult
+
+if TYPE_CHECKING:
+    from runtime.experiment import Experiment, SceneSpec
+
+
+class FullSpaceModel:
+    """A `runtime.dynamics.model.SceneModel` in full space."""
+
+    def __init__(self, simulator: FullSpaceSimulator, held: bool) -> None:
+        self._simulator = simulator
+        self._held = held
+
+    def start(self) -> StepResult[FullSpaceState]:
+        """Frame 0: static equilibrium, or at rest where nothing holds the body."""
+        return self._simulator.settle() if self._held else self._simulator.at_rest()
+
+    def step(self, state: FullSpaceState) -> StepResult[FullSpaceState]:
+        """One step of `FullSpaceSimulator.step`."""
+        return self._simulator.step(state)
+
+    def positions(self, state: FullSpaceState) -> Array:
+        """(n_nodes, dim) [m]."""
+        return state.x
+
+    def rows(self, state: FullSpaceState) -> Array:
+        """(n_rows, dim) of the nearest reduced state; its frames are affine where the full body strains their
+        regions."""
+        return self._simulator.body.project(state.x)
+
+
+def full_space_model(
+    experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path
+) -> FullSpaceModel:
+    """A `runtime.dynamics.model.ModelFactory`; ``out`` is not needed."""
+    parts = scene_parts(experiment, scene)
+    simulator = FullSpaceSimulator(
+        body,
+        parts.colliders,
+        contact=parts.contact,
+        friction=parts.friction,
+        gravity=parts.gravity,
+        springs=parts.springs,
+        kinematic=parts.kinematic,
+        settings=parts.settings,
+    )
+    return FullSpaceModel(simulator, parts.held)
+
+
+MODEL = full_space_model

@@ -1,0 +1,194 @@
+"""Full-space steps against momentum balance, closed answers, and the reduced simulator with the identity as
+its basis."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem_truth.dynamics import FullSpaceSimulator
+from fem_truth.full_space_springs import linear_springs
+from runtime.body.cubature import Cubature
+from runtime.body.handles import Handles
+from runtime.body.surface_samples import SurfaceSamples
+from runtime.colliders import KeyframedPath, Plane, RigidPose, Sphere
+from runtime.contact import CoulombFriction, PenaltyContact
+from runtime.dynamics import (
+    DynamicsSettings,
+    HandleSpring,
+    KinematicHandle,
+    NewtonSettings,
+    PlacedCollider,
+    Simulator,
+)
+
+CONTACT = PenaltyContact(1e9)
+STEP = 0.01
+TIGHT = DynamicsSettings(STEP, NewtonSettings(50, 1e-10))
+both = pytest.mark.parametrize("dim", [2, 3])
+
+
+def down(dim, amount=9.81):
+    return np.array([0.0] * (dim - 1) + [-amount])
+
+
+def ball(dim, positions, radius=0.015, times=None):
+    times = np.arange(len(positions)) * STEP if times is None else times
+    points = np.zeros((len(positions), dim))
+    points[:, -1] = positions
+    return PlacedCollider("ball", Sphere(radius, dim), KeyframedPath(times, points))
+
+
+@both
+def test_free_body_keeps_its_momentum(block, dim):
+    """Elastic forces sum to zero: a free wobbling body keeps its momentum, up to the residual."""
+    body = block(dim)
+    simulator = FullSpaceSimulator(
+        body, contact=CONTACT, settings=DynamicsSettings(STEP, NewtonSettings(50, 1e-8))
+    )
+    velocity = 0.2 + 0.3 * np.random.default_rng(0).standard_normal(body.mesh.points.shape)
+    state = replace(simulator.rest_state(), velocity=velocity)
+    momentum = body.node_mass @ velocity
+    for _ in range(4):
+        result = simulator.step(state)
+        assert result.converged, result.reason
+        state = result.state
+    np.testing.assert_allclose(body.node_mass @ state.velocity, momentum, rtol=1e-6)  # residual 1e-8 a step
+
+
+@both
+def test_free_fall_is_that_of_backward_euler(block, dim):
+    body = block(dim)
+    simulator = FullSpaceSimulator(body, contact=CONTACT, gravity=down(dim), settings=TIGHT)
+    state = simulator.rest_state()
+    for _ in range(5):
+        state = simulator.step(state).state
+    fall = down(dim) * STEP**2 * 5 * 6 / 2  # v_k = k h g, x_n = h sum v_k
+    np.testing.assert_allclose(state.x - body.mesh.points, np.broadcast_to(fall, state.x.shape), atol=1e-9)
+
+
+@both
+def test_kinematic_handles_are_placed(block, dim):
+    body = block(dim)
+    shift = np.full((2, dim), [[0.0], [0.004]])
+    path = KeyframedPath([0.0, STEP], shift)
+    held = [KinematicHandle("base"), KinematicHandle(0, path)]
+    simulator = FullSpaceSimulator(body, contact=CONTACT, gravity=down(dim), kinematic=held, settings=TIGHT)
+    state = simulator.step(simulator.rest_state()).state
+    base, point = body.handles.frame_nodes, body.handles.points[0]
+    np.testing.assert_allclose(state.x[base], body.mesh.points[base], atol=1e-15)
+    np.testing.assert_allclose(state.x[point], body.mesh.points[point] + 0.004, atol=1e-15)
+    free = np.setdiff1d(np.arange(body.n_nodes), [*base, point])
+    assert np.abs(state.x - body.mesh.points)[free].max() > 1e-4
+
+
+@both
+def test_settled_body_rests_on_the_floor_with_its_weight(block, dim):
+    body = block(dim)
+    floor = PlacedCollider("floor", Plane(-down(dim)), KeyframedPath.constant(RigidPose.identity(dim)))
+    # The floor stops it from falling, a spring to the base from drifting sideways.
+    spring = HandleSpring(
+        "base", 1.0, KeyframedPath.constant(RigidPose(np.eye(dim), body.handles.frames[0].pivot))
+    )
+    simulator = FullSpaceSimulator(
+        body, [floor], contact=CONTACT, gravity=down(dim), springs=[spring], settings=TIGHT
+    )
+    result = simulator.settle()
+    assert result.converged, result.reason
+    weight = body.node_mass.sum() * 9.81
+    pull = 1.0 * (body.handles.frames[0].pivot - result.state.x[body.handles.frame_nodes].mean(axis=0))
+    np.testing.assert_allclose(result.contacts["floor"].force[-1], -weight + pull[-1], rtol=1e-4)
+    assert 0 < result.penetration < 0.002
+
+
+@both
+def test_frame_springs_pull_position_and_orientation(block, dim):
+    """Undeformed and turned by a small angle, the spring's energy is that of the reduced model's formula."""
+    body = block(dim)
+    angle = 0.3
+    vector = np.array([angle]) if dim == 2 else np.array([0.0, 0.0, angle])
+    frame = body.handles.frames[0]
+    target = RigidPose.from_rotation_vector(vector, frame.pivot + 0.01)
+    spring = HandleSpring("base", 50.0, KeyframedPath.constant(target), rotation_stiffness=2.0)
+    energy = sum(term.energy(body.mesh.points) for term in linear_springs([spring], body, 0.0))
+    turns = 2.0 / 4.0 * 4.0 * (1 - np.cos(angle))  # |I - R|_F^2 = 4 (1 - cos) in 2D and 3D
+    assert energy == pytest.approx(0.5 * 50.0 * dim * 0.01**2 + turns, rel=1e-9)
+
+
+@both
+def test_friction_drags_within_the_cone_and_against_the_slip(block, dim):
+    body = block(dim)
+    positions = np.zeros((3, dim))
+    positions[:, -1] = [0.065, 0.061, 0.061]  # the ball has radius 15 mm, the top is at 50 mm: 4 mm deep
+    positions[2, 0] = 0.004
+    placed = PlacedCollider("ball", Sphere(0.015, dim), KeyframedPath(np.array([0, 4, 8]) * STEP, positions))
+    coefficient = 0.4
+    forces = {}
+    for mu in (0.0, coefficient):
+        simulator = FullSpaceSimulator(
+            body,
+            [placed],
+            contact=CONTACT,
+            friction=CoulombFriction(mu),
+            kinematic=[KinematicHandle("base")],
+            settings=DynamicsSettings(STEP, NewtonSettings(60, 1e-6)),
+        )
+        state = simulator.rest_state()
+        for _ in range(8):
+            result = simulator.step(state)
+            assert result.converged, result.reason
+            state = result.state
+        forces[mu] = result.contacts["ball"].force
+    drag = forces[coefficient][0] - forces[0.0][0]
+    normal = forces[coefficient][-1]
+    assert normal > 0  # the body pushes the ball up
+    assert drag < 0  # and holds it back
+    assert abs(drag) < 1.5 * coefficient * normal  # the cone, with room for the ball's own slope
+
+
+@both
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim, mu):
+    body = block(dim)
+    n = body.n_nodes
+    identity = replace(
+        body,
+        handles=Handles(dim, np.arange(n), ()),
+        basis=np.eye(n),
+        reduced_mass=np.diag(body.node_mass),
+        cubature=Cubature(np.arange(body.mesh.n_cells), body.mesh.cell_volumes, 0.0, 0.0),
+        surface=SurfaceSamples(body.mesh.surface_nodes, body.mesh.surface_areas),
+    )
+    scene = {
+        "colliders": [ball(dim, [0.065, 0.064, 0.062, 0.060])],
+        "contact": CONTACT,
+        "friction": CoulombFriction(mu) if mu else None,
+        "gravity": down(dim),
+        "kinematic": [KinematicHandle(int(node)) for node in body.handles.frame_nodes],
+        "settings": TIGHT,
+    }
+    reduced, full = Simulator(identity, **scene), FullSpaceSimulator(identity, **scene)
+    slow, fast = reduced.rest_state(), full.rest_state()
+    for _ in range(3):
+        slow, fast = reduced.step(slow).state, full.step(fast).state
+        moved = np.abs(fast.x - body.mesh.points).max()
+        # Both stop at a residual of 1e-10; friction, frozen after a few updates at slightly different
+        # iterates, differs more.
+        assert np.abs(slow.rows - fast.x).max() < (1e-7 if mu == 0 else 1e-2) * moved
+    assert moved > 1e-3
+
+
+@both
+def test_one_iteration_says_that_it_is_not_converged(block, dim):
+    body = block(dim)
+    simulator = FullSpaceSimulator(
+        body,
+        [ball(dim, [0.065, 0.055])],
+        contact=CONTACT,
+        kinematic=[KinematicHandle("base")],
+        settings=DynamicsSettings(STEP, NewtonSettings(1, 1e-6)),
+    )
+    result = simulator.step(simulator.rest_state())
+    assert not result.converged
+    assert result.iterations == 1
+    assert "ran out" in result.reason
