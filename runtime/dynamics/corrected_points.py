@@ -30,6 +30,11 @@ class CorrectedPoints:
             (collider, correction.bind(points, reach)) for collider, correction in corrections
         ]
 
+    @property
+    def corrected(self) -> bool:
+        """Whether there is any correction."""
+        return bool(self._corrections)
+
     def reduced(self, rows: Array) -> Array:
         """U rows (n, dim) [m]."""
         return self.basis @ rows

@@ -53,8 +53,6 @@ _SENTENCES = {
 
 _ARMIJO = 1e-4
 _HALVINGS = 25
-# Energies are sums of some thousand float64 terms: differences below this share of their size are noise.
-_ENERGY_NOISE = 1e-13
 # Eigenvalues smaller than this share of the largest are raised to it: nothing moves farther than the model is
 # valid.
 _SMALLEST_EIGENVALUE = 1e-8
@@ -78,8 +76,8 @@ class NewtonSettings:
 class Linearisation(NamedTuple):
     """E at a point, to second order in tangent coordinates (n,).
 
-    energy [J]; noise [J]: size of the terms that the energy sums (round-off is a share of it); gradient (n,);
-    hessian (n, n); scale: the residual is |gradient| / scale.
+    energy [J]; noise [J]: differences of energy below it mean nothing; gradient (n,); hessian (n, n); scale:
+    the residual is |gradient| / scale.
     """
 
     energy: float
@@ -167,11 +165,10 @@ def _line_search(
     problem: Problem, x: Array, at: Linearisation, direction: Array, slope: float
 ) -> Array | None:
     """The first of x + v, x + v/2, ... that satisfies Armijo's condition; None if none does."""
-    noise = _ENERGY_NOISE * at.noise
     step = 1.0
     for _ in range(_HALVINGS):
         candidate = problem.retract(x, step * direction)
-        if problem.energy(candidate) <= at.energy + _ARMIJO * step * slope + noise:
+        if problem.energy(candidate) <= at.energy + _ARMIJO * step * slope + at.noise:
             return candidate
         step *= 0.5
     return None

@@ -22,6 +22,11 @@ from runtime.dynamics.springs import QuadraticForm
 from runtime.dynamics.surface import StepContact, SurfaceEnergy
 from runtime.dynamics.timings import Timings
 
+# Energies are sums of some thousand float64 terms: differences below this share of their size are round-off.
+_ROUND_OFF = 1e-13
+# The same for what a float32 network takes part in.
+_NETWORK_ROUND_OFF = 1e-8
+
 
 class StepEnergy:
     """A `newton.Problem` over handle rows, for one step.
@@ -99,7 +104,8 @@ class StepEnergy:
         quadratic = self._quadratic.energy(rows)
         return Linearisation(
             energy=quadratic + elastic + contact,
-            noise=abs(self._quadratic.constant) + abs(quadratic) + elastic + contact,
+            noise=_ROUND_OFF * (abs(self._quadratic.constant) + abs(quadratic))
+            + (_NETWORK_ROUND_OFF if self._surface.corrected else _ROUND_OFF) * (elastic + contact),
             gradient=parts[0] + parts[1] + parts[2],
             hessian=hessian,
             scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),

@@ -61,6 +61,11 @@ class SurfaceEnergy:
             body.node_points(body.surface.nodes), corrections, _REACH * max(sizes, default=np.inf)
         )
 
+    @property
+    def corrected(self) -> bool:
+        """Whether corrections take part."""
+        return self._points.corrected
+
     def positions(self, rows: Array, poses: Poses, timings: Timings) -> Array:
         """(s, dim) [m] of the surface samples, corrected."""
         with timings.positions:

@@ -1,0 +1,100 @@
+"""`softprint bench`: how long a step takes, for all models side by side."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from importlib.util import find_spec
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+REPORT = "bench.json"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Scene, models, Newton iterations, steps."""
+    parser.add_argument(
+        "--scene", metavar="NAME", help='a scene with contact (default: the first with role = "test")'
+    )
+    parser.add_argument(
+        "--model",
+        action="append",
+        metavar="NAME",
+        help="may be given again (default: bare, every trained correction, and full where DOLFINx is)",
+    )
+    parser.add_argument(
+        "--iterations", type=int, default=2, metavar="N", help="Newton iterations in every step"
+    )
+    parser.add_argument(
+        "--steps", type=int, default=60, metavar="N", help="steps with contact to time for each model"
+    )
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """Print a table, and keep it as bench.json in the run directory."""
+    from runtime.cli.run_body import body_of_run
+    from runtime.dynamics.model import BARE, build_model, trained_models
+    from runtime.dynamics.scene import find_scene, scene_steps
+    from runtime.dynamics.speed import machine, measure, speed_table, speeds_as_json, with_iterations
+    from runtime.errors import SoftprintError
+    from runtime.files import atomic_path, provenance
+
+    if args.iterations < 1 or args.steps < 1:
+        raise SoftprintError("--iterations and --steps must be at least 1")
+    tests = context.experiment.scenes_of_role("test")
+    if args.scene is None and not tests:
+        raise SoftprintError(f'{context.experiment.path}: no scene has role = "test"; name one with --scene')
+    scene = find_scene(context.experiment, args.scene or tests[0].name)
+    experiment = with_iterations(context.experiment, args.iterations)
+    body = body_of_run(context)
+    full = ["full"] if find_spec("dolfinx") is not None else []
+    speeds = []
+    for name in args.model or [BARE, *trained_models(context.out_dir), *full]:
+        model = build_model(experiment, body, scene, context.out_dir, name)
+        speed = measure(name, model, scene_steps(experiment, scene), args.steps)
+        if speed is None:
+            raise SoftprintError(
+                f"scene {scene.name!r} has no contact with the model {name!r}: nothing to measure"
+            )
+        speeds.append(speed)
+    sizes = {
+        "cells": body.mesh.n_cells,
+        "nodes": body.n_nodes,
+        "rows": body.n_rows,
+        "cubature_cells": len(body.cubature.cells),
+        "surface_samples": len(body.surface.nodes),
+    }
+    here = machine()
+    context.say(
+        f"{scene.name}, {args.iterations} Newton iterations a step, h = {experiment.dynamics.time_step:.4g} s"
+    )
+    context.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in sizes.items()))
+    context.say(f"{here['processor']}, {here['cores']} cores, threads {here['threads'] or 'not limited'}")
+    for line in speed_table(speeds):
+        context.say(line)
+    report = {
+        "scene": scene.name,
+        "iterations": args.iterations,
+        "time_step": experiment.dynamics.time_step,
+        "sizes": sizes,
+        "machine": here,
+        "software": provenance(),
+        "speeds": speeds_as_json(speeds),
+    }
+    path = context.out_dir / REPORT
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(report, indent=2))
+    context.say(f"kept in {path}")
+    return 0
+
+
+VERB = Verb(
+    name="bench",
+    order=70,
+    summary="time a step with every model, side by side",
+    example="softprint bench examples/jelly3d_small.toml --iterations 2",
+    run=run,
+    needs=("h5py",),
+    configure=configure,
+)

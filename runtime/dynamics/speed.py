@@ -1,0 +1,113 @@
+"""How fast models play a scene: the measurement behind `softprint bench` and `benchmarks/runtime_speed.py`.
+
+Every model plays the same scene in the same process with the same time step and the same number of Newton
+iterations. Only steps with contact count. The median is over steps, so that another program on the machine
+does not spoil it; CPU seconds are of all threads of this process.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runtime.dynamics.model import SceneModel
+from runtime.dynamics.timings import PHASES
+
+if TYPE_CHECKING:
+    from runtime.experiment import Experiment
+
+
+@dataclass(frozen=True)
+class Speed:
+    """steps: with contact; step: median wall time of one [s]; cpu: mean CPU time [s]; iterations: mean of
+    Newton; phases: median seconds by phase, empty for models that do not tell."""
+
+    model: str
+    steps: int
+    step: float
+    cpu: float
+    iterations: float
+    phases: Mapping[str, float]
+
+    @property
+    def frames_per_second(self) -> float:
+        return 1.0 / self.step
+
+
+def with_iterations(experiment: Experiment, iterations: int) -> Experiment:
+    """The experiment with so many Newton iterations a step at most."""
+    dynamics = experiment.dynamics.model_copy(update={"max_iterations": iterations})
+    return experiment.model_copy(update={"dynamics": dynamics})
+
+
+def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed | None:
+    """Play up to n_steps, until ``at_most`` steps with contact are timed; None if the scene has none."""
+    state = model.start().state
+    walls: list[float] = []
+    cpus: list[float] = []
+    iterations: list[int] = []
+    phases: dict[str, list[float]] = {}
+    for _ in range(n_steps):
+        began, cpu_began = time.perf_counter(), time.process_time()
+        result = model.step(state)
+        wall, cpu = time.perf_counter() - began, time.process_time() - cpu_began
+        state = result.state
+        if result.penetration <= 0:
+            continue
+        walls.append(wall)
+        cpus.append(cpu)
+        iterations.append(result.iterations)
+        for phase in PHASES:
+            if phase in result.timings:
+                phases.setdefault(phase, []).append(result.timings[phase])
+        if len(walls) == at_most:
+            break
+    if not walls:
+        return None
+    by_phase = {phase: median(seconds) for phase, seconds in phases.items()}
+    return Speed(name, len(walls), median(walls), float(np.mean(cpus)), float(np.mean(iterations)), by_phase)
+
+
+def speed_table(speeds: list[Speed]) -> list[str]:
+    """One line a model: milliseconds, frames a second, ratios to the bare subspace and to full space,
+    phases."""
+    by_name = {speed.model: speed for speed in speeds}
+    lines = [
+        f"{'model':<14}{'ms/step':>9}{'CPU ms':>9}{'1/s':>8}{'Newton':>8}{'of bare':>9}{'full is':>9}  phases [ms]"
+    ]
+    for speed in speeds:
+        ratios = [
+            f"{speed.step / by_name['bare'].step:.2f}x" if "bare" in by_name else "",
+            f"{by_name['full'].step / speed.step:.1f}x" if "full" in by_name else "",
+        ]
+        phases = ", ".join(f"{phase} {1e3 * seconds:.2f}" for phase, seconds in speed.phases.items())
+        lines.append(
+            f"{speed.model:<14}{1e3 * speed.step:>9.2f}{1e3 * speed.cpu:>9.2f}{speed.frames_per_second:>8.1f}"
+            f"{speed.iterations:>8.1f}{ratios[0]:>9}{ratios[1]:>9}  {phases}"
+        )
+    return lines
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores and threads, for beside the figures."""
+    name = platform.processor() or platform.machine()
+    if os.path.exists("/proc/cpuinfo"):
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+        name = models[0] if models else name
+    threads = {
+        key: os.environ[key] for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if key in os.environ
+    }
+    return {"processor": name, "cores": os.cpu_count(), "threads": threads, "system": platform.platform()}
+
+
+def speeds_as_json(speeds: list[Speed]) -> list[dict[str, Any]]:
+    """Plain values, in seconds."""
+    return [asdict(speed) | {"frames_per_second": speed.frames_per_second} for speed in speeds]
