@@ -36,16 +36,11 @@ class ElasticEnergy:
     def n_cells(self) -> int:
         return self._elasticity.n_cells
 
-    def deformation_gradients(self, rows: Array, poses: Poses, timings: Timings) -> Array:
-        """F (m, dim, dim) at the cubature cells."""
+    def energy(self, rows: Array, poses: Poses, timings: Timings) -> float:
+        """E [J]."""
         displacement = self._points.displacement(rows, poses, timings)
         with timings.elastic:
-            return self._gradients(rows, displacement)
-
-    def energy(self, rows: Array, poses: Poses, timings: Timings) -> float:
-        F = self.deformation_gradients(rows, poses, timings)
-        with timings.elastic:
-            return self._elasticity.energy(F)
+            return self._elasticity.energy(self._gradients(rows, displacement))
 
     def linearise(self, rows: Array, poses: Poses, timings: Timings) -> tuple[float, Array, Array]:
         """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""

@@ -154,12 +154,17 @@ class Simulator:
         h = self.settings.time_step
         end = state.time + h
         end_poses = self.poses_at(end, poses)
-        mass = self.body.reduced_mass / h**2
-        inertia = _about(mass, state.rows + h * state.rows_velocity)
+        inertia = _about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
         contact = StepContact(self._surface_of(state, timings), state.poses, h, {})
-        solved = self._minimise(self._carried_on(state), end, end_poses, inertia, contact, timings)
+        energy = self._energy(end, end_poses, inertia, contact, timings)
+        start = place_kinematic(
+            self._carried_on(state), self.body.rest_rows, self.body.handles, self._kinematic, end
+        )
+        solved = minimise(energy, start, self.settings.newton, timings.solve)
         velocity = (solved.x - state.rows) / h
-        return self._result(solved, velocity, end, end_poses, inertia, contact, timings)
+        return self._result(
+            solved, ReducedState(end, solved.x, velocity, end_poses), energy, inertia, timings
+        )
 
     def _carried_on(self, state: ReducedState) -> Array:
         """Rows after a step at constant velocity, frames kept rigid: where Newton starts."""
@@ -173,41 +178,44 @@ class Simulator:
     ) -> StepResult[ReducedState]:
         """Static equilibrium near ``state`` (the rest state by default) at its time, without friction: where
         a scene starts. Something must hold the body: kinematic handles, springs or contact."""
-        timings = Timings()
-        state = state or self.rest_state()
-        nothing = QuadraticForm(np.zeros_like(self.body.reduced_mass), np.zeros_like(state.rows), 0.0)
+        begin = state or self.rest_state()
         settings = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
-        solved = self._minimise(state.rows, state.time, state.poses, nothing, None, timings, settings)
-        return self._result(
-            solved, np.zeros_like(state.rows), state.time, state.poses, nothing, None, timings
+        timings = Timings()
+        energy = self._static_energy(begin, timings)
+        return self._static_result(
+            minimise(energy, begin.rows, settings, timings.solve), begin, energy, timings
         )
 
     def at_rest(self) -> StepResult[ReducedState]:
         """The rest state as the result of no step at all: its energies and contact forces."""
         state, timings = self.rest_state(), Timings()
-        nothing = QuadraticForm(np.zeros_like(self.body.reduced_mass), np.zeros_like(state.rows), 0.0)
         solved = NewtonResult(state.rows, Status.CONVERGED, 0, 0.0, 0.0)
-        return self._result(solved, state.rows_velocity, state.time, state.poses, nothing, None, timings)
+        return self._static_result(solved, state, self._static_energy(state, timings), timings)
 
-    def _minimise(
-        self,
-        start: Array,
-        time: float,
-        poses: Poses,
-        inertia: QuadraticForm,
-        contact: StepContact | None,
-        timings: Timings,
-        newton: NewtonSettings | None = None,
-    ) -> NewtonResult:
-        handles = self.body.handles
-        springs = spring_form(self._springs, handles, time)
+    def _static_energy(self, state: ReducedState, timings: Timings) -> StepEnergy:
+        return self._energy(state.time, state.poses, self._no_inertia, None, timings)
+
+    def _static_result(
+        self, solved: NewtonResult, begin: ReducedState, energy: StepEnergy, timings: Timings
+    ) -> StepResult[ReducedState]:
+        state = ReducedState(begin.time, solved.x, np.zeros_like(solved.x), begin.poses)
+        return self._result(solved, state, energy, self._no_inertia, timings)
+
+    @cached_property
+    def _no_inertia(self) -> QuadraticForm:
+        return _about(np.zeros_like(self.body.reduced_mass), self.body.rest_rows)
+
+    def _energy(
+        self, time: float, poses: Poses, inertia: QuadraticForm, contact: StepContact | None, timings: Timings
+    ) -> StepEnergy:
+        springs = spring_form(self._springs, self.body.handles, time)
         quadratic = QuadraticForm(
             inertia.matrix + springs.matrix,
             inertia.linear + springs.linear + self._weight,
             inertia.constant + springs.constant,
         )
-        problem = StepEnergy(
-            handles=handles,
+        return StepEnergy(
+            handles=self.body.handles,
             free=self._free,
             quadratic=quadratic,
             elastic=self._elastic,
@@ -219,31 +227,26 @@ class Simulator:
             units=self._units,
             timings=timings,
         )
-        rows = place_kinematic(start, self.body.rest_rows, handles, self._kinematic, time)
-        return minimise(problem, rows, newton or self.settings.newton, timings.solve)
 
     def _result(
         self,
         solved: NewtonResult,
-        velocity: Array,
-        time: float,
-        poses: Poses,
+        state: ReducedState,
+        energy: StepEnergy,
         inertia: QuadraticForm,
-        contact: StepContact | None,
         timings: Timings,
     ) -> StepResult[ReducedState]:
-        rows = solved.x
-        state = ReducedState(time, rows, velocity, poses)
-        surface = self._surface.positions(rows, poses, timings)
-        self._last = (state, surface)
-        with timings.contact:
-            normal, friction, forces = self._surface.forces(surface, poses, contact)
+        rows, velocity = state.rows, state.rows_velocity
+        found = energy.evaluate(rows)
+        self._last = (state, found.surface)
+        normal, friction, forces = energy.contacts(found)
+        springs = spring_form(self._springs, self.body.handles, state.time)
         energies = {
             "inertia": inertia.energy(rows),
             "kinetic": 0.5 * float(np.vdot(velocity, self.body.reduced_mass @ velocity)),
             "gravity": -float(np.vdot(self._weight, rows)),
-            "springs": spring_form(self._springs, self.body.handles, time).energy(rows),
-            "elastic": self._elastic.energy(rows, poses, timings),
+            "springs": springs.energy(rows),
+            "elastic": found.elastic,
             "contact": normal,
             "friction": friction,
         }

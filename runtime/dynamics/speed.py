@@ -79,9 +79,8 @@ def speed_table(speeds: list[Speed]) -> list[str]:
     """One line a model: milliseconds, frames a second, ratios to the bare subspace and to full space,
     phases."""
     by_name = {speed.model: speed for speed in speeds}
-    lines = [
-        f"{'model':<14}{'ms/step':>9}{'CPU ms':>9}{'1/s':>8}{'Newton':>8}{'of bare':>9}{'full is':>9}  phases [ms]"
-    ]
+    heads = ("ms/step", "CPU ms", "1/s", "Newton", "of bare", "full is")
+    lines = [f"{'model':<14}" + "".join(f"{head:>9}" for head in heads) + "  phases [ms]"]
     for speed in speeds:
         ratios = [
             f"{speed.step / by_name['bare'].step:.2f}x" if "bare" in by_name else "",
@@ -89,8 +88,8 @@ def speed_table(speeds: list[Speed]) -> list[str]:
         ]
         phases = ", ".join(f"{phase} {1e3 * seconds:.2f}" for phase, seconds in speed.phases.items())
         lines.append(
-            f"{speed.model:<14}{1e3 * speed.step:>9.2f}{1e3 * speed.cpu:>9.2f}{speed.frames_per_second:>8.1f}"
-            f"{speed.iterations:>8.1f}{ratios[0]:>9}{ratios[1]:>9}  {phases}"
+            f"{speed.model:<14}{1e3 * speed.step:>9.2f}{1e3 * speed.cpu:>9.2f}{speed.frames_per_second:>9.1f}"
+            f"{speed.iterations:>9.1f}{ratios[0]:>9}{ratios[1]:>9}  {phases}"
         )
     return lines
 

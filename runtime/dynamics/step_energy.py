@@ -11,6 +11,8 @@ unknowns are the free minimal coordinates v of `Handles.retract`; with T = d row
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from runtime.arrays import Array, IntArray
@@ -19,6 +21,7 @@ from runtime.dynamics.corrected_points import Poses
 from runtime.dynamics.elastic import ElasticEnergy
 from runtime.dynamics.newton import Linearisation
 from runtime.dynamics.springs import QuadraticForm
+from runtime.dynamics.state import ContactForce
 from runtime.dynamics.surface import StepContact, SurfaceEnergy
 from runtime.dynamics.timings import Timings
 
@@ -26,6 +29,14 @@ from runtime.dynamics.timings import Timings
 _ROUND_OFF = 1e-13
 # The same for what a float32 network takes part in.
 _NETWORK_ROUND_OFF = 1e-8
+
+
+class Evaluation(NamedTuple):
+    """What the energy found at handle rows: corrected surface samples (s, dim) [m] and elastic energy [J]."""
+
+    rows: Array
+    surface: Array
+    elastic: float
 
 
 class StepEnergy:
@@ -63,6 +74,7 @@ class StepEnergy:
         self._force_floor = force_floor
         self._units = units
         self._timings = timings
+        self._latest: Evaluation | None = None
         self._blocks = np.kron(quadratic.matrix, np.eye(handles.dim))
 
     def retract(self, rows: Array, v: Array) -> Array:
@@ -73,12 +85,25 @@ class StepEnergy:
 
     def energy(self, rows: Array) -> float:
         """E [J], friction lagged as at the last `linearise`."""
-        x = self._surface.positions(rows, self._poses, self._timings)
-        return (
-            self._quadratic.energy(rows)
-            + self._elastic.energy(rows, self._poses, self._timings)
-            + self._surface.energy(x, self._poses, self._step, self._timings)
-        )
+        found = self.evaluate(rows)
+        contact = self._surface.energy(found.surface, self._poses, self._step, self._timings)
+        return self._quadratic.energy(rows) + found.elastic + contact
+
+    def evaluate(self, rows: Array) -> Evaluation:
+        """The evaluation at rows, remembered if they are those of the last one.
+
+        A line search ends with the point it accepts, so the end of a step is not evaluated again.
+        """
+        if self._latest is None or self._latest.rows is not rows:
+            surface = self._surface.positions(rows, self._poses, self._timings)
+            elastic = self._elastic.energy(rows, self._poses, self._timings)
+            self._latest = Evaluation(rows, surface, elastic)
+        return self._latest
+
+    def contacts(self, at: Evaluation) -> tuple[float, float, dict[str, ContactForce]]:
+        """Contact energy, friction energy [J] and the force on each collider."""
+        with self._timings.contact:
+            return self._surface.forces(at.surface, self._poses, self._step)
 
     def linearise(self, rows: Array) -> Linearisation:
         """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one
@@ -86,9 +111,10 @@ class StepEnergy:
         elastic, elastic_gradient, hessian = self._elastic.linearise(rows, self._poses, self._timings)
         relag = self._relags_left > 0
         self._relags_left -= 1
-        contact, contact_gradient, contact_hessian = self._surface.linearise(
+        surface, contact, contact_gradient, contact_hessian = self._surface.linearise(
             rows, self._poses, self._step, relag, self._timings
         )
+        self._latest = Evaluation(rows, surface, elastic)
         with self._timings.solve:
             if contact_hessian is not None:
                 hessian = hessian + contact_hessian

@@ -85,9 +85,10 @@ class SurfaceEnergy:
 
     def linearise(
         self, rows: Array, poses: Poses, step: StepContact | None, relag: bool, timings: Timings
-    ) -> tuple[float, Array, Array | None]:
-        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; no
-        Hessian where nothing touches. ``relag``: let friction take up the normal forces found here."""
+    ) -> tuple[Array, float, Array, Array | None]:
+        """Positions (s, dim), energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim)
+        [N/m] by the rows; no Hessian where nothing touches. ``relag``: let friction take up the normal forces
+        found here."""
         field = self._points.linearise(rows, poses, timings)
         with timings.positions:
             x = self._points.reduced(rows)
@@ -96,10 +97,10 @@ class SurfaceEnergy:
         with timings.contact:
             energy, index, gradient, hessian = self._at_points(x, poses, step, relag)
             if not len(index):
-                return energy, np.zeros_like(rows), None
+                return x, energy, np.zeros_like(rows), None
             if field is None:
-                return energy, *_through_basis(self._points.basis[index], gradient, hessian)
-            return energy, *_through_jacobian(self._jacobian(index, field), gradient, hessian)
+                return x, energy, *_through_basis(self._points.basis[index], gradient, hessian)
+            return x, energy, *_through_jacobian(self._jacobian(index, field), gradient, hessian)
 
     def _at_points(
         self, x: Array, poses: Poses, step: StepContact | None, relag: bool
