@@ -7,7 +7,8 @@
 #   * DOLFINx, PETSc, MPI and numpy's companions are Debian's: they must fit each other.
 #   * h5py is Debian's too. PyPI's wheel carries an HDF5 of its own, and importing DOLFINx before it crashes.
 #     So nothing here may ever pull h5py's wheel: Softprint itself is installed with --no-deps.
-#   * torch is a pinned wheel on Debian 12. On Debian 13 it is Debian's own, since PyPI's brings several GB of CUDA.
+#   * torch is a pinned wheel on Debian 12, whose own is too old. On Debian 13 it is Debian's. The wheel may bring
+#     several GB of CUDA; an index of CPU builds, named in PIP_INDEX_URL or PIP_EXTRA_INDEX_URL, spares them.
 #   * libopenblas0-serial, because Debian's reference BLAS makes factorisations some seven times slower, and because
 #     one thread for each MPI rank is what is wanted.
 set -euo pipefail
@@ -75,9 +76,13 @@ make_venv() {
     # --clear: a half-made environment, or one of another Python, is no base to build on.
     "$SYSTEM_PYTHON" -m venv --clear --system-site-packages "$VENV"
     local pip=("$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-input)
-    # Constraints only pin; the names, and nothing else, are what is asked for.
-    sed -e 's/#.*//' -e 's/[[:space:]]//g' -e 's/[=<>!~;].*//' -e '/^$/d' "$CONSTRAINTS" > "$VENV/wanted.txt"
-    "${pip[@]}" -c "$CONSTRAINTS" -r "$VENV/wanted.txt"
+    # Without dependencies: the list is complete, and none of them may bring a package that Debian has.
+    grep -v '^torch==' "$CONSTRAINTS" > "$VENV/wheels.txt"
+    "${pip[@]}" --no-deps -r "$VENV/wheels.txt"
+    # torch with its dependencies: which they are differs between its builds for CPU and for CUDA.
+    if grep -q '^torch==' "$CONSTRAINTS"; then
+        "${pip[@]}" -c "$CONSTRAINTS" torch
+    fi
     "${pip[@]}" --no-deps --no-build-isolation --editable .
 }
 

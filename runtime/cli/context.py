@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 class Context:
     """One run of one verb.
 
-    experiment_path: the file, None for verbs that take none; overrides: `--set`; out: `--out`; quiet: log lines
-    instead of progress bars; resume: keep what an earlier run finished; rank: of this process under mpirun.
+    experiment_path: the file, None for verbs that take none; overrides: `--set`; out: `--out`; quiet: log
+    lines instead of progress bars; resume: keep what an earlier run finished; rank: of this process under
+    mpirun.
     """
 
     experiment_path: Path | None = None
@@ -64,6 +65,7 @@ class Context:
     def progress(self, total: int | None, unit: str = "it", desc: str = "") -> Progress:
         """A progress bar with a rate and an ETA; use it in a `with`, and call `update(n)` on it.
 
-        On other ranks it says nothing; with --quiet, or where the output is no terminal, it logs a line now and then.
+        On other ranks it says nothing; with --quiet, or where the output is no terminal, it logs a line now
+        and then.
         """
         return Progress(total, unit=unit, desc=desc, quiet=self.quiet, silent=self.rank != 0)

@@ -1,6 +1,7 @@
 """`softprint VERB ...`: reads the command line, runs the verb, and turns what can go wrong into sentences.
 
-Exit status: 0 done; 1 something the user can put right, said on stderr; 2 the command line itself; 130 Ctrl-C.
+Exit status: 0 done; 1 something the user can put right, said on stderr; 2 the command line itself; 130
+Ctrl-C.
 """
 
 from __future__ import annotations
@@ -73,7 +74,9 @@ def _add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], f
         if verb.reads_experiment:
             _add_experiment_options(parser)
         verb.configure(parser)
-    parser.add_argument("--quiet", action="store_true", help="log lines instead of progress bars (default: off)")
+    parser.add_argument(
+        "--quiet", action="store_true", help="log lines instead of progress bars (default: off)"
+    )
     parser.add_argument("--debug", action="store_true", help="log more, and show tracebacks (default: off)")
 
 
@@ -88,7 +91,9 @@ def _add_experiment_options(parser: argparse.ArgumentParser) -> None:
         help="change one key of the experiment, as in --set sampling.places=8; may be given again",
     )
     parser.add_argument("--seed", type=int, metavar="N", help="short for --set experiment.seed=N")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME_OF_EXPERIMENT)")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME_OF_EXPERIMENT)"
+    )
     parser.add_argument(
         "--resume",
         action=argparse.BooleanOptionalAction,
@@ -145,7 +150,9 @@ def _context(verb: Verb, options: argparse.Namespace, rank: int) -> Context:
 
 
 def _refuse(message: str, rank: int) -> int:
-    """Say on stderr why it went no further; what every rank of an MPI run finds out is told by the first alone."""
+    """Say on stderr why it went no further; what every rank of an MPI run finds out is told by the first
+    alone.
+    """
     if rank > 0:
         time.sleep(PATIENCE)  # if the first rank met the same error, it ends this one meanwhile
         message = f"rank {rank}: {message}"

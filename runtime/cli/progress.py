@@ -62,9 +62,20 @@ class Progress:
         elapsed = self._logged - self._started
         rate = (self.count - self._resumed) / elapsed if elapsed > 0 else 0.0
         of_total = f"/{self.total}" if self.total is not None else ""
-        rest = f", {(self.total - self.count) / rate:.0f} s left" if self.total is not None and rate > 0 else ""
+        rest = (
+            f", {(self.total - self.count) / rate:.0f} s left" if self.total is not None and rate > 0 else ""
+        )
         note = f", {self._note}" if self._note else ""
-        log.info("%s: %d%s %s, %.3g/s%s%s", self.desc or "progress", self.count, of_total, self.unit, rate, rest, note)
+        log.info(
+            "%s: %d%s %s, %.3g/s%s%s",
+            self.desc or "progress",
+            self.count,
+            of_total,
+            self.unit,
+            rate,
+            rest,
+            note,
+        )
 
     def __enter__(self) -> Progress:
         return self

@@ -29,8 +29,8 @@ def launched_size() -> int:
 def end_all_ranks(status: int) -> None:
     """End every rank of an MPI run at once: one that stopped alone would leave the others waiting for ever.
 
-    Does nothing in a process that mpirun did not start with others, or that never loaded MPI: there, mpirun itself
-    ends the rest when a process exits with a status other than 0.
+    Does nothing in a process that mpirun did not start with others, or that never loaded MPI: there, mpirun
+    itself ends the rest when a process exits with a status other than 0.
     """
     if launched_size() > 1 and "mpi4py.MPI" in sys.modules:
         sys.stdout.flush()

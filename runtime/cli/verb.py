@@ -1,7 +1,8 @@
-"""What a verb of the command line is. A verb module holds one `VERB`, named in the entry points `softprint.verbs`.
+"""What a verb of the command line is. A verb module holds one `VERB`, named in the entry points
+`softprint.verbs`.
 
-A verb module imports only light things at its top, so that `softprint --help` stays quick; whatever is heavy, or
-not there on every machine, is imported inside `run`.
+A verb module imports only light things at its top, so that `softprint --help` stays quick; whatever is heavy,
+or not there on every machine, is imported inside `run`.
 """
 
 from __future__ import annotations

@@ -13,7 +13,9 @@ TIMEOUT = 120.0  # s: the first import of PyTorch or VTK from a cold disk takes 
 
 @dataclass(frozen=True)
 class ChildResult:
-    """succeeded: exit status 0 in time; output: what it printed; complaint: the last line on stderr, or why it ended."""
+    """succeeded: exit status 0 in time; output: what it printed; complaint: the last line on stderr, or why
+    it ended.
+    """
 
     succeeded: bool
     output: str

@@ -17,8 +17,8 @@ class Level(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """subject: what was looked at; detail: what was seen; remedy: what to do unless all is well; needed: whether
-    the runtime itself cannot do without it."""
+    """subject: what was looked at; detail: what was seen; remedy: what to do unless all is well; needed:
+    whether the runtime itself cannot do without it."""
 
     subject: str
     level: Level
@@ -28,5 +28,7 @@ class Finding:
 
     @property
     def is_fatal(self) -> bool:
-        """Whether something that nobody can do without does not work, or something that is there is broken."""
+        """Whether something that nobody can do without does not work, or something that is there is
+        broken.
+        """
         return self.level is Level.BROKEN or (self.needed and self.level is Level.MISSING)

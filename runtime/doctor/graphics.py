@@ -25,5 +25,7 @@ def check_rendering() -> Finding:
         return Finding(subject, Level.MISSING, "for pictures in the report", "pip install pyvista")
     result = run_python(_RENDER, {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"})
     if not result.succeeded:
-        return Finding(subject, Level.BROKEN, result.complaint, "apt-get install libgl1 libegl1 libglu1-mesa libxrender1")
+        return Finding(
+            subject, Level.BROKEN, result.complaint, "apt-get install libgl1 libegl1 libglu1-mesa libxrender1"
+        )
     return Finding(subject, Level.OK, result.output.splitlines()[-1])

@@ -37,8 +37,12 @@ def check_mpi() -> Finding:
     told = run_command(command, {"OMP_NUM_THREADS": "1", **ROOT}) if os.getuid() == 0 else plain
     if told.succeeded and told.output.startswith("2"):
         remedy = f"as root, first: export {' '.join(f'{key}={value}' for key, value in ROOT.items())}"
-        return Finding("mpirun -n 2", Level.WARN, f"{told.output.splitlines()[0][2:]} refuses to run as root", remedy)
-    return Finding("mpirun -n 2", Level.BROKEN, told.complaint or told.output, "mpi4py and mpirun must be of one MPI")
+        return Finding(
+            "mpirun -n 2", Level.WARN, f"{told.output.splitlines()[0][2:]} refuses to run as root", remedy
+        )
+    return Finding(
+        "mpirun -n 2", Level.BROKEN, told.complaint or told.output, "mpi4py and mpirun must be of one MPI"
+    )
 
 
 def check_h5py_beside_dolfinx() -> Finding:

@@ -9,7 +9,8 @@ from runtime.doctor.finding import Finding, Level
 
 SLOW = 20.0  # GFLOP/s on one core: reference BLAS reaches about 5, an optimised one 30 to 100
 
-# Multiplies two 1000 x 1000 matrices with one thread, best of three, and names the shared library that did it.
+# Multiplies two 1000 x 1000 matrices with one thread, best of three, and names the shared library that did
+# it.
 _MEASURE = """
 import time
 import numpy as np
@@ -51,9 +52,9 @@ def _blas(subject: str, parts: dict[str, str]) -> Finding:
     speed, library = result.output.split(maxsplit=1)
     detail = f"{speed} GFLOP/s on one core ({library})"
     if float(speed) < SLOW:
-        return Finding(
-            subject, Level.WARN, detail, "slow, unless the machine is busy: apt-get install libopenblas0-serial"
-        )
+        optimised = any(name in library.lower() for name in ("openblas", "mkl", "blis"))
+        remedy = "the machine is busy, or slow" if optimised else "apt-get install libopenblas0-serial"
+        return Finding(subject, Level.WARN, detail, remedy)
     return Finding(subject, Level.OK, detail)
 
 
@@ -62,7 +63,11 @@ def check_threads() -> Finding:
     cores = len(os.sched_getaffinity(0))
     threads = os.environ.get("OMP_NUM_THREADS")
     if threads is None:
-        return Finding("threads", Level.OK, f"{cores} cores; OMP_NUM_THREADS is not set, under mpirun set it to 1")
+        return Finding(
+            "threads", Level.OK, f"{cores} cores; OMP_NUM_THREADS is not set, under mpirun set it to 1"
+        )
     if not threads.isdigit() or int(threads) > cores:
-        return Finding("threads", Level.WARN, f"{cores} cores, OMP_NUM_THREADS={threads}", "more threads than cores")
+        return Finding(
+            "threads", Level.WARN, f"{cores} cores, OMP_NUM_THREADS={threads}", "more threads than cores"
+        )
     return Finding("threads", Level.OK, f"{cores} cores, OMP_NUM_THREADS={threads}")

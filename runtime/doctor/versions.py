@@ -14,7 +14,9 @@ from runtime.doctor.finding import Finding, Level
 
 @dataclass(frozen=True)
 class Library:
-    """module: what is imported; purpose: what it is for; remedy: how to get it; version: code that tells it."""
+    """module: what is imported; purpose: what it is for; remedy: how to get it; version: code that tells
+    it.
+    """
 
     module: str
     purpose: str
@@ -62,8 +64,6 @@ LIBRARIES = (
 def check_python() -> Finding:
     """Python itself."""
     version = ".".join(str(part) for part in sys.version_info[:3])
-    if sys.version_info < (3, 11):
-        return Finding("python", Level.BROKEN, version, "Softprint needs Python 3.11 or later", needed=True)
     return Finding("python", Level.OK, f"{version} ({sys.executable})")
 
 
@@ -80,7 +80,9 @@ def check_libraries() -> Iterator[Finding]:
         elif results[library].succeeded:
             yield Finding(library.module, Level.OK, results[library].output.splitlines()[-1])
         else:
-            yield Finding(library.module, Level.BROKEN, results[library].complaint, f"again: {library.remedy}")
+            yield Finding(
+                library.module, Level.BROKEN, results[library].complaint, f"again: {library.remedy}"
+            )
 
 
 def _imported(library: Library) -> ChildResult:

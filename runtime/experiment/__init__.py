@@ -1,6 +1,7 @@
 """One experiment, one TOML file: its schema, its checks, and how it is read.
 
-Import the collider specs, which other packages need without the rest, from `runtime.experiment.colliders_schema`.
+Import the collider specs, which other packages need without the rest, from
+`runtime.experiment.colliders_schema`.
 """
 
 from runtime.experiment.body_schema import BodySpec, FrameSpec, HandlesSpec, MaterialRegionSpec, MaterialSpec

@@ -48,7 +48,9 @@ class MaterialSpec(Section):
     young: Positive = Field(description="Young's modulus [Pa]")
     poisson: Poisson = Field(description="Poisson's ratio, between -1 and 0.5 without the ends")
     density: Positive = Field(1000.0, description="density [kg/m^3] (kg/m^2 in 2D)")
-    regions: tuple[MaterialRegionSpec, ...] = Field((), description="parts of another material, later ones on top")
+    regions: tuple[MaterialRegionSpec, ...] = Field(
+        (), description="parts of another material, later ones on top"
+    )
 
 
 class CubatureSpec(Section):
@@ -66,7 +68,9 @@ class SurfaceSpec(Section):
 class BodySpec(Section):
     """`[body]`: a soft body and its reduced model."""
 
-    mesh: Path = Field(description="tetrahedra or triangles in any format of meshio, relative to the experiment file")
+    mesh: Path = Field(
+        description="tetrahedra or triangles in any format of meshio, relative to the experiment file"
+    )
     handles: HandlesSpec
     material: MaterialSpec
     cubature: CubatureSpec = CubatureSpec()

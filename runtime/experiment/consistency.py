@@ -18,7 +18,11 @@ def inconsistencies(experiment: Experiment) -> list[Problem]:
         *_body(experiment),
         *_colliders(experiment),
         *_named_colliders(experiment),
-        *(problem for number, scene in enumerate(experiment.scenes) for problem in _scene(experiment, number, scene)),
+        *(
+            problem
+            for number, scene in enumerate(experiment.scenes)
+            for problem in _scene(experiment, number, scene)
+        ),
     ]
 
 
@@ -49,13 +53,17 @@ def _body(experiment: Experiment) -> Iterator[Problem]:
         for number, point in enumerate(body.handles.points):
             yield from _vector(experiment, f"body.handles.points[{number}]", point)
     elif body.handles.points == 0 and not body.handles.frames:
-        yield Problem("body.handles", "has neither points nor frames", "a reduced body needs handles to move by")
+        yield Problem(
+            "body.handles", "has neither points nor frames", "a reduced body needs handles to move by"
+        )
 
 
 def _colliders(experiment: Experiment) -> Iterator[Problem]:
     for number, spec in enumerate(experiment.colliders):
         if not spec.name:
-            yield Problem(f"colliders[{number}].name", "is missing", "scenes and corrections call the collider by it")
+            yield Problem(
+                f"colliders[{number}].name", "is missing", "scenes and corrections call the collider by it"
+            )
         file = getattr(spec, "file", None)
         if file is not None:
             yield from _file(experiment, f"colliders[{number}].file", file)
@@ -110,7 +118,9 @@ def _point_handle(experiment: Experiment, key: str, handle: int) -> Iterator[Pro
     points = experiment.body.handles.points
     count = points if isinstance(points, int) else len(points)
     if not 0 <= handle < count:
-        remedy = f"the body has {count} point handles, numbered from 0" if count else "the body has frames only"
+        remedy = (
+            f"the body has {count} point handles, numbered from 0" if count else "the body has frames only"
+        )
         yield Problem(key, "is not a point handle of the body", remedy, handle)
 
 
@@ -124,7 +134,9 @@ def _keyframes(experiment: Experiment, key: str, keyframes: Iterable[KeyframeSpe
             remedy = "one angle in 2D" if angles == 1 else "axis times angle, three numbers, in 3D"
             yield Problem(f"{key}[{number}].rotation", "has the wrong number of entries", remedy, rotation)
         if before is not None and keyframe.time <= before:
-            yield Problem(f"{key}[{number}].time", f"must be later than {before:g} s before it", got=keyframe.time)
+            yield Problem(
+                f"{key}[{number}].time", f"must be later than {before:g} s before it", got=keyframe.time
+            )
         before = keyframe.time
 
 

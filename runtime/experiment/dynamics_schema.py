@@ -16,7 +16,9 @@ class ContactSpec(Section):
 
 
 class DynamicsSpec(Section):
-    """`[dynamics]`: backward Euler by Newton's method. `gravity` also tells the dimension of the experiment."""
+    """`[dynamics]`: backward Euler by Newton's method. `gravity` also tells the dimension of the
+    experiment.
+    """
 
     gravity: Vector = Field(description="acceleration [m/s^2]: two numbers in 2D, three in 3D")
     time_step: Positive = Field(1 / 60, description="[s]")

@@ -33,7 +33,8 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> Experime
         apply_override(data, override)
     _name_the_only_collider(data)
     try:
-        # Strict, so that "5" is no number; from JSON, because strict pydantic takes lists for tuples only there.
+        # Strict, so that "5" is no number; from JSON, because strict pydantic takes lists for tuples only
+        # there.
         experiment = Experiment.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
         raise_problems(path, problems_of(error, Experiment, data))

@@ -1,10 +1,12 @@
-"""What is wrong with an experiment file, said for people: key, reason, the value found, and what would be right."""
+"""What is wrong with an experiment file, said for people: key, reason, the value found, and what would be
+right.
+"""
 
 from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -64,7 +66,9 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
         problem = _problem(details, model, data)
         if problem.key in found and problem.wrong not in found[problem.key].wrong:
             earlier = found[problem.key]
-            problem = Problem(problem.key, f"{earlier.wrong}, or {problem.wrong}", earlier.remedy, earlier.got)
+            problem = Problem(
+                problem.key, f"{earlier.wrong}, or {problem.wrong}", earlier.remedy, earlier.got
+            )
         found[problem.key] = problem
     return list(found.values())
 
@@ -95,11 +99,12 @@ def _in_the_file(details: ErrorDetails, data: Any) -> Location:
     """The location without what pydantic puts in for the branches of unions: only steps that the file has."""
     location: list[str | int] = []
     here: Any = data
+    part: Any
     last = len(details["loc"]) - 1
     for number, part in enumerate(details["loc"]):
-        if isinstance(here, dict) and part in here or isinstance(here, list) and isinstance(part, int):
+        if (isinstance(here, dict) and part in here) or (isinstance(here, list) and isinstance(part, int)):
             location.append(part)
-            here = here[part] if isinstance(here, dict) else here[part] if part < len(here) else None
+            here = here[part]
         elif number == last and details["type"] == "missing":
             location.append(part)
     return location
@@ -107,27 +112,35 @@ def _in_the_file(details: ErrorDetails, data: Any) -> Location:
 
 def _described(model: type[BaseModel], location: Location) -> str:
     """The description of the innermost key on the way that has one."""
-    text, owners = "", [model]
-    for part in location:
-        fields = [owner.model_fields[part] for owner in owners if isinstance(part, str) and part in owner.model_fields]
-        if fields:
-            text = fields[0].description or ""
-            owners = _models_in(fields[0])
-        elif isinstance(part, str):
-            owners = _of_shape(owners, part)
-    return text
+    texts = [
+        field.description for field, _ in _walk(model, location) if field is not None and field.description
+    ]
+    return texts[-1] if texts else ""
 
 
 def _owners(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
     """The models that may stand at a location."""
+    return [[model], *(owners for _, owners in _walk(model, location))][-1]
+
+
+def _walk(
+    model: type[BaseModel], location: Location
+) -> Iterator[tuple[FieldInfo | None, list[type[BaseModel]]]]:
+    """For each step of a location: the field it names, if it names one, and the models that may stand
+    there.
+    """
     owners = [model]
     for part in location:
-        fields = [owner.model_fields[part] for owner in owners if isinstance(part, str) and part in owner.model_fields]
-        if fields:
-            owners = _models_in(fields[0])
+        named = [
+            owner.model_fields[part]
+            for owner in owners
+            if isinstance(part, str) and part in owner.model_fields
+        ]
+        if named:
+            owners = _models_in(named[0])
         elif isinstance(part, str):
             owners = _of_shape(owners, part)
-    return owners
+        yield (named[0] if named else None), owners
 
 
 def _of_shape(owners: list[type[BaseModel]], tag: str) -> list[type[BaseModel]]:

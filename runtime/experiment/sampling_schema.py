@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from runtime.experiment.section import Count, Positive, Section, Share
+from runtime.experiment.section import Count, NotNegative, Positive, Section, Share
 
 
 class SolverSpec(Section):
@@ -30,4 +30,7 @@ class SamplingSpec(Section):
         0.1, description="random shift of a depth, as a share of the interval between two"
     )
     repeat_share: Share = Field(0.03, description="share of contacts solved twice, for the label-noise floor")
+    frame_clearance: NotNegative = Field(
+        0.5, description="contact places keep this far from rigid frames, in sizes of the collider"
+    )
     solver: SolverSpec = SolverSpec()

@@ -10,15 +10,17 @@ from runtime.experiment.section import Count, Name, NotNegative, Positive, Secti
 
 
 class ModelSpec(Section):
-    """`[[training.models]]`: one correction to train. The defaults are the best form known; the thesis's own is
+    """`[[training.models]]`: one correction to train. The defaults are the best form known; the thesis's own
+    is
 
-    encoding = "weighted_rows", patch_inputs = false, hidden = [250, 250], activation = "tanh", fade = "saturating".
+    encoding = "weighted_rows", patch_inputs = false, hidden = [250, 250], activation = "tanh", fade =
+    "saturating".
     """
 
     name: Name = Field(description="file name of the correction and its name in simulations and reports")
     encoding: Literal["local_geometry", "weighted_rows"] = Field(
         "local_geometry",
-        description="local inputs: geometry of the contact at the point, or the thesis's weighted handle rows",
+        description="local inputs: geometry of the contact at the point, or the thesis's weighted rows",
     )
     patch_inputs: bool = Field(True, description="tell the network about the contact patch as a whole")
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
@@ -42,7 +44,9 @@ class TrainingSpec(Section):
     edges: Count = Field(64, description="surface edges kept of each sample, for the edge term of the loss")
     learning_rate: Positive = Field(2e-3, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(1e-3, description="decoupled weight decay (AdamW)")
-    edge_weight: NotNegative = Field(0.3, description="weight of the surface-edge term beside the volume term")
+    edge_weight: NotNegative = Field(
+        0.3, description="weight of the surface-edge term beside the volume term"
+    )
     validation_states: Count = Field(1, description="states held out for the validation curve")
     validations: Count = Field(20, description="how often along a run the held-out error is measured")
     validation_samples: Count = Field(200, description="at most so many held-out samples, drawn evenly")

@@ -1,0 +1,90 @@
+"""What all tests share: tiny bodies, both dimensions, and the command line as users call it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+# Before anything loads them: one thread for each test process, and for each pytest worker a cache of compiled
+# forms of its own, because two processes that compile the same form at the same time may trip over each
+# other. The cache lives beside pytest's own, so that the next run finds its forms compiled.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ["XDG_CACHE_HOME"] = str(
+    REPOSITORY / ".pytest_cache" / "forms" / os.environ.get("PYTEST_XDIST_WORKER", "alone")
+)
+os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")  # pictures without a display
+
+
+@pytest.fixture(params=[2, 3], ids=["2d", "3d"])
+def dim(request: pytest.FixtureRequest) -> int:
+    """2, then 3."""
+    return int(request.param)
+
+
+def _jelly(lower: list[float], upper: list[float], divisions: list[int], points: int):
+    from runtime.body import assemble_body, frame_in_box, place_handles
+    from runtime.elasticity.materials import make_material
+    from runtime.mesh.box import box_mesh
+
+    mesh = box_mesh(lower, upper, divisions)
+    slab = [[-1.0] * mesh.dim, [1.0] * (mesh.dim - 1) + [1.2 * upper[-1] / divisions[-1]]]
+    handles = place_handles(mesh, points, [frame_in_box(mesh, "base", slab)])
+    material = make_material("stable_neo_hookean", 2e4, 0.4)
+    return assemble_body(mesh, handles, material, 1000.0, name=f"box{mesh.dim}d")
+
+
+@pytest.fixture(scope="session")
+def jelly2d_body():
+    """A block of 300 triangles, 0.1 x 0.06 m, on a rigid slab "base", with 6 point handles."""
+    return _jelly([-0.05, 0.0], [0.05, 0.06], [15, 10], points=6)
+
+
+@pytest.fixture(scope="session")
+def jelly3d_body():
+    """A block of 600 tetrahedra, 0.1 x 0.1 x 0.06 m, on a rigid slab "base", with 8 point handles."""
+    return _jelly([-0.05, -0.05, 0.0], [0.05, 0.05, 0.06], [5, 5, 4], points=8)
+
+
+@pytest.fixture
+def jelly_body(dim, request: pytest.FixtureRequest):
+    """`jelly2d_body` or `jelly3d_body`, as `dim` has it."""
+    return request.getfixturevalue(f"jelly{dim}d_body")
+
+
+@pytest.fixture
+def softprint(tmp_path) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Calls the command line in a process of its own: softprint("body", "x.toml", ranks=1, timeout=120).
+
+    Works in an empty folder; returns the finished process, whose status is not checked.
+    """
+
+    def call(*arguments: str | Path, ranks: int = 1, timeout: float = 300.0, **environment: str):
+        command = [sys.executable, "-m", "runtime.cli.main", *map(str, arguments)]
+        if ranks > 1:
+            command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
+        return subprocess.run(
+            command,
+            cwd=tmp_path,
+            env={
+                **os.environ,
+                "PYTHONPATH": str(REPOSITORY),
+                "OMPI_ALLOW_RUN_AS_ROOT": "1",
+                "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+                **environment,
+            },
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+            stdin=subprocess.DEVNULL,
+        )
+
+    return call

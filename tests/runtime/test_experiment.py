@@ -1,0 +1,178 @@
+"""Experiment files: what is read, and what is said about each kind of mistake."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from runtime.errors import SoftprintError
+from runtime.experiment import load_experiment
+
+EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.toml"))
+
+GOOD = """
+[experiment]
+name = "toy"
+seed = 3
+[body]
+mesh = "body.vtu"
+[body.handles]
+points = 4
+frames = [{ name = "base", box = [[-1, -1, -1], [1, 1, 0.1]] }]
+[body.material]
+young = 1e4
+poisson = 0.3
+[[colliders]]
+name = "ball"
+shape = "sphere"
+radius = 0.1
+[dynamics]
+gravity = [0, 0, -9.81]
+[[scenes]]
+name = "press"
+role = "record"
+duration = 1
+kinematic = ["base"]
+colliders = [{ name = "ball", keyframes = [
+    { time = 0, position = [0, 0, 1] },
+    { time = 1, position = [0, 0, 0] },
+] }]
+springs = [{ handle = 3, stiffness = 2.0, target = [0, 0, 1] }]
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    (tmp_path / "body.vtu").touch()
+    path = tmp_path / "toy.toml"
+    path.write_text(GOOD)
+    return path
+
+
+def complaint(path, *overrides) -> str:
+    with pytest.raises(SoftprintError) as caught:
+        load_experiment(path, overrides)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_are_read(path):
+    experiment = load_experiment(path)
+    assert experiment.name == path.stem
+    assert {scene.role for scene in experiment.scenes} == {"record", "test"}
+    assert experiment.sampling.collider == experiment.colliders[0].name
+
+
+def test_values_and_defaults(file):
+    experiment = load_experiment(file)
+    assert (experiment.dim, experiment.seed, experiment.base_dir) == (3, 3, file.parent)
+    assert experiment.dynamics.time_step == pytest.approx(1 / 60)
+    assert experiment.sampling.collider == experiment.training.collider == "ball"
+    assert experiment.collider("ball").shape == "sphere"
+    assert [scene.name for scene in experiment.scenes_of_role("record")] == ["press"]
+    with pytest.raises(ValueError, match="frozen"):
+        experiment.body.material.young = 5.0
+
+
+def test_overrides_are_toml_and_are_kept_in_the_text(file):
+    overrides = [
+        "experiment.seed=11",
+        "colliders.ball.radius = 0.2",
+        'sampling.collider = "ball"',
+        "scenes[0].colliders.0.keyframes.1.position=[1, 2, 3]",
+    ]
+    experiment = load_experiment(file, overrides)
+    assert experiment.seed == 11
+    assert experiment.collider("ball").radius == 0.2
+    assert experiment.scenes[0].colliders[0].keyframes[1].position == (1.0, 2.0, 3.0)
+    assert experiment.text.startswith(GOOD)
+    assert "# --set experiment.seed=11" in experiment.text
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("body.material.yuong=1", ["[body.material.yuong]", "not a known key", "`young`"]),
+        ("bodi.mesh='x'", ["[bodi]", "not a known key", "`body`"]),
+        ("colliders.ball.radios=1", ["[colliders[0].radios]", "`radius`"]),
+        (
+            "body.material.poisson=0.5",
+            ["[body.material.poisson]", "less than 0.5", "(got 0.5)", "between -1 and 0.5"],
+        ),
+        ("body.material.young='stiff'", ["[body.material.young]", "valid number", '(got "stiff")', "[Pa]"]),
+        ("body.material.young=true", ["[body.material.young]", "valid number"]),
+        ("dynamics.time_step=0", ["[dynamics.time_step]", "greater than 0"]),
+        ("dynamics.time_step=inf", ["[dynamics.time_step]", "finite"]),
+        ("experiment.seed=-1", ["[experiment.seed]", "(got -1)"]),
+        ("sampling.places=2.5", ["[sampling.places]", "valid integer"]),
+        ("sampling.solver.residual=-1.0", ["[sampling.solver.residual]"]),
+        ("body.material.model='rubber'", ["[body.material.model]", "'stable_neo_hookean'", '(got "rubber")']),
+        ("colliders.ball.shape='bal'", ["[colliders[0].shape]", "known shapes", "sphere"]),
+        (
+            "body.mesh='gone.vtu'",
+            ["[body.mesh]", "does not exist", "gone.vtu", "relative to the experiment file"],
+        ),
+        ("dynamics.gravity=[0, -9.81]", ["dynamics.gravity has 2", "2D", "[scenes[0].springs[0].target]"]),
+        ("body.handles.frames.base.box=[[0, 0, 0], [1, 1, 0]]", ["[body.handles.frames[0].box]", "is empty"]),
+        ("body.handles.points=[[0, 0]]", ["[body.handles.points[0]]", "2 entries"]),
+        ("body.handles.points='many'", ["[body.handles.points]", "integer", "or"]),
+        ("sampling.collider='bull'", ["[sampling.collider]", "did you mean 'ball'?"]),
+        ("scenes.press.kinematic=['bass']", ["[scenes[0].kinematic[0]]", "did you mean 'base'?"]),
+        ("scenes.press.colliders.ball.name='cube'", ["[scenes[0].colliders[0].name]", "known: ball"]),
+        ("scenes.press.springs[0].handle=4", ["springs[0].handle", "4 point handles"]),
+        ("scenes.press.springs[0].handle='top'", ["springs[0].handle", "not the name of a frame"]),
+        ("scenes.press.role='train'", ["[scenes[0].role]", "'record' or 'test'"]),
+        ("scenes.press.colliders.ball.keyframes[1].time=0.0", ["keyframes[1].time", "later than 0 s"]),
+        ("scenes.press.colliders.ball.keyframes[0].rotation=1.0", ["keyframes[0].rotation", "three numbers"]),
+        ("scenes.press.colliders.ball.keyframes=[]", ["keyframes]", "at least 1"]),
+        ("experiment.name='../up'", ["[experiment.name]", "pattern"]),
+        ("body=3", ["[body]"]),
+    ],
+)
+def test_mistakes_are_named(file, override, words):
+    text = complaint(file, override)
+    for word in [str(file), *words]:
+        assert word in text
+
+
+def test_all_mistakes_are_listed(file):
+    text = complaint(file, "body.material.young=-1", "dynamics.tolerance=0", "sampling.staets=2")
+    assert len(text.splitlines()) == 3
+
+
+def test_missing_keys_and_tables_are_named(file):
+    file.write_text(GOOD.replace("young = 1e4", "").replace("[dynamics]\ngravity = [0, 0, -9.81]", ""))
+    text = complaint(file)
+    assert "[body.material.young] is missing; Young's modulus [Pa]" in text
+    assert "[dynamics] is missing" in text
+
+
+def test_repeated_names_are_refused(file):
+    file.write_text(GOOD + '[[colliders]]\nname = "ball"\nshape = "sphere"\nradius = 1.0\n')
+    assert "[colliders[1].name] is used twice" in complaint(file)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("no value", "KEY.SUBKEY=VALUE"),
+        ("=3", "KEY.SUBKEY=VALUE"),
+        ("sampling.collider=ball", "needs quotes"),
+        ("experiment.name.first='x'", "no further keys"),
+        ("colliders.cube.radius=1", "(ball)"),
+        ("colliders.7.radius=1", "from 0 to 0"),
+    ],
+)
+def test_overrides_that_lead_nowhere(file, override, words):
+    assert words in complaint(file, override)
+
+
+def test_files_that_are_no_experiment(tmp_path):
+    assert "there is no such experiment file" in complaint(tmp_path / "gone.toml")
+    assert "cannot be read" in complaint(tmp_path)
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[experiment\n")
+    assert "this is not TOML" in complaint(broken)
+    broken.write_bytes(b"\xff\xfe\x00")
+    assert "not a text file" in complaint(broken)
