@@ -98,6 +98,8 @@ class GridCollider(ColliderBase):
     def sdf(self, z: Array) -> Array:
         value = np.empty(len(z))
         core = self.fine.core(z)
+        if core.all():
+            return self.fine.grid.value(z)
         value[core] = self.fine.grid.value(z[core])
         around = np.flatnonzero(~core)
         value[around] = self._around_value(z[around])

@@ -41,13 +41,19 @@ class ContactTerms:
     normal: Array
 
 
-def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[IntArray, Array]:
-    """Which of the world points x (n, dim) lie inside the collider: index (m,) and local coordinates."""
+def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[IntArray, Array, Array]:
+    """Which of the world points x (n, dim) lie inside the collider.
+
+    Their index (m,), local coordinates (m, dim) and signed distances (m,), all negative.
+    """
     z = pose.apply_inverse(x)
     near = np.flatnonzero(((z >= collider.lower) & (z <= collider.upper)).all(axis=1))
-    if near.size:
-        near = near[collider.sdf(z[near]) < 0]
-    return near, z[near]
+    if near.size == 0:
+        return near, z[near], np.empty(0)
+    distance = collider.sdf(z[near])
+    inside = distance < 0
+    near = near[inside]
+    return near, z[near], distance[inside]
 
 
 @dataclass(frozen=True)
@@ -64,14 +70,12 @@ class PenaltyContact:
 
     def energy(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> float:
         """The contact energy alone [J], for line searches; arguments as for `terms`."""
-        index, z = penetrating_points(x, collider, pose)
-        if index.size == 0:
-            return 0.0
-        return float(self.stiffness / 3.0 * (areas[index] @ np.maximum(-collider.sdf(z), 0.0) ** 3))
+        index, _, distance = penetrating_points(x, collider, pose)
+        return float(self.stiffness / 3.0 * (areas[index] @ (-distance) ** 3))
 
     def terms(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> ContactTerms:
         """Energy, gradient and Hessian at world points x (n, dim) [m] with lumped areas (n,)."""
-        index, z = penetrating_points(x, collider, pose)
+        index, z, _ = penetrating_points(x, collider, pose)
         distance = collider.sdf_derivatives(z)
         depth = np.maximum(-distance.value, 0.0)
         slope = pose.rotate(distance.gradient)
