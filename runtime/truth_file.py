@@ -1,9 +1,10 @@
 """The truth file: what the full-space solves found, for the surrogate to learn and the reports to judge.
 
-HDF5, one group for each table of :mod:`runtime.truth_schema` (``states``, ``refused``, ``contacts``, ``samples``,
-``repeat``), the mesh in ``mesh``, and in the attributes the body's hash, the experiment (JSON), its seed, software
-versions, and whether every planned contact is in it. A small XDMF file beside it opens in ParaView: one step a sample,
-the body at its internal equilibrium with the contact displacement as a node field ("Warp By Vector" shows it).
+HDF5, one group for each table of :mod:`runtime.truth_schema` (``states``, ``refused``, ``contacts``,
+``samples``, ``repeat``), the mesh in ``mesh``, and in the attributes the body's hash, the experiment (JSON),
+its seed, software versions, and whether every planned contact is in it. A small XDMF file beside it opens in
+ParaView: one step a sample, the body at its internal equilibrium with the contact displacement as a node
+field ("Warp By Vector" shows it).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import h5py
 import numpy as np
@@ -34,9 +35,10 @@ from runtime.xdmf import Step, Values, write_xdmf
 class TruthHeader:
     """What a truth file says about itself.
 
-    colliders: names, in the order of ``contacts/collider``; planned_contacts: size of the whole plan, of which a
-    partial file holds the first finished ones; experiment: JSON text of the experiment as it was run; made_from: a
-    flat table of everything that decided the numbers, to tell whether another run would give the same.
+    colliders: names, in the order of ``contacts/collider``; planned_contacts: size of the whole plan, of
+    which a partial file holds the first finished ones; experiment: JSON text of the experiment as it was run;
+    made_from: a flat table of everything that decided the numbers, to tell whether another run would give the
+    same.
     """
 
     body_hash: str
@@ -45,11 +47,6 @@ class TruthHeader:
     colliders: tuple[str, ...]
     planned_contacts: int
     made_from: Mapping[str, str] = field(default_factory=dict)
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-# Writing
-# ---------------------------------------------------------------------------------------------------------------------
 
 
 class TruthWriter:
@@ -65,11 +62,17 @@ class TruthWriter:
             group = file.create_group(name)
             for key, column in columns.items():
                 shape = column.row_shape(self._sizes)
-                # One row of a field is one chunk: a training batch reads the samples it wants and nothing else.
+                # One row of a field is one chunk: a training batch reads the samples it wants and nothing
+                # else.
                 chunk = (1, *shape) if "nodes" in column.shape else (256, *shape)
                 dtype = h5py.string_dtype() if column.dtype == "str" else column.dtype
                 dataset = group.create_dataset(
-                    key, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunk, fletcher32=True
+                    key,
+                    (0, *shape),
+                    dtype,
+                    maxshape=(None, *shape),
+                    chunks=chunk,
+                    fletcher32=column.dtype != "str",
                 )
                 dataset.attrs["unit"], dataset.attrs["meaning"] = column.unit, column.meaning
         file["mesh/points"], file["mesh/cells"] = body.mesh.points, body.mesh.cells
@@ -79,7 +82,8 @@ class TruthWriter:
         return len(self._file[table][next(iter(TABLES[table]))])
 
     def append(self, table: str, values: Mapping[str, object]) -> None:
-        """Append rows to a table; every column must be given, and indices must count rows of the whole file."""
+        """Append rows to a table; every column must be given, and indices must count rows of the whole
+        file."""
         arrays = checked_table(table, values, self._sizes)
         start = self.length(table)
         for key, array in arrays.items():
@@ -110,10 +114,12 @@ class TruthWriter:
 
 @contextmanager
 def create_truth(path: Path, header: TruthHeader, body: ReducedBody) -> Iterator[TruthWriter]:
-    """Write a whole truth file and its XDMF side file: ``with create_truth(...) as truth: truth.append(...)``.
+    """Write a whole truth file and its XDMF side file: ``with create_truth(...) as truth:
+    truth.append(...)``.
 
-    Nothing appears under ``path`` unless the block ends without an exception. ``complete`` is set when the file has as
-    many contacts as were planned; ``content_hash`` covers every column that does not measure the machine.
+    Nothing appears under ``path`` unless the block ends without an exception. ``complete`` is set when the
+    file has as many contacts as were planned; ``content_hash`` covers every column that does not measure the
+    machine.
     """
     if header.body_hash != body.content_hash:
         raise SoftprintError(f"{path}: the header names another body than {body.name!r}")
@@ -141,23 +147,19 @@ def _write_side_file(path: Path) -> None:
     write_xdmf(path.with_suffix(".xdmf"), steps)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Reading
-# ---------------------------------------------------------------------------------------------------------------------
-
-
 class Table:
-    """The columns of one table by name; small ones are read once and kept, fields are read row by row on demand."""
+    """The columns of one table by name; small ones are read once and kept, fields are read row by row on
+    demand."""
 
     def __init__(self, group: h5py.Group, name: str) -> None:
         self._group = group
         self._columns = TABLES[name]
-        self._kept: dict[str, np.ndarray] = {}
+        self._kept: dict[str, NDArray[Any]] = {}
 
     def __len__(self) -> int:
         return len(self._group[next(iter(self._columns))])
 
-    def __getitem__(self, column: str) -> np.ndarray:
+    def __getitem__(self, column: str) -> NDArray[Any]:
         """The whole column as an array (text columns: an object array of str)."""
         if column not in self._kept:
             dataset = self._group[column]
@@ -168,7 +170,7 @@ class Table:
             self._kept[column] = values
         return self._kept[column]
 
-    def field(self, column: str, rows: int | Sequence[int] | IntArray) -> np.ndarray:
+    def field(self, column: str, rows: int | Sequence[int] | IntArray) -> NDArray[Any]:
         """Only the given rows of a column, in the order given: (n, ...), or (...) for one number."""
         dataset = self._group[column]
         with self._damage_is_told(column):
@@ -192,10 +194,11 @@ class Table:
 
 
 class TruthData:
-    """A truth file open for reading; use it as a context manager, or close it. Fields stay on disk until asked for.
+    """A truth file open for reading; use it as a context manager, or close it. Fields stay on disk until
+    asked for.
 
-    ``states``, ``refused``, ``contacts``, ``samples``, ``repeat`` are :class:`Table` objects with the columns of
-    :mod:`runtime.truth_schema`.
+    ``states``, ``refused``, ``contacts``, ``samples``, ``repeat`` are :class:`Table` objects with the columns
+    of :mod:`runtime.truth_schema`.
     """
 
     def __init__(self, path: Path | str, body: ReducedBody | None = None) -> None:
@@ -236,7 +239,7 @@ class TruthData:
         if body is not None and body.content_hash != self.header.body_hash:
             raise SoftprintError(
                 f"{self.path}: made for another body (hash {self.header.body_hash[:12]}) than {body.name!r} "
-                f"({body.content_hash[:12]}): generate it again for this body, or give the body it was made for"
+                f"({body.content_hash[:12]}): generate it again for this body, or give the right body"
             )
 
     def close(self) -> None:
@@ -256,7 +259,8 @@ class TruthData:
 
     @property
     def usable(self) -> BoolArray:
-        """(n_samples,) which samples may be learned from: converged, and not after a jump to another branch."""
+        """(n_samples,) which samples may be learned from: converged, and not after a jump to another
+        branch."""
         flagged = self.samples["branch_flag"]
         contact, depth = self.samples["contact"], self.samples["depth_index"]
         jumped = np.zeros(len(flagged), dtype=bool)
@@ -290,5 +294,6 @@ class TruthData:
 
 
 def load_truth(path: Path | str, body: ReducedBody | None = None) -> TruthData:
-    """Open a truth file; raises SoftprintError if it is missing, damaged, of another version or of another body."""
+    """Open a truth file; raises SoftprintError if it is missing, damaged, of another version or of another
+    body."""
     return TruthData(path, body)

@@ -1,23 +1,25 @@
 """What a truth file holds: every column with its type, unit and meaning, in one table.
 
-Reader, writer and shards all go by this table, so a column is added here and nowhere else. Shapes are those of one row;
-the words ``nodes``, ``rows`` and ``dim`` stand for the sizes of the body.
+Reader, writer and shards all go by this table, so a column is added here and nowhere else. Shapes are those
+of one row; the words ``nodes``, ``rows`` and ``dim`` stand for the sizes of the body.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.errors import SoftprintError
 
 KIND = "truth"
 VERSION = 1
 
-# Status of a sample: the codes of the full-space solver, and one of the sampling. Only converged samples have a
-# displacement; the others hold NaN, which no training can mistake for truth.
+# Status of a sample: the codes of the full-space solver, and one of the sampling. Only converged samples have
+# a displacement; the others hold NaN, which no training can mistake for truth.
 CONVERGED = 0
 UNREACHED = 5
 STATUS_NAMES = {
@@ -32,7 +34,8 @@ STATUS_NAMES = {
 
 @dataclass(frozen=True)
 class Column:
-    """One column: dtype ("str" for text), shape of a row, unit, meaning; ``measured``: differs from run to run."""
+    """One column: dtype ("str" for text), shape of a row, unit, meaning; ``measured``: differs from run to
+    run."""
 
     dtype: str
     meaning: str
@@ -124,13 +127,16 @@ TABLES: dict[str, dict[str, Column]] = {
 }
 
 
-def checked_table(name: str, values: Mapping[str, object], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """``values`` as arrays of the types of table ``name``; raises SoftprintError on a missing, extra or misshapen one."""
+def checked_table(
+    name: str, values: Mapping[str, object], sizes: Mapping[str, int]
+) -> dict[str, NDArray[Any]]:
+    """``values`` as arrays of the types of table ``name``; raises SoftprintError on a missing, extra or
+    misshapen one."""
     columns = TABLES[name]
     if set(values) != set(columns):
         missing, extra = sorted(set(columns) - set(values)), sorted(set(values) - set(columns))
         raise SoftprintError(f"truth table {name!r}: missing columns {missing}, unknown columns {extra}")
-    arrays: dict[str, np.ndarray] = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for key, column in columns.items():
         array = np.asarray(values[key], dtype=object if column.dtype == "str" else column.dtype)
         length = len(next(iter(arrays.values()))) if arrays else len(array)

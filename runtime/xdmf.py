@@ -3,13 +3,14 @@
 The heavy numbers stay in the HDF5 file; the side file only says where they lie. XDMF 3 as both ParaView's and
 VTK's readers understand it:
 
-* ``Values`` names a dataset, or one slice ``dataset[index]`` of its leading axis (a HyperSlab in XDMF's words);
+* ``Values`` names a dataset, or one slice ``dataset[index]`` of its leading axis (a HyperSlab in XDMF's
+  words);
 * ``Step`` is one picture: points, cells, and fields at nodes and cells;
 * ``write_xdmf`` writes a temporal collection of steps.
 
-Points are best given as a whole dataset, not as a slice: VTK reads slices of points correctly but complains about
-each. A moving body is therefore rest points plus a node field to be shown with "Warp By Vector", or one dataset of
-points per step. 2D points and vectors are padded with zeros by the reader.
+Points are best given as a whole dataset, not as a slice: VTK reads slices of points correctly but complains
+about each. A moving body is therefore rest points plus a node field to be shown with "Warp By Vector", or one
+dataset of points per step. 2D points and vectors are padded with zeros by the reader.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import Any
 from xml.etree import ElementTree
 
 import h5py
@@ -33,14 +35,14 @@ _ATTRIBUTE = {1: "Scalar", 2: "Vector", 3: "Vector", 4: "Matrix", 9: "Tensor"}  
 class Values:
     """Where one array lies: a dataset of an HDF5 file, or one slice of its leading axis.
 
-    ``file`` is written into the side file as it stands, so it is the name relative to the side file (normally the
-    bare name of the HDF5 file beside it).
+    ``file`` is written into the side file as it stands, so it is the name relative to the side file (normally
+    the bare name of the HDF5 file beside it).
     """
 
     file: str
     dataset: str
     shape: tuple[int, ...]
-    dtype: np.dtype
+    dtype: np.dtype[Any]
     index: int | None = None
 
     @classmethod
@@ -57,7 +59,8 @@ class Values:
 
 @dataclass(frozen=True)
 class Step:
-    """One picture of the collection: a mesh with fields at a time (or any other number that orders the steps)."""
+    """One picture of the collection: a mesh with fields at a time (or any other number that orders the
+    steps)."""
 
     time: float
     points: Values
@@ -104,7 +107,7 @@ def _add_step(parent: ElementTree.Element, step: Step) -> None:
 
 
 def _add_values(parent: ElementTree.Element, values: Values) -> None:
-    number = {
+    number: dict[str, Any] = {
         "NumberType": "Float" if values.dtype.kind == "f" else "Int",
         "Precision": str(values.dtype.itemsize),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fem_truth.constrained import ConstrainedProblem, Solution
 from fem_truth.generate.shards import Tables
@@ -25,9 +26,9 @@ _UNREACHED = "An earlier depth of the same contact did not converge, so there wa
 class ContactWork:
     """Everything that the contacts of a plan share.
 
-    rows: (n_states, n_rows, dim) and internal: (n_states, n_nodes, dim) internal equilibria [m] of the states; places:
-    (n_places,) mesh nodes; rotations: (n_rotations, dim, dim); depths: how many a contact, up to max_depth [m], with
-    noise as a share of their step.
+    rows: (n_states, n_rows, dim) and internal: (n_states, n_nodes, dim) internal equilibria [m] of the
+    states; places: (n_places,) mesh nodes; rotations: (n_rotations, dim, dim); depths: how many a contact, up
+    to max_depth [m], with noise as a share of their step.
     """
 
     problem: ConstrainedProblem
@@ -45,7 +46,8 @@ class ContactWork:
     _surfaces: dict[int, tuple[Array, Array]] = field(default_factory=dict)
 
     def solve(self, unit: int) -> Tables:
-        """The tables `contacts` (one row), `samples` and `repeat` of a unit; rows count from 0 within the unit."""
+        """The tables `contacts` (one row), `samples` and `repeat` of a unit; rows count from 0 within the
+        unit."""
         contact = self.plan[unit]
         approach = self._approach(contact)
         depths = noisy_depths(
@@ -99,7 +101,6 @@ class ContactWork:
         first = [_displacement(sample.solution, internal) for sample in samples]
         second = [_displacement(solution, internal) for solution in again]
         speed = node_speeds(first, np.array([sample.depth for sample in samples]))
-        blank = np.full(internal.shape, np.nan, dtype=np.float32)
         seconds = sum(sample.work.seconds for sample in samples)
         seconds += sum(solution.seconds for solution in again if solution is not None)
         contacts = {
@@ -118,7 +119,7 @@ class ContactWork:
             "depth": [sample.depth for sample in samples],
             "pose_rotation": [sample.pose.rotation for sample in samples],
             "pose_translation": [sample.pose.translation for sample in samples],
-            "displacement": [blank if u is None else u for u in first],
+            "displacement": _stacked(first, internal.shape),
             "status": [_status(sample.solution) for sample in samples],
             "reason": [
                 unreached if sample.solution is None else sample.solution.reason for sample in samples
@@ -135,9 +136,7 @@ class ContactWork:
             ]
         repeat = {
             "sample": list(range(len(again))),
-            "displacement": np.array([blank if u is None else u for u in second]).reshape(
-                -1, *internal.shape
-            ),
+            "displacement": _stacked(second, internal.shape),
             "status": [_status(solution) for solution in again],
             "spread": [_spread(u1, u2) for u1, u2 in zip(first, second, strict=False)],
         }
@@ -150,6 +149,15 @@ class ContactWork:
 def _displacement(solution: Solution | None, internal: Array) -> Array | None:
     """Contact displacement [m], or None where there is no equilibrium."""
     return solution.x - internal if solution is not None and solution.converged else None
+
+
+def _stacked(displacements: list[Array | None], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """(n, n_nodes, dim) in the precision of the file, NaN where there is no equilibrium."""
+    stacked = np.full((len(displacements), *shape), np.nan, dtype=np.float32)
+    for row, displacement in zip(stacked, displacements, strict=True):
+        if displacement is not None:
+            row[:] = displacement
+    return stacked
 
 
 def _status(solution: Solution | None) -> int:

@@ -1,8 +1,9 @@
 """Sharing units of work among MPI ranks: whoever is free takes the next one.
 
-The number of the next unit is a counter in the memory of rank 0 that every rank reads and advances with one atomic,
-one-sided operation (MPI_Fetch_and_op). No rank hands out work, so none, rank 0 included, is idle; ranks differ at the
-end by at most one unit. Which rank does a unit has no influence on its result: that is for the unit's work to keep.
+The number of the next unit is a counter in the memory of rank 0 that every rank reads and advances with one
+atomic, one-sided operation (MPI_Fetch_and_op). No rank hands out work, so none, rank 0 included, is idle;
+ranks differ at the end by at most one unit. Which rank does a unit has no influence on its result: that is
+for the unit's work to keep.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Budget:
-    """When to stop taking new units: after ``units`` units in all, or at ``deadline`` (time.monotonic() [s])."""
+    """When to stop taking new units: after ``units`` units in all, or at ``deadline`` (time.monotonic()
+    [s])."""
 
     units: int | None = None
     deadline: float | None = None
@@ -35,12 +37,12 @@ class Budget:
 class Counter:
     """A number that all ranks count up together. Collective to make and to free."""
 
-    def __init__(self, comm: MPI.Comm) -> None:
+    def __init__(self, comm: MPI.Intracomm) -> None:
         size = MPI.INT64_T.Get_size()
         self._window = MPI.Win.Allocate(size if comm.rank == 0 else 0, size, comm=comm)
         if comm.rank == 0:
             self._window.Lock(0)
-            np.frombuffer(self._window.tomemory(), dtype=np.int64)[:] = 0
+            self._window.Put(np.zeros(1, dtype=np.int64), 0)
             self._window.Unlock(0)
         comm.Barrier()
 
@@ -57,17 +59,19 @@ class Counter:
 
 
 def share_units(
-    comm: MPI.Comm,
+    comm: MPI.Intracomm,
     units: Sequence[int],
     work: Callable[[int], None],
     budget: Budget = Budget(),
     progress: Callable[[int], None] = lambda taken: None,
 ) -> None:
-    """Call work(unit) once for each of ``units`` on one of the ranks, in their order, until the budget is spent.
+    """Call work(unit) once for each of ``units`` on one of the ranks, in their order, until the budget is
+    spent.
 
-    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. progress(n) is called
-    when this rank takes a unit, n being how many all ranks have taken before. After an exception in ``work`` the other
-    ranks wait for ever: the command line ends them all (`runtime.cli.ranks.end_all_ranks`).
+    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. progress(n) is
+    called when this rank takes a unit, n being how many all ranks have taken before. After an exception in
+    ``work`` the other ranks wait for ever: the command line ends them all
+    (`runtime.cli.ranks.end_all_ranks`).
     """
     last = len(units) if budget.units is None else min(len(units), budget.units)
     counter = Counter(comm)
@@ -85,7 +89,7 @@ def wait_idly(comm: MPI.Comm) -> None:
         time.sleep(0.01)
 
 
-def on_first_rank(comm: MPI.Comm, work: Callable[[], T]) -> T:
+def on_first_rank(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
     """Do ``work`` on rank 0 only; all ranks get its result, or raise its SoftprintError."""
     outcome: tuple[T | None, str | None] = (None, None)
     if comm.rank == 0:
@@ -100,7 +104,7 @@ def on_first_rank(comm: MPI.Comm, work: Callable[[], T]) -> T:
     return cast(T, result)
 
 
-def first_rank_first(comm: MPI.Comm, work: Callable[[], T]) -> T:
+def first_rank_first(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
     """Do ``work`` on all ranks, on rank 0 before the others: for what fills a cache that all use."""
     made: list[T] = []
     on_first_rank(comm, lambda: made.append(work()))

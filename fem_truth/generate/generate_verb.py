@@ -1,4 +1,5 @@
-"""`softprint generate`: ground truth of contact, on one rank or under mpirun, resumable, one file at the end."""
+"""`softprint generate`: ground truth of contact, on one rank or under mpirun, resumable, one file at the
+end."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Truth for the whole plan, or for as much of it as the options allow; truth.h5 and .xdmf in the run directory."""
+    """Truth for the whole plan, or for as much of it as the options allow; truth.h5 and .xdmf in the run
+    directory."""
     # h5py before DOLFINx: PyPI's wheel of h5py crashes when it comes second.
     import h5py  # noqa: F401
     from mpi4py import MPI
@@ -58,7 +60,7 @@ def _warn_of_threads(context: Context, ranks: int) -> None:
 
     if ranks > 1 and os.environ.get("OMP_NUM_THREADS") != "1":
         context.say(
-            "OMP_NUM_THREADS is not 1: ranks will fight over the cores; start with OMP_NUM_THREADS=1 mpirun ..."
+            "OMP_NUM_THREADS is not 1, so ranks will fight over the cores: OMP_NUM_THREADS=1 mpirun ..."
         )
 
 
@@ -77,9 +79,10 @@ def _summary(done: Run, ranks: int) -> str:
             f"{done.truth}: {n_contacts} of {truth.header.planned_contacts} contacts"
             + ("" if truth.complete else " (partial: the same command goes on)"),
             f"  {truth.n_samples} samples at {len(truth.states)} states ({len(truth.refused)} refused), "
-            f"{100 * converged / n:.1f} % converged, {np.count_nonzero(samples['branch_flag'])} flagged as jumps, "
+            f"{100 * converged / n:.1f} % converged, "
+            f"{np.count_nonzero(samples['branch_flag'])} flagged as jumps, "
             f"{np.count_nonzero(truth.usable)} usable",
-            f"  label noise of {len(truth.repeat)} samples solved twice: median {100 * truth.noise_floor:.2g} %",
+            f"  label noise {100 * truth.noise_floor:.2g} % ({len(truth.repeat)} solved twice)",
             f"  {truth.contacts['seconds'].sum() / n:.3f} core-seconds a sample (second paths included)",
         ]
     lines.append(

@@ -20,9 +20,11 @@ def merge_shards(
     refused: Mapping[str, object],
     shards: Iterable[Path],
 ) -> None:
-    """Write the truth file at ``path`` from the tables of states and the contacts' shards, in the order given.
+    """Write the truth file at ``path`` from the tables of states and the contacts' shards, in the order
+    given.
 
-    Indices that count within a shard (contacts of samples, samples of repeats) are shifted to count within the file.
+    Indices that count within a shard (contacts of samples, samples of repeats) are shifted to count within
+    the file.
     """
     with create_truth(path, header, body) as truth:
         truth.append("states", states)

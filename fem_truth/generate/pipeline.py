@@ -28,6 +28,7 @@ from fem_truth.newton import NewtonSettings
 from fem_truth.sampling.contact_places import spread_places
 from fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactPlan
 from fem_truth.sampling.rotations import spread_rotations
+from runtime.arrays import IntArray
 from runtime.body.body import ReducedBody
 from runtime.cli.progress import Progress
 from runtime.colliders.build import build_collider
@@ -44,8 +45,8 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Options:
-    """How far to go in this run. units: stop after so many new contacts; minutes: take no new contact after so long;
-    resume: keep finished work; progress(total): makes the bar that counts contacts."""
+    """How far to go in this run. units: stop after so many new contacts; minutes: take no new contact after
+    so long; resume: keep finished work; progress(total): makes the bar that counts contacts."""
 
     units: int | None = None
     minutes: float | None = None
@@ -55,7 +56,8 @@ class Options:
 
 @dataclass(frozen=True)
 class Run:
-    """What one call of :func:`generate` did: contacts solved now, wall time [s], largest memory of a rank [bytes]."""
+    """What one call of :func:`generate` did: contacts solved now, wall time [s], largest memory of a rank
+    [bytes]."""
 
     truth: Path
     solved: int
@@ -64,11 +66,13 @@ class Run:
 
 
 def generate(
-    comm: MPI.Comm, experiment: Experiment, body: ReducedBody, out: Path, options: Options = Options()
+    comm: MPI.Intracomm, experiment: Experiment, body: ReducedBody, out: Path, options: Options = Options()
 ) -> Run:
-    """Bring ``out``/truth.h5 up to what experiment and options ask for. Collective; raises SoftprintError on all ranks.
+    """Bring ``out``/truth.h5 up to what experiment and options ask for. Collective; raises SoftprintError on
+    all ranks.
 
-    All finished contacts are in the truth file when this returns, be it complete or not. Shards are kept until it is.
+    All finished contacts are in the truth file when this returns, be it complete or not. Shards are kept
+    until it is.
     """
     began = time.monotonic()
     truth, folder = out / "truth.h5", out / "shards"
@@ -136,7 +140,8 @@ def _shard(folder: Path, unit: int) -> Path:
 
 
 def _is_complete(truth: Path, made_from: dict[str, str]) -> bool:
-    """Whether the truth file is there and whole; raises SoftprintError where it was made from something else."""
+    """Whether the truth file is there and whole; raises SoftprintError where it was made from something
+    else."""
     if not truth.exists():
         return False
     with load_truth(truth) as data:
@@ -160,7 +165,7 @@ def _problem(experiment: Experiment, body: ReducedBody) -> ConstrainedProblem:
 
 
 def _contact_work(
-    comm: MPI.Comm, experiment: Experiment, problem: ConstrainedProblem, states: Columns
+    comm: MPI.Intracomm, experiment: Experiment, problem: ConstrainedProblem, states: Columns
 ) -> ContactWork:
     sampling, seed, body = experiment.sampling, experiment.seed, problem.body
     collider = build_collider(experiment.collider(sampling.collider), experiment.base_dir)
@@ -189,11 +194,11 @@ def _contact_work(
     )
 
 
-def _places(body: ReducedBody, collider: Collider, experiment: Experiment) -> np.ndarray:
+def _places(body: ReducedBody, collider: Collider, experiment: Experiment) -> IntArray:
     if not np.isfinite(collider.upper - collider.lower).all():
         raise SoftprintError(
-            f"sampling.collider = {collider.name!r} has no bounds: a contact needs a collider that can come from "
-            "outside; take a box, a cylinder or a mesh"
+            f"sampling.collider = {collider.name!r} has no bounds: a contact needs a collider that can come "
+            "from outside; take a box, a cylinder or a mesh"
         )
     return spread_places(
         body, experiment.sampling.places, experiment.sampling.frame_clearance * collider.size
@@ -201,7 +206,7 @@ def _places(body: ReducedBody, collider: Collider, experiment: Experiment) -> np
 
 
 @contextmanager
-def _only_generator(comm: MPI.Comm, out: Path) -> Iterator[None]:
+def _only_generator(comm: MPI.Intracomm, out: Path) -> Iterator[None]:
     """One `generate` at a time in a folder: a lock that the system takes back from a killed process."""
     lock = out / ".generate.lock"
 

@@ -1,7 +1,8 @@
 """What a folder of shards was made from, so that two experiments are never mixed in one truth file.
 
-The manifest is a flat table of everything that decides the numbers: key of the experiment -> value, plus the hashes of
-the body and of the collider's file. It is compared key by key, so that a refusal can say what changed.
+The manifest is a flat table of everything that decides the numbers: key of the experiment -> value, plus the
+hashes of the body and of the collider's file. It is compared key by key, so that a refusal can say what
+changed.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ def _flatten(value: Any, prefix: str) -> list[tuple[str, str]]:
 
 
 def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
-    """Whether the shards in ``folder`` may be kept: True if they were made from the same; False if there are none.
+    """Whether the shards in ``folder`` may be kept: True if they were made from the same; False if there are
+    none.
 
     Raises SoftprintError naming what changed where they were made from something else.
     """
@@ -68,7 +70,8 @@ def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
 
 
 def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str, str]) -> None:
-    """Raise SoftprintError naming each difference between what ``where`` was made from and the present experiment."""
+    """Raise SoftprintError naming each difference between what ``where`` was made from and the present
+    experiment."""
     changes = [
         f"{key}: {before.get(key, _ABSENT)} -> {present.get(key, _ABSENT)}"
         for key in sorted({*before, *present})
@@ -77,8 +80,8 @@ def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str,
     if changes:
         shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
         raise SoftprintError(
-            f"{where} holds finished work of a different experiment ({shown}). Undo the change to go on with it, "
-            "choose another --out, or start anew with --no-resume"
+            f"{where} holds finished work of a different experiment ({shown}). Undo the change to go on with "
+            "it, choose another --out, or start anew with --no-resume"
         )
 
 

@@ -1,7 +1,7 @@
 """Shards: one file for each finished unit of work, whole or not there, with a digest that tells damage.
 
-Measured (HDF5 1.10.8, 15 kills each): of files appended to in place none to 14 survived a SIGKILL, of files written
-aside, synced and renamed all 15. So a unit's tables go into a shard of their own:
+Measured (HDF5 1.10.8, 15 kills each): of files appended to in place none to 14 survived a SIGKILL, of files
+written aside, synced and renamed all 15. So a unit's tables go into a shard of their own:
 
     softprint shard 1\\n  <sha256 of the rest, hex>\\n  <numpy .npz, keys "table/column">
 """
@@ -12,15 +12,18 @@ import hashlib
 import io
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.files import atomic_path
 
 _MAGIC = b"softprint shard 1\n"
 _HEADER_BYTES = len(_MAGIC) + 64 + 1
 
-Tables = dict[str, dict[str, np.ndarray]]
+Column = NDArray[Any]
+Tables = dict[str, dict[str, Column]]
 
 
 class DamagedShard(Exception):
@@ -41,7 +44,7 @@ def write_shard(path: Path, tables: Mapping[str, Mapping[str, object]]) -> None:
         temporary.write_bytes(_MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n" + payload)
 
 
-def _plain(values: object) -> np.ndarray:
+def _plain(values: object) -> Column:
     array = np.asarray(values)
     if array.dtype.hasobject:
         raise TypeError(f"a shard holds numbers and text, not {array.dtype}")

@@ -1,4 +1,5 @@
-"""States of the truth: recorded frames in farthest-point order, until enough have a stable internal equilibrium."""
+"""States of the truth: recorded frames in farthest-point order, until enough have a stable internal
+equilibrium."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from mpi4py import MPI
 
 from fem_truth.constrained import ConstrainedProblem
 from fem_truth.generate.farm import on_first_rank, share_units
-from fem_truth.generate.shards import Tables, is_whole, read_shard, write_shard
+from fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
 from fem_truth.sampling.recorded_states import record_scenes, spread_states
 from runtime.body.body import ReducedBody
 from runtime.errors import SoftprintError
@@ -24,11 +25,11 @@ log = logging.getLogger(__name__)
 # How many candidates may be tried for each state wanted before the experiment is called unusable.
 _TRIES = 4
 
-Columns = dict[str, np.ndarray]
+Columns = dict[str, Column]
 
 
 def find_states(
-    comm: MPI.Comm, folder: Path, experiment: Experiment, problem: ConstrainedProblem
+    comm: MPI.Intracomm, folder: Path, experiment: Experiment, problem: ConstrainedProblem
 ) -> tuple[Columns, Columns]:
     """Columns of the tables `states` (as many rows as the experiment asks for) and `refused`. Collective.
 
@@ -50,8 +51,9 @@ def find_states(
                 or "the recorded frames are too few"
             )
             raise SoftprintError(
-                f"only {len(accepted)} of sampling.states = {wanted} states could be found among {n_candidates} "
-                f"candidates ({reasons}): ask for fewer states, or record more varied and gentler scenes"
+                f"only {len(accepted)} of sampling.states = {wanted} states could be found among "
+                f"{n_candidates} candidates ({reasons}): "
+                "ask for fewer states, or record more varied and gentler scenes"
             )
         _solve_candidates(comm, folder, problem, recording, batch)
         for candidate in batch:
@@ -77,7 +79,7 @@ def _record(path: Path, experiment: Experiment, body: ReducedBody) -> None:
 
 
 def _solve_candidates(
-    comm: MPI.Comm, folder: Path, problem: ConstrainedProblem, recording: Columns, batch: range
+    comm: MPI.Intracomm, folder: Path, problem: ConstrainedProblem, recording: Columns, batch: range
 ) -> None:
     missing = on_first_rank(comm, lambda: [k for k in batch if not is_whole(_candidate_path(folder, k))])
 

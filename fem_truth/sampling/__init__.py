@@ -1,4 +1,5 @@
-"""Where truth is worth computing (thesis 5.3.2): states, places, rotations and depths of contact, each sampled alone.
+"""Where truth is worth computing (thesis 5.3.2): states, places, rotations and depths of contact, each
+sampled alone.
 
 Q        recorded_states   handle states of recorded dynamics, spread by farthest point without rigid motion
 dX       contact_places    surface nodes, spread by geodesic distance

@@ -1,9 +1,9 @@
 """Bringing a collider along a line until it is exactly so deep below a surface.
 
-The collider's origin travels on the line p + s n, inward as s falls, its rotation fixed. Its depth below the surface
-nodes x_i is -min_i sdf(R^T (x_i - p - s n)). The pose wanted is the *first* one, coming from outside, at which that depth
-is reached: a signed distance has slope at most one, so steps no longer than the distance still to go cannot jump over
-it (sphere tracing), and a bracketing root finder does the rest.
+The collider's origin travels on the line p + s n, inward as s falls, its rotation fixed. Its depth below the
+surface nodes x_i is -min_i sdf(R^T (x_i - p - s n)). The pose wanted is the *first* one, coming from outside,
+at which that depth is reached: a signed distance has slope at most one, so steps no longer than the distance
+still to go cannot jump over it (sphere tracing), and a bracketing root finder does the rest.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 
-# Root finder's tolerance and shortest march, in sizes of the collider. The first is the exactness of every depth;
-# the second only bounds how far the march may overstep before the root is bracketed.
+# Root finder's tolerance and shortest march, in sizes of the collider. The first is the exactness of every
+# depth; the second only bounds how far the march may overstep before the root is bracketed.
 _EXACT = 1e-12
 _SHORTEST_STEP = 1e-3
 
@@ -31,8 +31,8 @@ class OutOfReach(Exception):
 class Approach:
     """A line of approach to a surface.
 
-    surface: (n, dim) nodes [m]; place: (dim,) the point aimed at [m]; normal: (dim,) unit outward normal there;
-    rotation: (dim, dim) of the collider.
+    surface: (n, dim) nodes [m]; place: (dim,) the point aimed at [m]; normal: (dim,) unit outward normal
+    there; rotation: (dim, dim) of the collider.
     """
 
     collider: Collider
@@ -64,13 +64,15 @@ class Approach:
 
     @property
     def _length(self) -> float:
-        """A length that belongs to both the collider and the surface: half spaces have no size of their own."""
+        """A length that belongs to both the collider and the surface: half spaces have no size of their
+        own."""
         extent = float(np.ptp(self.surface, axis=0).max())
         return min(self.collider.size, extent)
 
     @property
     def _radius(self) -> float:
-        """Radius of a ball about the collider's origin that holds the solid, or one that reaches past the surface."""
+        """Radius of a ball about the collider's origin that holds the solid, or one that reaches past the
+        surface."""
         corners = np.maximum(np.abs(self.collider.lower), np.abs(self.collider.upper))
         reach = float(np.linalg.norm(self.surface - self.place, axis=1).max())
         return min(float(np.linalg.norm(corners)), 2.0 * reach)
@@ -89,8 +91,8 @@ class Approach:
             to_go = depth - deepest.depth(s)
             if s < lowest:
                 raise OutOfReach(
-                    f"On this line collider {self.collider.name!r} never gets {depth:.4g} m below the surface: "
-                    "the depth is more than the collider is thick."
+                    f"On this line collider {self.collider.name!r} never gets {depth:.4g} m below the "
+                    "surface: the depth is more than the collider is thick."
                 )
             if to_go <= 0.0:
                 tolerances = {"xtol": _EXACT * self._length, "rtol": 4 * np.finfo(float).eps}
@@ -101,8 +103,8 @@ class Approach:
 class _DeepestPoint:
     """`Approach.depth` for many s near each other: nodes that cannot be the deepest are not looked at again.
 
-    A node whose distance was v at s' is no closer than v - slope |s - s'| at s, the slope of a distance being 1, and of
-    one that is smoothed or interpolated from a grid a little more.
+    A node whose distance was v at s' is no closer than v - slope |s - s'| at s, the slope of a distance being
+    1, and of one that is smoothed or interpolated from a grid a little more.
     """
 
     _SLOPE = 1.2

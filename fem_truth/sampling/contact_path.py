@@ -1,15 +1,17 @@
-"""One contact: a collider pressed along one line, shallow to deep, each depth solved from the last (DESIGN.md, part 6).
+"""One contact: a collider pressed along one line, shallow to deep, each depth solved from the last
+(DESIGN.md, part 6).
 
 Contact truth can be multi-valued. What is recorded is the branch that a slow press from outside reaches:
 
 * the first depth starts from the state's internal equilibrium, every further one from the depth before it;
-* a depth that does not converge is tried again in smaller steps; where that fails too, its sample gets the solver's
-  status and the deeper ones are `unreached`: a path that has broken off has no truth beyond;
+* a depth that does not converge is tried again in smaller steps; where that fails too, its sample gets the
+  solver's status and the deeper ones are `unreached`: a path that has broken off has no truth beyond;
 * a sample whose fastest node moved much faster than the collider since the depth before is flagged as a jump.
 
-A share of the contacts is solved a second time *from the side*: before every depth the collider is moved sideways by
-one step of depth, and slides back at full depth to the recorded pose. Where truth is single-valued both ways end in the
-same place, up to the solver's tolerance; the spread between them is the label noise.
+A share of the contacts is solved a second time *from the side*: before every depth the collider is moved
+sideways by one step of depth, and slides back at full depth to the recorded pose. Where truth is
+single-valued both ways end in the same place, up to the solver's tolerance; the spread between them is the
+label noise.
 """
 
 from __future__ import annotations
@@ -28,8 +30,8 @@ from runtime.colliders.pose import RigidPose
 # A step that fails is halved so often: four small steps in place of one.
 _HALVINGS = 2
 
-# The fastest node of a smooth path hardly outruns the collider that pushes it: speeds up to 1.5 were seen, and from 2
-# upwards (to 6) where the equilibrium snapped to another branch.
+# The fastest node of a smooth path hardly outruns the collider that pushes it: speeds up to 1.5 were seen,
+# and from 2 upwards (to 6) where the equilibrium snapped to another branch.
 JUMP_SPEED = 2.0
 
 
@@ -63,7 +65,8 @@ class PathSample:
 
 @dataclass(frozen=True, eq=False)
 class ContactPath:
-    """The presses of one line of approach. rows: the state; internal: (n_nodes, dim) its internal equilibrium [m]."""
+    """The presses of one line of approach. rows: the state; internal: (n_nodes, dim) its internal equilibrium
+    [m]."""
 
     problem: ConstrainedProblem
     collider: Collider
@@ -105,7 +108,8 @@ class ContactPath:
     def _advance(
         self, x: Array, reached: float, depth: float, pose: RigidPose, halvings: int, work: Work
     ) -> Solution:
-        """Go from x at depth ``reached`` to ``depth``; in two halves where one step fails, as often as allowed."""
+        """Go from x at depth ``reached`` to ``depth``; in two halves where one step fails, as often as
+        allowed."""
         solution = self._solve(x, pose)
         work.add(solution)
         if solution.converged or halvings == 0:
@@ -122,10 +126,12 @@ class ContactPath:
 
 
 def node_speeds(displacements: list[Array | None], depths: Array) -> Array:
-    """(k,) speed of the fastest node between one depth and the next, relative to the collider's; NaN where unknown.
+    """(k,) speed of the fastest node between one depth and the next, relative to the collider's; NaN where
+    unknown.
 
-    v_j = max_i |u_i(d_j) - u_i(d_{j-1})| / (d_j - d_{j-1}), with u = 0 at d_0 = 0. A linear extrapolation along the path
-    predicts about 1: what is pushed goes with the collider. More than `JUMP_SPEED` is a jump to another branch.
+    v_j = max_i |u_i(d_j) - u_i(d_{j-1})| / (d_j - d_{j-1}), with u = 0 at d_0 = 0. A linear extrapolation
+    along the path predicts about 1: what is pushed goes with the collider. More than `JUMP_SPEED` is a jump
+    to another branch.
     """
     speeds = np.full(len(depths), np.nan)
     before: Array | float = 0.0

@@ -1,7 +1,8 @@
 """Places of contact: surface nodes spread by geodesic distance on the rest surface (thesis 5.3.2).
 
-Distances are shortest paths along surface edges: deterministic, the same code in 2D and 3D, and good enough to spread
-points evenly (they overestimate the true geodesic by a mesh-dependent factor that hardly varies over the surface).
+Distances are shortest paths along surface edges: deterministic, the same code in 2D and 3D, and good enough
+to spread points evenly (they overestimate the true geodesic by a mesh-dependent factor that hardly varies
+over the surface).
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from runtime.mesh import Mesh
 
 
 def surface_distances(mesh: Mesh, sources: IntArray) -> Array:
-    """(n_surface,) distance along surface edges [m] from each surface node to the nearest of ``sources`` (mesh nodes).
+    """(n_surface,) distance along surface edges [m] from each surface node to the nearest of ``sources``
+    (mesh nodes).
 
     Infinite on pieces of the surface without a source.
     """
@@ -33,7 +35,8 @@ def surface_distances(mesh: Mesh, sources: IntArray) -> Array:
 
 
 def candidate_places(body: ReducedBody, clearance: float) -> BoolArray:
-    """(n_surface,) which surface nodes may be pressed: those farther than ``clearance`` [m] from every rigid frame.
+    """(n_surface,) which surface nodes may be pressed: those farther than ``clearance`` [m] from every rigid
+    frame.
 
     A frame does not give way, so a collider aimed close to one would mostly press on the frame.
     """
@@ -45,7 +48,8 @@ def candidate_places(body: ReducedBody, clearance: float) -> BoolArray:
 
 
 def spread_places(body: ReducedBody, count: int, clearance: float) -> IntArray:
-    """``count`` surface nodes (mesh numbers) in farthest-point order; the first is the one farthest from the frames.
+    """``count`` surface nodes (mesh numbers) in farthest-point order; the first is the one farthest from the
+    frames.
 
     Without frames the first is the surface node farthest from the body's centroid.
     """
@@ -53,8 +57,9 @@ def spread_places(body: ReducedBody, count: int, clearance: float) -> IntArray:
     allowed = np.flatnonzero(candidate_places(body, clearance))
     if len(allowed) < count:
         raise SoftprintError(
-            f"sampling.places = {count}, but only {len(allowed)} surface nodes of {body.name!r} lie farther than "
-            f"{clearance:.4g} m from its frames: ask for fewer places, lower sampling.frame_clearance, or refine the mesh"
+            f"sampling.places = {count}, but only {len(allowed)} surface nodes of {body.name!r} lie farther "
+            f"than {clearance:.4g} m from its frames: ask for fewer places, lower sampling.frame_clearance, "
+            "or refine the mesh"
         )
     frames_on_surface = np.intersect1d(body.handles.frame_nodes, mesh.surface_nodes)
     if len(frames_on_surface):

@@ -2,9 +2,10 @@
 
     for k in rotations, p in places, s in states:   contact (s, p, (a p + b s + k) mod n_rotations)
 
-a Latin arrangement: every run of n_states contacts has each state once; every run of n_states * n_places has each
-(state, place) once, with all rotations spread evenly over them (a, b coprime to n_rotations where it can be). Places
-and rotations are in farthest-point order themselves, so a part of the first run is spread as well as it can be.
+a Latin arrangement: every run of n_states contacts has each state once; every run of n_states * n_places has
+each (state, place) once, with all rotations spread evenly over them (a, b coprime to n_rotations where it can
+be). Places and rotations are in farthest-point order themselves, so a part of the first run is spread as well
+as it can be.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from math import gcd
 
 import numpy as np
 
-# Streams of random numbers: each use of the seed has its own, so that none depends on how often another draws.
+# Streams of random numbers: each use of the seed has its own, so that none depends on how often another
+# draws.
 ROTATIONS_STREAM, DEPTHS_STREAM, REPEATS_STREAM, SIDEWAYS_STREAM = 1, 2, 3, 4
 
 _GOLDEN = 0.5 * (5**0.5 - 1)
@@ -23,7 +25,8 @@ _GOLDEN = 0.5 * (5**0.5 - 1)
 
 @dataclass(frozen=True)
 class PlannedContact:
-    """One contact; unit: its number in the order of work; place: index into the places; repeated: solved twice."""
+    """One contact; unit: its number in the order of work; place: index into the places; repeated: solved
+    twice."""
 
     unit: int
     state: int
@@ -34,7 +37,8 @@ class PlannedContact:
 
 @dataclass(frozen=True)
 class ContactPlan:
-    """All contacts of an experiment. repeat_share: share of contacts solved twice, one drawn from each block."""
+    """All contacts of an experiment. repeat_share: share of contacts solved twice, one drawn from each
+    block."""
 
     n_states: int
     n_places: int
@@ -71,5 +75,6 @@ class ContactPlan:
 
 
 def _coprime_stride(n: int) -> int:
-    """The number coprime to n that is nearest to n times the golden section: multiples of it spread evenly mod n."""
+    """The number coprime to n that is nearest to n times the golden section: multiples of it spread evenly
+    mod n."""
     return min((k for k in range(1, n + 1) if gcd(k, n) == 1), key=lambda k: (abs(k - _GOLDEN * n), k))

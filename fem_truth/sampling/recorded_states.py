@@ -1,7 +1,8 @@
 """States worth solving contacts at: frames of recorded dynamics, spread by farthest point (thesis 5.3.2).
 
-The scenes with ``role = "record"`` are run with the bare reduced model. States come from dynamics and not from noise,
-because a random handle state can sit at a saddle, from which the lightest touch makes the body snap (DESIGN.md, part 6).
+The scenes with ``role = "record"`` are run with the bare reduced model. States come from dynamics and not
+from noise, because a random handle state can sit at a saddle, from which the lightest touch makes the body
+snap (DESIGN.md, part 6).
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ class Recording:
 
 
 def record_scenes(experiment: Experiment, body: ReducedBody) -> Recording:
-    """Play every scene with ``role = "record"`` in the bare subspace; raises SoftprintError if there is none."""
+    """Play every scene with ``role = "record"`` in the bare subspace; raises SoftprintError if there is
+    none."""
     frames = [
         (scene.name, number, state.time, state.rows)
         for scene in experiment.scenes_of_role("record")
@@ -47,7 +49,7 @@ def record_scenes(experiment: Experiment, body: ReducedBody) -> Recording:
     ]
     if not frames:
         raise SoftprintError(
-            f'{experiment.path}: no scene has role = "record"; the states to sample come from such scenes: add one'
+            f'{experiment.path}: no scene has role = "record", and the states to sample come from such'
         )
     names, numbers, times, rows = zip(*frames, strict=True)
     return Recording(np.array(rows), list(names), np.array(numbers, dtype=np.int64), np.array(times))
@@ -59,10 +61,11 @@ def _states_of(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> I
 
 
 def spread_states(body: ReducedBody, rows: Array, count: int) -> IntArray:
-    """Indices of ``count`` of the states ``rows`` (n, n_rows, dim) in farthest-point order, the rest-most one first.
+    """Indices of ``count`` of the states ``rows`` (n, n_rows, dim) in farthest-point order, the rest-most one
+    first.
 
-    Distance: Euclidean between normalised rigid-free descriptors, so that a rigid motion of states changes nothing.
-    Fewer are returned where the others all equal a chosen one.
+    Distance: Euclidean between normalised rigid-free descriptors, so that a rigid motion of states changes
+    nothing. Fewer are returned where the others all equal a chosen one.
     """
     with_rest = np.concatenate([body.rest_rows[None], rows])
     numbers = RigidFreeDescriptor.of(body).normalised(with_rest)

@@ -1,9 +1,11 @@
-"""The rigid-free configuration of a handle state: relative handle transformations over a graph (thesis 5.3.2).
+"""The rigid-free configuration of a handle state: relative handle transformations over a graph (thesis
+5.3.2).
 
-The graph joins each handle to its nearest neighbours at rest, and by a spanning tree whatever that leaves apart. An
-edge (i, j) contributes the position of handle j relative to handle i, seen from an orientation that turns with the
-body (the first frame's, or where there is no frame the best-fit rotation of all handles), and the rotation of any
-frame at its ends relative to that orientation. A rigid motion of the whole state changes none of these numbers.
+The graph joins each handle to its nearest neighbours at rest, and by a spanning tree whatever that leaves
+apart. An edge (i, j) contributes the position of handle j relative to handle i, seen from an orientation that
+turns with the body (the first frame's, or where there is no frame the best-fit rotation of all handles), and
+the rotation of any frame at its ends relative to that orientation. A rigid motion of the whole state changes
+none of these numbers.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ _STILL = 1e-6
 class RigidFreeDescriptor:
     """Maps handle rows to their rigid-free numbers; made by :meth:`of`.
 
-    edges: (n_edges, 2) numbers of handles, points first; lengths: (n_edges,) at rest [m]; rest_positions: (n_handles,
-    dim) of the handles [m].
+    edges: (n_edges, 2) numbers of handles, points first; lengths: (n_edges,) at rest [m]; rest_positions:
+    (n_handles, dim) of the handles [m].
     """
 
     handles: Handles
@@ -44,7 +46,8 @@ class RigidFreeDescriptor:
         return cls(body.handles, edges, lengths, rest)
 
     def edge_numbers(self, rows: Array) -> list[Array]:
-        """For each edge its numbers: relative position over the rest length, then rotations of frames at its ends."""
+        """For each edge its numbers: relative position over the rest length, then rotations of frames at its
+        ends."""
         positions, rotations = _positions(self.handles, rows), _rotations(self.handles, rows)
         orientation = rotations[0] if rotations else self._best_fit(positions)
         relative = (
@@ -58,10 +61,11 @@ class RigidFreeDescriptor:
         return numbers
 
     def normalised(self, states: Array) -> Array:
-        """(n_states, n_numbers) descriptors of states (n_states, n_rows, dim), each edge scaled to unit variance.
+        """(n_states, n_numbers) descriptors of states (n_states, n_rows, dim), each edge scaled to unit
+        variance.
 
-        The numbers of one edge share one scale, so that an edge that moves little counts as much as one that moves a
-        lot, and its directions keep their proportions.
+        The numbers of one edge share one scale, so that an edge that moves little counts as much as one that
+        moves a lot, and its directions keep their proportions.
         """
         table = [self.edge_numbers(rows) for rows in states]
         columns = []

@@ -1,4 +1,5 @@
-"""Rotations of the collider: farthest points of SO(dim) in the angle of the relative rotation (thesis 5.3.2)."""
+"""Rotations of the collider: farthest points of SO(dim) in the angle of the relative rotation (thesis
+5.3.2)."""
 
 from __future__ import annotations
 
@@ -8,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from fem_truth.sampling.farthest import farthest_selection
 from runtime.arrays import Array
 
-# Candidates for each rotation wanted: with 100, the greedy choice is within a few per cent of a much larger pool's.
+# Candidates for each rotation wanted: with 100, the greedy choice is within a few per cent of a much larger
+# pool's.
 _POOL_FACTOR = 100
 _POOL_LEAST = 2000
 
@@ -16,8 +18,8 @@ _POOL_LEAST = 2000
 def spread_rotations(dim: int, count: int, rng: np.random.Generator) -> Array:
     """(count, dim, dim) rotations in farthest-point order.
 
-    2D: evenly spaced angles with a random offset. 3D: the first is the identity (the collider as it was modelled), the
-    others come from a large pool of uniformly random rotations.
+    2D: evenly spaced angles with a random offset. 3D: the first is the identity (the collider as it was
+    modelled), the others come from a large pool of uniformly random rotations.
     """
     if dim == 2:
         return _spread_in_the_plane(count, rng)
@@ -38,5 +40,6 @@ def _spread_in_the_plane(count: int, rng: np.random.Generator) -> Array:
 
 
 def _angle(quaternions: Array, other: Array) -> Array:
-    """(n,) angles [rad] of the rotations from ``other`` (4,) to quaternions (n, 4); q and -q are the same rotation."""
+    """(n,) angles [rad] of the rotations from ``other`` (4,) to quaternions (n, 4); q and -q are the same
+    rotation."""
     return 2.0 * np.arccos(np.clip(np.abs(quaternions @ other), 0.0, 1.0))

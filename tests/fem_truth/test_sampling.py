@@ -1,4 +1,5 @@
-"""Sampling of states, places, rotations, depths and approaches: invariances and properties of farthest points."""
+"""Sampling of states, places, rotations, depths and approaches: invariances and properties of farthest
+points."""
 
 from __future__ import annotations
 
@@ -137,14 +138,16 @@ def test_rotations_are_rotations_and_spread(dim: int) -> None:
     trace = np.einsum("aij,bij->ab", rotations, rotations)
     angle = np.arccos(np.clip((trace - 1) / 2 if dim == 3 else trace / 2, -1, 1))
     closest = np.min(angle + 10 * np.eye(count))
-    # 2D: evenly spaced. 3D: 12 even balls of SO(3) have a radius of about 60 degrees; greedy reaches well over half.
+    # 2D: evenly spaced. 3D: 12 even balls of SO(3) have a radius of about 60 degrees; greedy reaches well
+    # over half.
     assert closest > (2 * np.pi / count - 1e-9 if dim == 2 else np.radians(60))
 
 
 def test_depths_ascend_and_never_exceed_the_largest() -> None:
     depths = noisy_depths(5, 0.01, 0.4, np.random.default_rng(0))
     assert np.all(np.diff(depths) > 0)
-    assert 0 < depths[0] and depths[-1] <= 0.01
+    assert depths[0] > 0
+    assert depths[-1] <= 0.01
     np.testing.assert_allclose(
         noisy_depths(4, 0.01, 0.0, np.random.default_rng(0)), [0.0025, 0.005, 0.0075, 0.01]
     )
@@ -165,7 +168,8 @@ def test_the_depth_asked_for_is_reached_exactly(dim: int) -> None:
         for depth, pose in zip(depths, approach.poses_at(depths), strict=True):
             deepest = -collider.sdf(pose.apply_inverse(surface)).min()
             assert abs(deepest - depth) < 1e-9  # the root finder's tolerance is 1e-12 sizes of the collider
-            # Coming from outside this is the first such pose: a little farther out the collider is not so deep.
+            # Coming from outside this is the first such pose: a little farther out the collider is not so
+            # deep.
             s = (pose.translation - approach.place) @ approach.normal
             assert all(approach.depth(s + out) < depth for out in np.linspace(1e-6, 0.2, 400))
 
@@ -174,7 +178,7 @@ def test_a_depth_beyond_the_collider_is_out_of_reach() -> None:
     mesh = small_body(2, frame=False).mesh
     surface = mesh.points[mesh.surface_nodes]
     approach = Approach(Sphere(0.01, dim=2), surface, surface[0], mesh.surface_normals[0], np.eye(2))
-    with pytest.raises(OutOfReach, match="never gets 0.02 m"):
+    with pytest.raises(OutOfReach, match=r"never gets 0\.02 m"):
         approach.poses_at(np.array([0.02]))
 
 

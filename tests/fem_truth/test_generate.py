@@ -1,0 +1,242 @@
+"""`softprint generate`: the same truth on one rank and on two, after a kill, and after damage; refusals;
+import orders.
+
+One run on one rank, undisturbed, is the reference of all others: their truth files must hold the same
+content.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from fem_truth.newton import Status
+from runtime.mesh import box_mesh, write_mesh
+from runtime.truth_file import load_truth
+from runtime.truth_schema import CONVERGED, STATUS_NAMES
+
+EXPERIMENT = """
+[experiment]
+name = "tiny"
+seed = 3
+[body]
+mesh = "box.vtu"
+handles = {points = 5, frames = [{name = "base", box = [[-1.0, -1.0], [1.0, 0.013]]}]}
+material = {young = 2e4, poisson = 0.4, density = 1000.0}
+[[colliders]]
+name = "ball"
+shape = "circle"
+radius = 0.02
+[contact]
+stiffness = 1e10
+[dynamics]
+time_step = 0.02
+gravity = [0.0, -9.81]
+[sampling]
+collider = "ball"
+states = 2
+places = 4
+rotations = 3
+depths = 3
+max_depth = 0.005
+repeat_share = 0.25
+[[scenes]]
+name = "press"
+role = "record"
+duration = 0.4
+kinematic = ["base"]
+[[scenes.colliders]]
+name = "ball"
+keyframes = [{time = 0.0, position = [0.0, 0.1]}, {time = 0.3, position = [0.01, 0.06]}]
+"""
+N_CONTACTS = 2 * 4 * 3
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tiny")
+    write_mesh(folder / "box.vtu", box_mesh((-0.05, 0.0), (0.05, 0.05), (12, 8)))
+    (folder / "tiny.toml").write_text(EXPERIMENT)
+    return folder / "tiny.toml"
+
+
+def command(*arguments: str | Path, ranks: int = 1) -> list[str]:
+    launcher = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
+    return [*launcher, sys.executable, "-m", "runtime.cli.main", "generate", *map(str, arguments)]
+
+
+def environment() -> dict[str, str]:
+    return {
+        **os.environ,
+        "PYTHONPATH": str(REPOSITORY),
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    }
+
+
+def generate(*arguments: str | Path, ranks: int = 1) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(*arguments, ranks=ranks),
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def content(out: Path) -> str:
+    with load_truth(out / "truth.h5") as truth:
+        assert truth.complete
+        return truth.content_hash
+
+
+@pytest.fixture(scope="module")
+def reference(experiment: Path) -> Path:
+    """The run directory of an undisturbed run on one rank."""
+    out = experiment.parent / "reference"
+    finished = generate(experiment, "--out", out)
+    assert finished.returncode == 0, finished.stderr
+    assert f"{N_CONTACTS} of {N_CONTACTS} contacts" in finished.stdout
+    return out
+
+
+def test_the_truth_is_whole_and_obeys_its_constraint(reference: Path) -> None:
+    from runtime.body import load_body
+
+    body = load_body(reference / "body.h5")
+    with load_truth(reference / "truth.h5", body) as truth:
+        assert truth.n_samples == 3 * N_CONTACTS
+        assert len(truth.states) == 2
+        assert np.all(truth.samples["status"] == CONVERGED)
+        assert np.all(truth.samples["residual"] <= 1e-4)
+        assert np.all(truth.samples["decrement"] <= 1e-4)
+        assert len(truth.repeat) == 3 * N_CONTACTS // 4
+        # The solver's decrement of 1e-4 allows about 1 % of error to each of the two.
+        assert truth.noise_floor < 0.02
+        for sample in (0, 10, 50):
+            u, state = truth.displacement(sample).astype(float), truth.sample_state[sample]
+            # U^T (x - U q) = 0 for the equilibria with and without contact; 1e-6 is what float32 keeps.
+            assert (
+                np.abs(body.basis.T @ u).max() < 1e-6 * np.abs(u).max() * np.abs(body.basis).sum(axis=0).max()
+            )
+            internal = body.reduced_positions(truth.states["rows"][state]) + truth.internal(state)
+            depth = -_circle(truth.pose(sample).apply_inverse(internal[body.mesh.surface_nodes])).min()
+            assert np.isclose(depth, truth.samples["depth"][sample], rtol=1e-9)
+    assert not (reference / "shards").exists()
+
+
+def _circle(z: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(z, axis=1) - 0.02
+
+
+def test_two_ranks_give_the_same_truth(experiment: Path, reference: Path) -> None:
+    out = experiment.parent / "two_ranks"
+    finished = generate(experiment, "--out", out, ranks=2)
+    assert finished.returncode == 0, finished.stderr
+    assert content(out) == content(reference)
+
+
+def test_a_killed_run_goes_on_to_the_same_truth(experiment: Path, reference: Path) -> None:
+    out = experiment.parent / "killed"
+    process = subprocess.Popen(
+        command(experiment, "--out", out),
+        env=environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    patience = time.monotonic() + 60
+    while len(list(out.glob("shards/contact_*.shard"))) < 3:
+        assert process.poll() is None
+        assert time.monotonic() < patience
+        time.sleep(0.002)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    done = {path: path.stat().st_mtime_ns for path in out.glob("shards/contact_*.shard")}
+    assert 3 <= len(done) < N_CONTACTS
+    assert not (out / "truth.h5").exists()
+    # Go on with one unit, so that the shards are still there to be looked at; then to the end.
+    assert generate(experiment, "--out", out, "--units", "1").returncode == 0
+    assert {path: path.stat().st_mtime_ns for path in done} == done  # nothing finished was computed again
+    assert generate(experiment, "--out", out).returncode == 0
+    assert content(out) == content(reference)
+
+
+def test_a_part_is_useful_and_damaged_shards_are_made_again(experiment: Path, reference: Path) -> None:
+    out = experiment.parent / "parts"
+    finished = generate(experiment, "--out", out, "--units", "8")
+    assert finished.returncode == 0, finished.stderr
+    assert f"8 of {N_CONTACTS} contacts (partial" in finished.stdout
+    with load_truth(out / "truth.h5") as truth:
+        assert not truth.complete
+        assert set(truth.contacts["state"]) == {0, 1}  # 2 states x 4 places: each pair once
+        assert len(set(truth.contacts["place"])) == 4
+    shards = sorted(out.glob("shards/contact_*.shard"))
+    shards[0].write_bytes(shards[0].read_bytes()[:-100])
+    altered = bytearray(shards[1].read_bytes())
+    altered[-50] ^= 1
+    shards[1].write_bytes(altered)
+    shards[2].write_bytes(b"")
+    assert generate(experiment, "--out", out).returncode == 0
+    assert content(out) == content(reference)
+
+
+def test_a_changed_experiment_is_refused_until_started_anew(experiment: Path) -> None:
+    out = experiment.parent / "changed"
+    assert generate(experiment, "--out", out, "--units", "2").returncode == 0
+    refused = generate(experiment, "--out", out, "--set", "sampling.max_depth=0.004")
+    assert refused.returncode == 1
+    assert "sampling.max_depth: 0.005 -> 0.004" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    anew = generate(
+        experiment, "--out", out, "--set", "sampling.max_depth=0.004", "--units", "2", "--no-resume"
+    )
+    assert anew.returncode == 0, anew.stderr
+    with load_truth(out / "truth.h5") as truth:
+        assert len(truth.contacts) == 2
+        assert truth.samples["depth"].max() <= 0.004
+
+
+def test_a_finished_truth_is_not_computed_again(experiment: Path, reference: Path) -> None:
+    before = (reference / "truth.h5").stat().st_mtime_ns
+    finished = generate(experiment, "--out", reference)
+    assert "this run: 0 contacts" in finished.stdout
+    assert (reference / "truth.h5").stat().st_mtime_ns == before
+
+
+def test_an_experiment_without_recordings_is_refused_on_all_ranks(experiment: Path) -> None:
+    bare = experiment.parent / "bare.toml"
+    bare.write_text(EXPERIMENT[: EXPERIMENT.index("[[scenes]]")])
+    refused = generate(bare, "--out", experiment.parent / "bare", ranks=2)
+    assert refused.returncode != 0
+    assert 'no scene has role = "record"' in refused.stderr
+    assert "Traceback" not in refused.stderr
+
+
+@pytest.mark.parametrize("order", [("h5py", "dolfinx"), ("dolfinx", "h5py")], ids="-".join)
+def test_h5py_and_dolfinx_live_together_in_both_orders(tmp_path: Path, order: tuple[str, str]) -> None:
+    script = (
+        f"import {order[0]}\nimport {order[1]}\n"
+        "from mpi4py import MPI\n"
+        "dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 2, 2)\n"
+        f"file = h5py.File({str(tmp_path / 'x.h5')!r}, 'w')\n"
+        "file['x'] = [1.0, 2.0]\nfile.attrs['text'] = 'ok'\nfile.close()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment(), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_status_codes_are_those_of_the_solver() -> None:
+    assert {int(status): status.name.lower() for status in Status}.items() <= STATUS_NAMES.items()
