@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from runtime.errors import SoftprintError
-from runtime.experiment import load_experiment
+from runtime.experiment import Experiment, load_experiment
+from runtime.experiment.describe import described_keys
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.toml"))
 
@@ -176,3 +177,14 @@ def test_files_that_are_no_experiment(tmp_path):
     assert "this is not TOML" in complaint(broken)
     broken.write_bytes(b"\xff\xfe\x00")
     assert "not a text file" in complaint(broken)
+
+
+def test_every_key_is_described():
+    lines = list(described_keys(Experiment))
+    keys = [key for key, _, _ in lines]
+    assert ("body.material.young", "number, required", "Young's modulus [Pa]") in lines
+    assert "scenes[].springs[].keyframes[].position" in keys
+    assert "colliders[].parts" in keys  # of a union: colliders again, and not their keys again and again
+    shapes = [kind for key, kind, _ in lines if key == "colliders[].shape"]
+    assert '"mesh", required' in shapes
+    assert not [key for key, kind, _ in lines if kind.startswith("<") or "typing" in kind]
