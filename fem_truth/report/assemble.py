@@ -1,4 +1,5 @@
-"""Puts a report together: from the judged scenes, the truth file and the training to one summary and one page."""
+"""Puts a report together: from the judged scenes, the truth file and the training to one summary and one
+page."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -62,9 +63,7 @@ class Material:
     notes: Sequence[str]
 
 
-def assemble(
-    material: Material, make_renderer: Callable[[JudgedScene], Renderer] | None
-) -> PageContent:
+def assemble(material: Material, make_renderer: Callable[[JudgedScene], Renderer] | None) -> PageContent:
     """The page's content, its summary among it; make_renderer: None for a page without renderings."""
     styles = styles_for(_models(material))
     judged = [scene for scene in material.scenes if scene.comparison is not None]
@@ -92,7 +91,7 @@ def assemble(
 
 
 def _models(material: Material) -> list[str]:
-    names = ["full", "bare", *material.learning.names]
+    names = ["full", "bare", *material.learning.headers]
     for scene in material.scenes:
         names += [*scene.motions, *(scene.comparison.solved if scene.comparison else ())]
     return names
@@ -166,15 +165,17 @@ def _scene(
     plots = {}
     if len(free_curves):
         millimetres = {name: 1e3 * curve for name, curve in free_curves.items()}
-        plots["free"] = figures.over_time(
-            f"free{number}", times, millimetres, styles, "RMS distance [mm]"
-        )
+        plots["free"] = figures.over_time(f"free{number}", times, millimetres, styles, "RMS distance [mm]")
     comparison = scene.comparison
     if comparison is None:
-        return {**summary, "n_contact": 0, "errors_all": {}, "errors_solved": {}, "shown": []}, ScenePictures(plots)
+        return {**summary, "n_contact": 0, "errors_all": {}, "errors_solved": {}, "shown": []}, ScenePictures(
+            plots
+        )
 
     summary |= _errors(comparison)
-    curves = {name: _spread(frames, len(times)) for name, frames in comparison.everywhere.items() if name != "full"}
+    curves = {
+        name: _spread(frames, len(times)) for name, frames in comparison.everywhere.items() if name != "full"
+    }
     marks = {
         name: ([times[f] for f in frames.frames], list(1e3 * frames.rms))
         for name, frames in comparison.solved.items()
@@ -231,7 +232,9 @@ def _free_running(scene: JudgedScene) -> tuple[dict[str, Any], dict[str, Array]]
         name: distances_over_time(motion, full) for name, motion in scene.motions.items() if name != "full"
     }
     bare_rms = float(np.sqrt(np.mean(curves["bare"] ** 2))) if "bare" in curves else None
-    return {name: free_running_row(scene.motions[name], curve, bare_rms) for name, curve in curves.items()}, curves
+    return {
+        name: free_running_row(scene.motions[name], curve, bare_rms) for name, curve in curves.items()
+    }, curves
 
 
 def _hero(
@@ -245,15 +248,18 @@ def _hero(
             opened = all(picture is not None for picture in frame.cut)
             views = frame.cut if opened else frame.outside
             caption = (
-                f"Deepest contact of the held-out motion \u201c{scene['name']}\u201d: frame {numbers['frame']}, "
-                f"{numbers['time']:.2f} s. Every model is given the same reduced state"
+                f"Deepest contact of the held-out motion \u201c{scene['name']}\u201d: "
+                f"frame {numbers['frame']}, {numbers['time']:.2f} s. "
+                "Every model is given the same reduced state"
                 + ("; the body is cut open through the contact." if opened else ".")
             )
             return [(name, view) for name, view in zip(frame.models, views, strict=True) if view], caption
     return [], ""
 
 
-def _plots(material: Material, summary: Mapping[str, Any], styles: Mapping[str, ModelStyle]) -> dict[str, str]:
+def _plots(
+    material: Material, summary: Mapping[str, Any], styles: Mapping[str, ModelStyle]
+) -> dict[str, str]:
     plots = {}
     if summary["timings"]:
         milliseconds = {

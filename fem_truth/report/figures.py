@@ -11,11 +11,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from fem_truth.report.style import INK, PAPER, RULE, ModelStyle, paint
+from runtime.arrays import Array
 
-Array = NDArray[np.float64]
+Values = Sequence[float] | Array
 
 _RC = {
     "svg.fonttype": "none",
@@ -77,12 +77,12 @@ def _model_colours(styles: Sequence[ModelStyle]) -> dict[str, str]:
 
 def over_time(
     name: str,
-    times: Sequence[float],
-    series: Mapping[str, Sequence[float]],
+    times: Values,
+    series: Mapping[str, Values],
     styles: Mapping[str, ModelStyle],
     ylabel: str,
-    depth: Sequence[float] | None = None,
-    marks: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None = None,
+    depth: Values | None = None,
+    marks: Mapping[str, tuple[Values, Values]] | None = None,
 ) -> str:
     """Curves over time [s], one a model, with the depth of the contact [mm] as a thin strip below.
 
@@ -139,25 +139,28 @@ def phases(
 def loss_curves(
     name: str, histories: Mapping[str, Mapping[str, Sequence[float]]], styles: Mapping[str, ModelStyle]
 ) -> str:
-    """Training (thin) and validation (thick) error by epoch, logarithmic; histories[model][column]."""
+    """Training loss (left, logarithmic) and error on held-out states (right) by optimiser step.
+
+    histories: model -> columns `step`, `loss`, `validation_rms`.
+    """
     shown = [styles[key] for key in styles if key in histories]
     with plt.rc_context(_RC):
-        figure, axes = plt.subplots(figsize=(8.6, 3.2), layout="constrained")
+        figure, (left, right) = plt.subplots(1, 2, figsize=(8.6, 3.0), layout="constrained")
         for i, style in enumerate(shown):
             history = histories[style.key]
-            epochs = history["epoch"]
-            if "train" in history:
-                axes.plot(epochs, history["train"], color=paint(i), linewidth=0.9, alpha=0.55)
-            if "validation" in history:
-                axes.plot(epochs, history["validation"], color=paint(i), linestyle=style.dash, linewidth=1.9)
-        axes.set_yscale("log")
-        axes.set_xlabel("epoch")
-        axes.set_ylabel("relative error")
-        axes.margins(x=0.01)
+            look = {"color": paint(i), "linestyle": style.dash}
+            left.plot(history["step"], history["loss"], **look)
+            right.plot(history["step"], [100.0 * value for value in history["validation_rms"]], **look)
+        left.set_yscale("log")
+        left.set_title("training loss")
+        right.set_title("error on held-out states [%]")
+        right.set_ylim(bottom=0)
+        for axes in (left, right):
+            axes.set_xlabel("optimiser steps")
         return to_svg(figure, name, _model_colours(shown))
 
 
-def histograms(name: str, columns: Mapping[str, Sequence[float]]) -> str:
+def histograms(name: str, columns: Mapping[str, Values]) -> str:
     """Small histograms side by side, one for each quality column (title -> values).
 
     Columns that spread over more than two decades and are positive are binned in the logarithm.

@@ -81,7 +81,7 @@ class FlatRenderer:
             self._draw_skin(axes, positions, np.tile(to_rgb(BODY), (len(self.mesh.facets), 1)), ambient=0.35)
             return
         corners = positions[self.mesh.cells]
-        axes.add_collection(PolyCollection(corners, facecolors=BODY, edgecolors=BODY, linewidths=0.4))
+        axes.add_collection(PolyCollection(list(corners), facecolors=BODY, edgecolors=BODY, linewidths=0.4))
         triangles = Triangulation(positions[:, 0], positions[:, 1], self.mesh.cells)
         for axis in range(2):  # lines of constant rest position show the strain
             rest = self.mesh.points[:, axis]
@@ -92,7 +92,9 @@ class FlatRenderer:
         self._draw_edge(axes, positions)
 
     def _draw_edge(self, axes: Axes, positions: Array) -> None:
-        axes.add_collection(LineCollection(positions[self.mesh.facets], colors="#7a3420", linewidths=1.3))
+        axes.add_collection(
+            LineCollection(list(positions[self.mesh.facets]), colors="#7a3420", linewidths=1.3)
+        )
 
     def _draw_skin(self, axes: Axes, positions: Array, colours: Array, ambient: float) -> None:
         """Boundary triangles from back to front, with Lambert shading; colours: (n_facets, 3)."""
@@ -104,7 +106,7 @@ class FlatRenderer:
         light = np.clip(normals @ (np.array([1.0, -2.0, 3.0]) / np.sqrt(14.0)), 0.0, 1.0)
         shaded = np.clip(colours * (ambient + (1.0 - ambient) * light)[:, None], 0.0, 1.0)[order]
         flat = corners[order] @ self._axes[:, :2]
-        axes.add_collection(PolyCollection(flat, facecolors=shaded, edgecolors=shaded, linewidths=0.3))
+        axes.add_collection(PolyCollection(list(flat), facecolors=shaded, edgecolors=shaded, linewidths=0.3))
 
     def _draw_collider(self, axes: Axes, pose: RigidPose, centre: Array, half: float) -> None:
         """The collider's outline: where the least signed distance along the line of sight is negative."""

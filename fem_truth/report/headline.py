@@ -10,7 +10,8 @@ from fem_truth.report.style import ModelStyle
 
 @dataclass(frozen=True)
 class Card:
-    """One headline figure: its value, how to write it (`page.format_number`), what it is, and what belongs beside it."""
+    """One headline figure: its value, how to write it (`page.format_number`), what it is, and what belongs
+    beside it."""
 
     value: float
     style: str
@@ -18,7 +19,9 @@ class Card:
     note: str
 
 
-def headline_cards(summary: Mapping[str, Any], model: str | None, styles: Mapping[str, ModelStyle]) -> list[Card]:
+def headline_cards(
+    summary: Mapping[str, Any], model: str | None, styles: Mapping[str, ModelStyle]
+) -> list[Card]:
     """Accuracy, contact displacement and speed of `model`, as far as they were measured."""
     if model is None:
         return []
@@ -71,7 +74,11 @@ def _speed(summary: Mapping[str, Any], model: str) -> list[Card]:
     row = look_up(summary, f"timings/{model}")
     if row is None:
         return []
-    cost = f" {format_number(row['cost_of_bare'], 'times')} the cost of the bare subspace." if row["cost_of_bare"] else ""
+    cost = (
+        f" {format_number(row['cost_of_bare'], 'times')} the cost of the bare subspace."
+        if row["cost_of_bare"]
+        else ""
+    )
     cards = [
         Card(
             row["steps_per_second"],

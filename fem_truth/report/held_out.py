@@ -12,6 +12,7 @@ from fem_truth.report.comparison import (
     measure_frame,
     pool,
 )
+from fem_truth.report.projection import Projection
 from fem_truth.report.solves import FrameSolves
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
@@ -49,14 +50,19 @@ class Comparer:
     ) -> None:
         self.body, self.collider, self.motion, self.corrections = body, collider, motion, corrections
         self._surface = body.mesh.surface_nodes
+        self._projection = Projection(body)
 
     def depth(self, positions: Array, pose: RigidPose) -> Array:
         """(n_surface,) penetration of the surface nodes [m]."""
         return np.maximum(0.0, -self.collider.sdf(pose.apply_inverse(positions[self._surface])))
 
     def rows(self, frame: int) -> Array:
-        """The reduced state of a frame: q = (U^T U)^-1 U^T x."""
-        return self.body.project(self.motion.positions(frame))
+        """The reduced state of a frame; see `projection`."""
+        return self._projection.rows(self.motion.positions(frame))
+
+    def reduced(self, frame: int) -> Array:
+        """The positions of the bare subspace in a frame."""
+        return self._projection.reduced(self.rows(frame), self.motion.positions(frame))
 
     def contact_frames(self) -> tuple[IntArray, Array]:
         """The frames in which the full-space body touches the collider, and in each of them how deep the
@@ -67,14 +73,14 @@ class Comparer:
             full, pose = self.motion.positions(frame), self.motion.poses[frame]
             if self.depth(full, pose).max() > 0:
                 touching.append(frame)
-                press.append(self.depth(self.body.reduced_positions(self.rows(frame)), pose).max())
+                press.append(self.depth(self.reduced(frame), pose).max())
         return np.array(touching, dtype=np.int64), np.array(press)
 
     def positions(self, frame: int, solves: FrameSolves | None = None) -> dict[str, Array]:
         """(n_nodes, dim) of every model in a frame, in the order of the tables; the solvers' where there are
         solves."""
         rows, pose = self.rows(frame), self.motion.poses[frame]
-        reduced = self.body.reduced_positions(rows)
+        reduced = self.reduced(frame)
         result = {"full": self.motion.positions(frame), "bare": reduced}
         for name, correction in self.corrections.items():
             result[name] = reduced + correction.displacement(rows, pose)

@@ -1,48 +1,62 @@
-"""What training left in the run directory: headers of the corrections, their curves, and the ablation table."""
+"""What training left in the run directory: headers of the corrections, their curves, and the ablation
+table."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from runtime.corrections.correction_file import CorrectionHeader, read_header
 from runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True)
 class Learning:
-    """names: of the corrections; histories: model -> column -> values; held_out: model -> its error on held-out states;
-    ablation and benchmarks: tables with `columns` and `rows`."""
+    """What is known of the corrections of a run, by name.
 
-    names: Sequence[str] = ()
-    histories: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
-    headers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    headers: what their files say of them; curves: what training wrote beside them (`history` and errors on
+    held-out states); ablation, benchmarks: tables with `columns` and `rows`."""
+
+    headers: Mapping[str, CorrectionHeader] = field(default_factory=dict)
+    curves: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     ablation: Mapping[str, Any] | None = None
     benchmarks: Sequence[Mapping[str, Any]] = ()
 
-    def summary(self) -> dict[str, Any]:
-        """For the JSON."""
-        held_out = {
-            name: {key: value for key, value in header["held_out"].items() if key != "samples"}
-            for name, header in self.headers.items()
-            if header.get("held_out")
-        }
-        columns = list(dict.fromkeys(key for values in held_out.values() for key in values))
+    @property
+    def histories(self) -> dict[str, dict[str, list[float]]]:
+        """model -> column (step, loss, validation_rms, ...) -> values."""
         return {
-            "training": dict(self.histories),
-            "corrections": dict(self.headers),
-            "held_out_states": held_out,
-            "held_out_columns": columns,
+            name: columns_of(curves["history"]) for name, curves in self.curves.items() if curves["history"]
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """For the JSON. Held-out errors are relative to the contact displacement; see `correction_file`."""
+        return {
+            "training": self.histories,
+            "corrections": {name: asdict(header) for name, header in self.headers.items()},
+            "held_out_states": {name: self._held_out(name) for name in self.headers},
             "ablation": self.ablation,
             "benchmarks": list(self.benchmarks),
         }
 
+    def _held_out(self, name: str) -> dict[str, Any]:
+        header, curves = self.headers[name], self.curves.get(name, {})
+        return {
+            "rms": header.held_out_rms,
+            "squared": header.held_out_rms**2,
+            "worst": curves.get("held_out_worst"),
+            "samples": curves.get("samples"),
+            "validation_samples": curves.get("validation_samples"),
+            "seconds": header.training.get("seconds"),
+        }
 
-def table_of(records: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """Records as columns (in order of appearance) and rows; None where there is no record."""
+
+def table_of(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Records as columns (in order of appearance) and rows."""
     columns = list(dict.fromkeys(key for record in records for key in record))
     rows = [{column: record.get(column) for column in columns} for record in records]
-    return {"columns": columns, "rows": rows} if rows else None
+    return {"columns": columns, "rows": rows}
 
 
 def columns_of(records: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
@@ -58,5 +72,32 @@ def read_json(path: Path) -> Any:
         raise SoftprintError(f"{path}: not readable as JSON ({error}): make it again") from error
 
 
-def existing(paths: Iterable[Path]) -> list[Path]:
-    return [path for path in paths if path.is_file()]
+def load_learning(corrections: Mapping[str, Path], folder: Path) -> Learning:
+    """Read the headers and curves of the corrections, and ablation.json and bench*.json of the run
+    directory."""
+    curves = {name: path.with_suffix(".json") for name, path in corrections.items()}
+    ablation = folder / "ablation.json"
+    return Learning(
+        headers={name: read_header(path) for name, path in corrections.items()},
+        curves={name: read_json(path) for name, path in curves.items() if path.is_file()},
+        ablation=read_table(ablation) if ablation.is_file() else None,
+        benchmarks=[
+            {"name": path.stem.replace("_", " "), **read_table(path)}
+            for path in sorted(folder.glob("bench*.json"))
+        ],
+    )
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """A table from a JSON file that holds a list of records, or an object with such a list under `rows`."""
+    content = read_json(path)
+    records = content.get("rows") if isinstance(content, dict) else content
+    if (
+        not isinstance(records, list)
+        or not records
+        or not all(isinstance(record, dict) for record in records)
+    ):
+        raise SoftprintError(
+            f"{path}: expected a list of records, or an object with such a list under `rows`"
+        )
+    return table_of(records)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_truth.constrained import ConstrainedProblem
 from fem_truth.full_space_elasticity import FullSpaceElasticity
 from fem_truth.report.assemble import JudgedScene, Material, assemble
 from fem_truth.report.comparison import evenly_spaced
@@ -21,6 +19,7 @@ from fem_truth.report.held_out import Comparer, HeldOutMotion, compare
 from fem_truth.report.learning import load_learning
 from fem_truth.report.page import render_page
 from fem_truth.report.picture import Renderer
+from fem_truth.report.projection import FramesInPlace
 from fem_truth.report.renderings import make_renderer
 from fem_truth.report.report_json import json_text, write_text
 from fem_truth.report.run_files import FULL, RunFiles, find_run_files, load_motions, missing_notes, used_paths
@@ -72,8 +71,9 @@ def make_report(context: Context, pictures: bool = True) -> Made:
         context.say("drawing")
         content = assemble(material, _renderer if pictures else None)
     page, numbers = folder / "report.html", folder / "report.json"
+    html = render_page(content)  # before anything is written: both files change, or none
     write_text(numbers, json_text(content.summary))
-    write_text(page, render_page(content))
+    write_text(page, html)
     cards = [Card(**card) for card in content.summary["headline"]["cards"]]
     return Made(page, numbers, console_lines(content.summary, cards))
 
@@ -85,13 +85,15 @@ def _judge(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpe
     collider = _collider(experiment, scene)
     full = motions[FULL]
     # A frame is asked for by several models in a row: keep the last ones.
-    motion = HeldOutMotion(full.times, full.colliders[collider.name].poses, lru_cache(maxsize=4)(full.positions))
+    motion = HeldOutMotion(
+        full.times, full.colliders[collider.name].poses, lru_cache(maxsize=4)(full.positions)
+    )
     comparer = Comparer(body, collider, motion, _bound_corrections(files, body, collider))
     contact, press = comparer.contact_frames()
     if not len(contact):
         return JudgedScene(scene.name, comparer, None, motions)
 
-    problem = ConstrainedProblem(
+    problem = FramesInPlace(
         FullSpaceElasticity(body),
         np.array(experiment.dynamics.gravity),
         PenaltyContact(experiment.contact.stiffness),
@@ -109,7 +111,9 @@ def _judge(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpe
             if solves is not None:
                 progress.skip(1)
                 return solves
-            solves = solve_frame(problem, comparer.rows(frame), full_x, collider, pose)
+            solves = solve_frame(
+                problem, comparer.rows(frame), comparer.reduced(frame), full_x, collider, pose
+            )
             store.save(frame, full_x, pose, solves)
             progress.update()
             return solves
@@ -123,8 +127,8 @@ def _collider(experiment: Experiment, scene: SceneSpec) -> Collider:
     if len(placed) != 1:
         names = ", ".join(entry.name for entry in placed) or "none"
         raise SoftprintError(
-            f"{experiment.path}: scene {scene.name!r} has the colliders {names}; a report compares the contact of "
-            'exactly one: give the scene another role than "test", or one collider'
+            f"{experiment.path}: scene {scene.name!r} has the colliders {names}; a report compares "
+            'the contact of exactly one: give the scene another role than "test", or one collider'
         )
     return placed[0].collider
 
@@ -132,12 +136,14 @@ def _collider(experiment: Experiment, scene: SceneSpec) -> Collider:
 def _bound_corrections(files: RunFiles, body: ReducedBody, collider: Collider) -> dict[str, BoundCorrection]:
     """Every correction of the run directory at all nodes of the body."""
     points = body.node_points()
-    return {name: load_correction(path, body, collider).bind(points) for name, path in files.corrections.items()}
+    return {
+        name: load_correction(path, body, collider).bind(points) for name, path in files.corrections.items()
+    }
 
 
 def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider) -> str:
-    """Names everything besides the frame that decides a full-space solve. The collider is named by its distance
-    at points around it, so that a changed mesh file is noticed too."""
+    """Names everything besides the frame that decides a full-space solve. The collider is named by its
+    distance at points around it, so that a changed mesh file is noticed too."""
     probes = np.random.default_rng(0).uniform(1.5 * collider.lower, 1.5 * collider.upper, (64, collider.dim))
     problem = {
         "gravity": experiment.dynamics.gravity,
@@ -145,7 +151,11 @@ def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider
         "collider": experiment.collider(collider.name).model_dump(mode="json"),
     }
     return content_hash(
-        {"body": body.content_hash, "problem": json.dumps(problem, sort_keys=True), "distance": collider.sdf(probes)}
+        {
+            "body": body.content_hash,
+            "problem": json.dumps(problem, sort_keys=True),
+            "distance": collider.sdf(probes),
+        }
     )
 
 
@@ -158,8 +168,8 @@ def _judged_model(experiment: Experiment, files: RunFiles) -> str | None:
 
 def _contact_notes(scenes: list[JudgedScene]) -> list[str]:
     return [
-        f"In the scene \u201c{scene.name}\u201d the body never touches the collider, so there is no error to report: "
-        "change its keyframes."
+        f"In the scene \u201c{scene.name}\u201d the body never touches the collider, "
+        "so there is no error to report: change its keyframes."
         for scene in scenes
         if scene.comparison is None
     ]
@@ -167,5 +177,3 @@ def _contact_notes(scenes: list[JudgedScene]) -> list[str]:
 
 def _renderer(scene: JudgedScene) -> Renderer:
     return make_renderer(scene.comparer.body.mesh, scene.comparer.collider)
-
-

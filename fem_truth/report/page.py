@@ -159,4 +159,8 @@ def _safe_plots(pictures: ScenePictures) -> ScenePictures:
 def _model_variables(styles: Mapping[str, ModelStyle]) -> str:
     light = "".join(f"{escape(style.variable)}:{style.light};" for style in styles.values())
     dark = "".join(f"{escape(style.variable)}:{style.dark};" for style in styles.values())
-    return f":root{{{light}}}\n@media (prefers-color-scheme:dark){{:root{{{dark}}}}}\n@media print{{:root{{{light}}}}}"
+    return (
+        f":root {{ {light} }}\n"
+        f"@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
+        f"@media print {{ :root {{ {light} }} }}"
+    )

@@ -25,6 +25,10 @@ _SIZE = (680, 520)
 _GRID_LINES = 11  # lines of rest position along the longest side of the body: they show the strain
 _COLLIDER_CELLS = 72  # of the grid on which the collider's surface is extracted, along its longest side
 _VIEW = np.array([0.32, -1.0, 0.66])  # from the body towards the camera of the whole view
+# Columns: to the right, level towards the camera, up.
+_GRID_AXES = np.array([[1.0, 0.32, 0.0], [0.32, -1.0, 0.0], [0.0, 0.0, np.hypot(1.0, 0.32)]]) / np.hypot(
+    1.0, 0.32
+)
 _PROBE = "import pyvista; pyvista.Plotter(off_screen=True, window_size=(8, 8)).screenshot(None)"
 
 
@@ -74,9 +78,12 @@ class GlRenderer:
         self._centre = 0.5 * (lower + upper)
         self._extent = float(np.linalg.norm(upper - lower))
         self._side = float((upper - lower).max())
+        # Lines of constant rest position, seen from the camera: across, along the line of sight, and up. They
+        # sit half a spacing off the ends, where they would run along the body's own edges.
+        self._rest = mesh.points @ _GRID_AXES
         spacing = self._side / _GRID_LINES
-        # Lines sit half a spacing off the ends, where they would run along the body's own edges.
-        self._levels = [np.arange(a + 0.5 * spacing, b, spacing) for a, b in zip(lower, upper, strict=True)]
+        ends = zip(self._rest.min(axis=0), self._rest.max(axis=0), strict=True)
+        self._levels = [np.arange(low + 0.5 * spacing, high, spacing) for low, high in ends]
 
     def outside(self, positions: Array, pose: RigidPose, alt: str) -> Picture:
         def build(plotter: "pv.Plotter") -> None:
@@ -91,16 +98,16 @@ class GlRenderer:
     def cut(self, positions: Array, pose: RigidPose, centre: Array, alt: str) -> Picture | None:
         import pyvista as pv
 
-        towards = _unit(_VIEW * [1, 1, 0])
+        towards = _GRID_AXES[:, 1]
         plane: dict[str, Any] = {"normal": towards, "origin": centre}
         volume = pv.UnstructuredGrid({pv.CellType.TETRA: self.mesh.cells}, positions)
-        volume["rest"] = self.mesh.points
+        volume["rest"] = self._rest
         section = volume.slice(**plane)
 
         def build(plotter: "pv.Plotter") -> None:
             self._add_body(plotter, self._surface(positions).clip(**plane), towards)
             plotter.add_mesh(section, color=SECTION, lighting=False)
-            self._add_lines(plotter, section, "#a9563b", towards)
+            self._add_lines(plotter, section, "#a9563b", towards, axes=(0, 2))
             solid = self._placed_collider(pose)
             plotter.add_mesh(solid.clip(**plane), color=COLLIDER, opacity=0.35, smooth_shading=True)
             outline = solid.slice(**plane)
@@ -138,7 +145,7 @@ class GlRenderer:
         import pyvista as pv
 
         surface = pv.PolyData.from_regular_faces(positions, self.mesh.facets)
-        surface["rest"] = self.mesh.points
+        surface["rest"] = self._rest
         if values is not None:
             surface["values"] = values
         return surface.compute_normals(feature_angle=50.0, split_vertices=True, cell_normals=False)
@@ -155,8 +162,16 @@ class GlRenderer:
         )
         self._add_lines(plotter, surface, "#8f412a", towards)
 
-    def _add_lines(self, plotter: "pv.Plotter", mesh: Any, colour: str, towards: Array) -> None:
-        for axis, levels in enumerate(self._levels):
+    def _add_lines(
+        self,
+        plotter: "pv.Plotter",
+        mesh: Any,
+        colour: str,
+        towards: Array,
+        axes: tuple[int, ...] = (0, 1, 2),
+    ) -> None:
+        for axis in axes:
+            levels = self._levels[axis]
             mesh["level"] = mesh["rest"][:, axis]
             lines = mesh.contour(list(levels), scalars="level")
             if lines.n_points:

@@ -1,4 +1,5 @@
-"""The JSON side of a report: plain numbers, text and lists, and what the experiment and the body say of themselves."""
+"""The JSON side of a report: plain numbers, text and lists, and what the experiment and the body say of
+themselves."""
 
 import hashlib
 import json
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from runtime.arrays import Array
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.experiment import Experiment
@@ -18,7 +20,8 @@ REPORT_VERSION = 1
 
 
 def plain(value: Any) -> Any:
-    """The same content in JSON's own types. Numbers that are not finite become None: JSON has no word for them."""
+    """The same content in JSON's own types. Numbers that are not finite become None: JSON has no word for
+    them."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -81,12 +84,12 @@ def body_summary(body: ReducedBody) -> dict[str, Any]:
 def _material_words(body: ReducedBody) -> str:
     young, poisson = body.material.young, body.material.poisson
     return (
-        f"{body.material.model.replace('_', ' ')}, E = {_range(1e-3 * young)} kPa, \u03bd = {_range(poisson)}, "
-        f"\u03c1 = {_range(body.density)} kg/m\u00b3"
+        f"{body.material.model.replace('_', ' ')}, E = {_range(1e-3 * young)} kPa, "
+        f"\u03bd = {_range(poisson)}, \u03c1 = {_range(body.density)} kg/m\u00b3"
     )
 
 
-def _range(values: np.ndarray) -> str:
+def _range(values: Array) -> str:
     low, high = float(np.min(values)), float(np.max(values))
     return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
 
@@ -99,7 +102,8 @@ def collider_summary(experiment: Experiment, collider: Collider) -> dict[str, An
 def file_summaries(folder: Path, paths: Iterable[Path]) -> list[dict[str, Any]]:
     """Name, size and SHA-256 of every file that went into the report."""
     return [
-        {"name": str(path.relative_to(folder)), "bytes": path.stat().st_size, "hash": _sha256(path)} for path in paths
+        {"name": str(path.relative_to(folder)), "bytes": path.stat().st_size, "hash": _sha256(path)}
+        for path in paths
     ]
 
 

@@ -16,7 +16,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """report.html and report.json in the run directory; full-space solves are kept in heldout/ and resumed."""
+    """report.html and report.json in the run directory; full-space solves are kept in heldout/ and
+    resumed."""
     from fem_truth.report.make import make_report
 
     made = make_report(context, pictures=not args.no_pictures)

@@ -28,16 +28,18 @@ class RunFiles:
 
 
 def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
-    """Look through the run directory. Raises SoftprintError where a report makes no sense yet: without a body,
-    without a test scene, or without a full-space motion of every test scene."""
+    """Look through the run directory. Raises SoftprintError where a report makes no sense yet: without a
+    body, without a test scene, or without a full-space motion of every test scene."""
     verb = _Commands(experiment, folder)
     body = folder / "body.h5"
     if not body.is_file():
-        raise SoftprintError(f"{body} is not there, so there is nothing to report on: run {verb('body')} first")
+        raise SoftprintError(
+            f"{body} is not there, so there is nothing to report on: run {verb('body')} first"
+        )
     scenes = experiment.scenes_of_role("test")
     if not scenes:
         raise SoftprintError(
-            f"{experiment.path}: a report needs a held-out motion; add a [[scenes]] table with role = \"test\""
+            f'{experiment.path}: a report needs a held-out motion; add a [[scenes]] table with role = "test"'
         )
     for scene in scenes:
         path = motion_path(folder, scene.name, FULL)
@@ -79,7 +81,9 @@ def load_motions(files: RunFiles, scene: SceneSpec, body_hash: str) -> dict[str,
             continue
         motion = load_motion(path)
         if motion.body_hash != body_hash:
-            raise SoftprintError(f"{path}: a motion of another body than {files.body}: simulate the scene again")
+            raise SoftprintError(
+                f"{path}: a motion of another body than {files.body}: simulate the scene again"
+            )
         motions[name] = motion
     return motions
 

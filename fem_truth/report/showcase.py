@@ -14,7 +14,8 @@ from runtime.arrays import Array
 
 
 def shown_models(comparison: SceneComparison, model: str | None) -> list[str]:
-    """Full space, bare subspace, the thesis's network and the model the report is about, as far as they are there."""
+    """Full space, bare subspace, the thesis's network and the model the report is about, as far as they are
+    there."""
     wanted = ["full", "bare", "thesis5", model]
     return [name for name in wanted if name is not None and name in comparison.everywhere]
 
@@ -30,7 +31,9 @@ def showcase(
     judged = comparison.everywhere[models[-1]]
     chosen = frames_to_show(comparison.contact, comparison.press, judged)
     bare = comparison.everywhere["bare"]
-    limit = max(float(bare.worst_node[bare.frames == frame][0]) for frame, _ in chosen)  # one colour bar for all
+    limit = max(
+        float(bare.worst_node[bare.frames == frame][0]) for frame, _ in chosen
+    )  # one colour bar for all
     frames: list[ShownFrame] = []
     numbers: list[dict[str, Any]] = []
     for index, (frame, why) in enumerate(chosen):
@@ -69,7 +72,9 @@ def _pictures(
     for name in models:
         label, x = styles[name].label, positions[name]
         outside.append(renderer.outside(x, pose, f"{label}, frame {frame}: the body and the collider"))
-        cut.append(renderer.cut(x, pose, centre, f"{label}, frame {frame}: the dent under the collider, cut open"))
+        cut.append(
+            renderer.cut(x, pose, centre, f"{label}, frame {frame}: the dent under the collider, cut open")
+        )
         if name == "full":
             heat.append(None)  # its place is taken by the colour bar
         else:

@@ -6,19 +6,24 @@ response about it, and the exact constrained equilibrium. The last starts from t
 (which satisfy the constraint), so that where equilibria are several, it finds the one on the branch that the
 motion was on."""
 
+import logging
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
-from fem_truth.constrained import ConstrainedProblem, Solution
+from fem_truth.constrained import Solution
+from fem_truth.report.projection import FramesInPlace
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.files import atomic_path, content_hash
 
-_VERSION = "frame solves 1"  # raise it when the meaning of what is kept changes
+log = logging.getLogger(__name__)
+
+_VERSION = "frame solves 2"  # raise it when the meaning of what is kept changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +42,17 @@ class FrameSolves:
 
 
 def solve_frame(
-    problem: ConstrainedProblem, rows: Array, full: Array, collider: Collider, pose: RigidPose
+    problem: FramesInPlace, rows: Array, reduced: Array, full: Array, collider: Collider, pose: RigidPose
 ) -> FrameSolves:
-    """Solve at the reduced state rows (n_rows, dim) of a frame with positions full (n_nodes, dim)."""
+    """Solve at the reduced state rows (n_rows, dim) of a frame with reduced positions and full positions
+    (n_nodes, dim)."""
     start = time.perf_counter()
-    internal = problem.internal_equilibrium(rows)
+    internal = problem.internal_equilibrium(rows, x0=reduced)
     linear = problem.linear_response(rows, collider, pose, internal.x)
     exact = problem.solve(rows, collider, pose, full, internal=internal.x)
     named = (("internal equilibrium", internal), ("linear response", linear), ("constrained truth", exact))
     return FrameSolves(
-        internal=internal.x - problem.body.reduced_positions(rows),
+        internal=internal.x - reduced,
         linear=linear.x - internal.x,
         exact=exact.x - internal.x,
         seconds=time.perf_counter() - start,
@@ -70,12 +76,15 @@ class SolveStore:
         path = self._path(frame)
         if not path.is_file():
             return None
-        with np.load(path, allow_pickle=False) as kept:
-            if str(kept["key"]) != self._key(full, pose):
-                return None
-            return FrameSolves(
-                kept["internal"], kept["linear"], kept["exact"], float(kept["seconds"]), str(kept["problem"])
-            )
+        try:
+            with np.load(path, allow_pickle=False) as kept:
+                if str(kept["key"]) != self._key(full, pose):
+                    return None
+                fields = [kept[name] for name in ("internal", "linear", "exact")]
+                return FrameSolves(*fields, float(kept["seconds"]), str(kept["problem"]))
+        except (OSError, ValueError, KeyError, BadZipFile) as error:
+            log.warning("%s: not readable (%s); the frame is solved again", path, error)
+            return None
 
     def save(self, frame: int, full: Array, pose: RigidPose, solves: FrameSolves) -> None:
         key = np.array(self._key(full, pose))

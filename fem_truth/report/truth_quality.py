@@ -1,6 +1,5 @@
 """What the truth file says about itself: statuses, residuals, iterations, time, and the label-noise floor."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,7 @@ def truth_summary(truth: TruthData) -> dict[str, Any]:
     }
 
 
-def quality_columns(truth: TruthData) -> dict[str, Sequence[float] | Array]:
+def quality_columns(truth: TruthData) -> dict[str, Array]:
     """Columns for the histograms, of converged samples: title -> values."""
     samples = truth.samples
     good = samples["status"] == CONVERGED

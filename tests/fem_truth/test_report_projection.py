@@ -1,0 +1,109 @@
+"""The judge's reduced states, and the store of its solves."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from fem_truth.full_space_elasticity import FullSpaceElasticity
+from fem_truth.report.projection import FramesInPlace, Projection
+from fem_truth.report.solves import FrameSolves, SolveStore
+from runtime.colliders.pose import RigidPose
+from runtime.contact import PenaltyContact
+
+ROUND_OFF = 1e-12  # m: bodies are 0.1 m wide, the normal equations lose a few digits
+
+
+def deformed(body):
+    """Positions that no subspace has, with the frames in place."""
+    X = body.mesh.points
+    x = X + 0.003 * np.sin(40 * X[:, ::-1]) * (X[:, -1:] / X[:, -1].max()) ** 2
+    x[body.handles.frame_nodes] = X[body.handles.frame_nodes]
+    return x
+
+
+def test_the_residual_is_orthogonal_to_the_basis_on_the_free_nodes(jelly_body):
+    body, x = jelly_body, deformed(jelly_body)
+    projection = Projection(body)
+    reduced = projection.reduced(projection.rows(x), x)
+    free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
+    assert np.abs(body.basis[free].T @ (x - reduced)[free]).max() < 1e3 * ROUND_OFF  # sums over nodes
+    assert np.array_equal(reduced[body.handles.frame_nodes], x[body.handles.frame_nodes])
+
+
+def test_affine_positions_are_their_own_projection(jelly_body):
+    body = jelly_body
+    shear = np.eye(body.dim) + 0.1 * np.eye(body.dim)[::-1]
+    x = body.mesh.points @ shear.T + 0.02
+    projection = Projection(body)
+    assert np.abs(projection.reduced(projection.rows(x), x) - x).max() < 10 * ROUND_OFF
+
+
+def test_a_full_space_equilibrium_is_its_own_constrained_equilibrium(jelly_body):
+    """Without contact, the equilibrium at the projected state of a static full-space frame is that frame: the
+    constraint is satisfied and the energy is least. Solved to 1e-7 of the forces, so to far less than 1e-6 m."""
+    body = jelly_body
+    gravity = np.zeros(body.dim)
+    gravity[-1] = -9.81
+    problem = FramesInPlace(FullSpaceElasticity(body), gravity, PenaltyContact(1e10), body)
+    projection = Projection(body)
+    x = static_equilibrium(body, gravity)
+    rows = projection.rows(x)
+    solution = problem.internal_equilibrium(rows, x0=projection.reduced(rows, x))
+    assert solution.converged
+    sag = np.abs(x - body.mesh.points).max()
+    assert np.abs(solution.x - x).max() < 1e-4 * sag
+
+
+def static_equilibrium(body, gravity):
+    """(n_nodes, dim) of the body under its weight on its held base, by plain Newton steps."""
+    from scipy.sparse.linalg import spsolve
+
+    elasticity = FullSpaceElasticity(body)
+    free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
+    dofs = (free[:, None] * body.dim + np.arange(body.dim)).ravel()
+    x = body.mesh.points.copy()
+    for _ in range(12):
+        force = elasticity.gradient(x) - np.outer(body.node_mass, gravity)
+        hessian = elasticity.hessian(x).sparse().tocsc()[np.ix_(dofs, dofs)]
+        x.reshape(-1)[dofs] -= spsolve(hessian, force.ravel()[dofs])
+    return x
+
+
+@pytest.fixture
+def solves():
+    rng = np.random.default_rng(0)
+    return FrameSolves(*rng.normal(size=(3, 5, 2)), seconds=1.5, problem="")
+
+
+def test_store_returns_what_it_was_given_and_only_for_the_same_problem(tmp_path, solves):
+    full, pose = np.arange(10.0).reshape(5, 2), RigidPose.identity(2)
+    store = SolveStore(tmp_path / "heldout", "context")
+    assert store.load(3, full, pose) is None
+    store.save(3, full, pose, solves)
+    found = store.load(3, full, pose)
+    assert np.array_equal(found.exact, solves.exact)
+    assert (found.seconds, found.problem) == (1.5, "")
+    assert store.load(4, full, pose) is None
+    assert store.load(3, full + 1e-9, pose) is None
+    assert store.load(3, full, RigidPose(np.eye(2), np.array([0.0, 1e-9]))) is None
+    assert SolveStore(tmp_path / "heldout", "another").load(3, full, pose) is None
+
+
+def test_a_damaged_solve_is_made_again(tmp_path, solves):
+    full, pose = np.zeros((5, 2)), RigidPose.identity(2)
+    store = SolveStore(tmp_path, "context")
+    store.save(0, full, pose, solves)
+    path = next(tmp_path.glob("*.npz"))
+    path.write_bytes(path.read_bytes()[:100])
+    assert store.load(0, full, pose) is None
+
+
+def test_nothing_half_written_is_left(tmp_path, solves, monkeypatch):
+    def fail(*args, **kwargs):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savez", fail)
+    with pytest.raises(OSError, match="no space"):
+        SolveStore(tmp_path, "context").save(0, np.zeros((5, 2)), RigidPose.identity(2), solves)
+    assert list(tmp_path.iterdir()) == []
