@@ -90,6 +90,9 @@ if is_complete; then
     exit 0
 fi
 [ "${1:-}" = --check ] && exit 1
+exec {lock}> .venv.lock
+flock "$lock" # two installations into one .venv would spoil it
+is_complete && exit 0
 install_debian_packages
 make_venv
 fingerprint > "$VENV/installed"
