@@ -40,8 +40,10 @@ def test_affine_positions_are_their_own_projection(jelly_body):
 
 
 def test_a_full_space_equilibrium_is_its_own_constrained_equilibrium(jelly_body):
-    """Without contact, the equilibrium at the projected state of a static full-space frame is that frame: the
-    constraint is satisfied and the energy is least. Solved to 1e-7 of the forces, so to far less than 1e-6 m."""
+    """Without contact, the equilibrium at the projected state of a static full-space frame is that frame.
+
+    The constraint is satisfied and the energy is least. Solved to 1e-7 of the forces, hence 1e-4 of the
+    sag."""
     body = jelly_body
     gravity = np.zeros(body.dim)
     gravity[-1] = -9.81

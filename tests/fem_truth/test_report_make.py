@@ -1,0 +1,163 @@
+"""`softprint report` on a toy run: both files come out, and sentences where something is missing."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("dolfinx")
+pytest.importorskip("jinja2")
+pytest.importorskip("matplotlib")
+
+from fem_truth.report import make
+from fem_truth.report.make import make_report
+from fem_truth.report.page import look_up
+from fem_truth.report.solves import SolveStore
+from runtime.body import build_body, save_body
+from runtime.cli.context import Context
+from runtime.dynamics.simulate import simulate_scene
+from runtime.errors import SoftprintError
+from runtime.mesh import write_mesh
+from runtime.mesh.box import box_mesh
+
+EXPERIMENT = """
+[experiment]
+name = "toy"
+[body]
+mesh = "block.vtu"
+[body.handles]
+points = 6
+frames = [{ name = "base", box = [[-1, -1], [1, 0.0075]] }]
+[body.material]
+young = 2e4
+poisson = 0.4
+density = 1000.0
+[[colliders]]
+name = "ball"
+shape = "circle"
+radius = 0.02
+[contact]
+stiffness = 1e9
+friction = 0.0
+[dynamics]
+gravity = [0, -9.81]
+[report]
+frames = 3
+[[scenes]]
+name = "test"
+role = "test"
+duration = 0.2
+kinematic = ["base"]
+[[scenes.colliders]]
+name = "ball"
+keyframes = [{ time = 0.0, position = [0.0, 0.085] }, { time = 0.15, position = [0.0, 0.073] }]
+"""
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory) -> Path:
+    """A folder with the experiment and a run directory that holds the body and two motions."""
+    folder = tmp_path_factory.mktemp("toy")
+    write_mesh(folder / "block.vtu", box_mesh([-0.05, 0.0], [0.05, 0.06], [15, 9]))
+    (folder / "toy.toml").write_text(EXPERIMENT)
+    context = context_of(folder, folder / "run")
+    experiment = context.experiment
+    body = build_body(experiment.body, experiment.base_dir, experiment.seed)
+    save_body(folder / "run" / "body.h5", body)
+    for model in ("bare", "full"):
+        simulate_scene(context, body, experiment.scenes[0], model)
+    return folder
+
+
+def context_of(folder: Path, out: Path, *overrides: str) -> Context:
+    out.mkdir(exist_ok=True)
+    return Context(folder / "toy.toml", overrides, out, quiet=True, write=lambda text: None)
+
+
+def reports(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*") if re.search("report|npz", path.name))
+
+
+def test_report_of_a_toy_run(toy, monkeypatch):
+    made = make_report(context_of(toy, toy / "run"))
+    summary = json.loads(made.numbers.read_text())
+    errors = summary["scenes"][0]["errors_solved"]
+    assert errors["bare"]["relative_rms"] == 1.0
+    assert errors["full"]["relative_rms"] == 0.0
+    # Frictionless and slow, so what is left beside contact and internal deformation is a little inertia.
+    assert errors["statics"]["relative_rms"] < 0.3
+    assert errors["statics"]["relative_rms"] < errors["truth"]["relative_rms"] < 1.0
+    assert summary["contact_displacement"]["bare"] == 1.0
+    assert summary["timings"]["bare"]["cost_of_bare"] == 1.0
+    assert [note for note in summary["notes"] if "softprint generate" in note]
+    assert [note for note in summary["notes"] if "softprint train" in note]
+    html = made.page.read_text()
+    found = re.findall(r'<data value="([^"]+)" data-key="([^"]+)">', html)
+    assert len(found) > 50
+    assert all(float(value) == look_up(summary, key) for value, key in found)
+    assert html.count("<img") == html.count('src="data:image/webp')
+
+    def again(*arguments):
+        raise AssertionError("a frame that was solved is solved again")
+
+    monkeypatch.setattr(make, "solve_frame", again)
+    before = made.numbers.read_text()
+    make_report(context_of(toy, toy / "run"), pictures=False)
+    errors_again = json.loads(made.numbers.read_text())["errors_solved"]
+    assert errors_again == json.loads(before)["errors_solved"]
+    assert "<img" not in made.page.read_text()
+
+
+def test_an_interrupted_report_leaves_finished_solves_and_no_page(toy, tmp_path, monkeypatch):
+    run = copy_of_run(toy, tmp_path)
+    kept = SolveStore.save
+    calls = []
+
+    def save_then_stop(self, *arguments):
+        kept(self, *arguments)
+        calls.append(arguments[0])
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(SolveStore, "save", save_then_stop)
+    with pytest.raises(KeyboardInterrupt):
+        make_report(context_of(toy, run), pictures=False)
+    assert reports(run) == [f"frame_{frame:05d}.npz" for frame in calls]
+
+
+@pytest.mark.parametrize(
+    ("absent", "verb"), [("body.h5", "softprint body"), ("motions/test_full.h5", "softprint simulate")]
+)
+def test_what_is_missing_is_named_with_its_remedy(toy, tmp_path, absent, verb):
+    run = copy_of_run(toy, tmp_path)
+    (run / absent).unlink()
+    with pytest.raises(SoftprintError, match=re.escape(verb)) as error:
+        make_report(context_of(toy, run))
+    assert Path(absent).name in str(error.value)
+    assert reports(run) == []
+
+
+def test_an_experiment_without_a_held_out_scene_is_refused(toy, tmp_path):
+    run = copy_of_run(toy, tmp_path)
+    text = EXPERIMENT.replace('role = "test"', 'role = "record"')
+    (tmp_path / "record.toml").write_text(text.replace("block.vtu", str(toy / "block.vtu")))
+    with pytest.raises(SoftprintError, match='role = "test"'):
+        make_report(Context(tmp_path / "record.toml", (), run, quiet=True, write=lambda line: None))
+
+
+def test_a_motion_cut_short_is_refused_and_no_page_is_written(toy, tmp_path):
+    run = copy_of_run(toy, tmp_path)
+    path = run / "motions" / "test_full.h5"
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(SoftprintError, match=r"test_full\.h5"):
+        make_report(context_of(toy, run))
+    assert reports(run) == []
+
+
+def copy_of_run(toy: Path, target: Path) -> Path:
+    run = target / "run"
+    (run / "motions").mkdir(parents=True)
+    for name in ("body.h5", "motions/test_full.h5", "motions/test_bare.h5"):
+        (run / name).write_bytes((toy / "run" / name).read_bytes())
+    return run
