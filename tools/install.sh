@@ -40,13 +40,22 @@ case "$RELEASE" in
            "Elsewhere: install DOLFINx your own way, then pip install '.[train,report,dev]' into its environment." ;;
 esac
 
-fingerprint() {
-    # What the last complete installation was made from, and where: a moved .venv does not work.
-    { pwd; printf '%s ' "${APT_PACKAGES[@]}"; cat "$CONSTRAINTS" pyproject.toml tools/install.sh; } | sha256sum
+wheels_fingerprint() {
+    # What the wheels in .venv were installed from, and where: a moved .venv does not work.
+    { pwd; "$SYSTEM_PYTHON" --version; printf '%s ' "${APT_PACKAGES[@]}"; cat "$CONSTRAINTS"; } | sha256sum
+}
+
+project_fingerprint() {
+    { wheels_fingerprint; cat pyproject.toml; } | sha256sum
+}
+
+has() {
+    # has STAMP FINGERPRINT: whether that part of .venv was finished, and from what is here now.
+    [ "$(cat "$VENV/$1" 2>/dev/null)" = "$2" ]
 }
 
 is_complete() {
-    [ -x "$VENV/bin/softprint" ] && [ "$(cat "$VENV/installed" 2>/dev/null)" = "$(fingerprint)" ]
+    [ -x "$SYSTEM_PYTHON" ] && [ -x "$VENV/bin/softprint" ] && has installed "$(project_fingerprint)"
 }
 
 as_root() {
@@ -67,23 +76,31 @@ install_debian_packages() {
     done
     [ ${#MISSING[@]} -eq 0 ] && return
     say "Installing Debian packages: ${MISSING[*]}"
+    as_root env DEBIAN_FRONTEND=noninteractive dpkg --configure -a # finishes what a killed run left half done
     as_root env DEBIAN_FRONTEND=noninteractive apt-get update -q
     as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "${MISSING[@]}"
 }
 
-make_venv() {
+PIP=("$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-input)
+
+install_wheels() {
+    has wheels "$(wheels_fingerprint)" && return
     say "Installing Python packages into $VENV"
     # --clear: a half-made environment, or one of another Python, is no base to build on.
     "$SYSTEM_PYTHON" -m venv --clear --system-site-packages "$VENV"
-    local pip=("$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-input)
     # Without dependencies: the list is complete, and none of them may bring a package that Debian has.
     grep -v '^torch==' "$CONSTRAINTS" > "$VENV/wheels.txt"
-    "${pip[@]}" --no-deps -r "$VENV/wheels.txt"
+    "${PIP[@]}" --no-deps -r "$VENV/wheels.txt"
     # torch with its dependencies: which they are differs between its builds for CPU and for CUDA.
     if grep -q '^torch==' "$CONSTRAINTS"; then
-        "${pip[@]}" -c "$CONSTRAINTS" torch
+        "${PIP[@]}" -c "$CONSTRAINTS" torch
     fi
-    "${pip[@]}" --no-deps --no-build-isolation --editable .
+    wheels_fingerprint > "$VENV/wheels"
+}
+
+install_softprint() {
+    "${PIP[@]}" --no-deps --no-build-isolation --editable .
+    project_fingerprint > "$VENV/installed"
 }
 
 if is_complete; then
@@ -94,6 +111,6 @@ exec {lock}> .venv.lock
 flock "$lock" # two installations into one .venv would spoil it
 is_complete && exit 0
 install_debian_packages
-make_venv
-fingerprint > "$VENV/installed"
+install_wheels
+install_softprint
 say "Installed. Try: $VENV/bin/softprint doctor"
