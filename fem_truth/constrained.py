@@ -74,6 +74,10 @@ INTERNAL_SETTINGS = NewtonSettings(gradient_tolerance=1e-7, decrement_tolerance=
 _FORCE_FLOOR = 1e-3
 
 
+# How many times the last step of a press is extrapolated at most.
+_FARTHEST = 2.0
+
+
 class InternalEnergy(TotalEnergy):
     """Elasticity and gravity: forces are measured against the elastic forces, unprojected, energies against
     W."""
@@ -200,7 +204,7 @@ class ConstrainedProblem:
 
 
 class Press:
-    """One contact of one state, solved at one pose after another; each solve starts from the last.
+    """One contact of one state, solved at one pose after another; each solve starts from those before it.
 
     The answers depend on nothing but the arguments and the poses solved so far, so a press is the unit of
     work that ranks may share out.
@@ -217,7 +221,9 @@ class Press:
     ) -> None:
         self._problem, self._elastic, self._tangent = problem, elastic, tangent
         self._rows, self._collider = rows, collider
-        self._internal = self._x = problem.constrained(rows, internal)
+        self._internal = problem.constrained(rows, internal)
+        #: Depths and positions of the last two solves: the secant on which the next one starts.
+        self._path = [(0.0, self._internal)]
         elasticity = problem.elasticity
         force, energy = (
             float(np.linalg.norm(elastic.gradient(self._internal))),
@@ -231,8 +237,8 @@ class Press:
     def solve(
         self, pose: RigidPose, settings: NewtonSettings = CONTACT_SETTINGS, x0: Array | None = None
     ) -> Solution:
-        """The equilibrium with the collider at `pose`, from the last one of this press, or from x0 (n_nodes,
-        dim)."""
+        """The equilibrium with the collider at `pose`; from x0 (n_nodes, dim), or on the secant through the
+        last two that converged."""
         problem = self._problem
         contact = SurfaceContact(
             problem.contact,
@@ -241,7 +247,8 @@ class Press:
             self._collider,
             pose,
         )
-        start = self._x if x0 is None else problem.constrained(self._rows, x0)
+        depth = self._depth(pose)
+        start = self._extrapolated(depth) if x0 is None else problem.constrained(self._rows, x0)
         energy = ContactEnergy(
             self._elastic,
             problem.terms,
@@ -252,8 +259,25 @@ class Press:
             self._floors,
         )
         result = minimise(energy, start, settings)
-        self._x = result.x
+        if result.converged:
+            self._path = [*self._path[-1:], (depth, result.x)]
         return _solution(problem.elasticity, result, result.status, contact.max_depth(result.x), np.nan)
+
+    def _depth(self, pose: RigidPose) -> float:
+        """How deep the collider is below the surface at the internal equilibrium [m]."""
+        nodes = self._problem.body.mesh.surface_nodes
+        return -float(self._collider.sdf(pose.apply_inverse(self._internal[nodes])).min())
+
+    def _extrapolated(self, depth: float) -> Array:
+        """Where the last two solves point to: or else the collider would overrun the nodes it pushes."""
+        last_depth, last = self._path[-1]
+        if len(self._path) == 1:
+            return last
+        before_depth, before = self._path[0]
+        if last_depth == before_depth:
+            return last
+        share = (depth - last_depth) / (last_depth - before_depth)
+        return last + float(np.clip(share, -_FARTHEST, _FARTHEST)) * (last - before)
 
 
 def _solution(

@@ -17,10 +17,11 @@ label noise.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from fem_truth.constrained import ConstrainedProblem, Solution
+from fem_truth.constrained import ConstrainedProblem, Press, Solution
 from fem_truth.newton import NewtonSettings
 from fem_truth.sampling.approach import Approach
 from runtime.arrays import Array
@@ -122,7 +123,12 @@ class ContactPath:
         return self._advance(half.x, middle, depth, pose, halvings - 1, work)
 
     def _solve(self, x: Array, pose: RigidPose) -> Solution:
-        return self.problem.solve(self.rows, self.collider, pose, x, self.settings, internal=self.internal)
+        return self._press.solve(pose, self.settings, x)
+
+    @cached_property
+    def _press(self) -> Press:
+        """Keeps the elastic Hessian from one solve to the next while it serves."""
+        return self.problem.press(self.rows, self.collider, self.internal)
 
 
 def node_speeds(displacements: list[Array | None], depths: Array) -> Array:
