@@ -2,7 +2,7 @@
 
     python meshes/make_colliders.py [FOLDER]
 
-`pointy` is a blunt caltrop after the thesis's pointy collider: seven cones with tips of 6 mm radius in
+`pointy` is a blunt caltrop after the thesis's pointy collider: seven cones with tips of 8 mm radius in
 uneven directions and of uneven length, smoothly joined, so that no symmetry hides an error in a rotation.
 `star` is a star of five unequal points; the 5 mm by which its reader is to round its corners blunts it to
 about 30 mm.
@@ -32,7 +32,7 @@ SPIKES = (
     ((-0.85, 0.05, 0.55), 0.0300),
     ((0.35, -0.75, 0.58), 0.0290),
 )
-TIP_RADIUS, ROOT_RADIUS, BLEND = 0.006, 0.011, 0.008
+TIP_RADIUS, ROOT_RADIUS, BLEND = 0.008, 0.012, 0.008
 STAR_REACH = (0.0390, 0.0370, 0.0400, 0.0375, 0.0385)
 STAR_VALLEY = 0.0180
 TRIANGLES = 4500  # of 50 bytes each in a binary STL
