@@ -54,9 +54,21 @@ class Learning:
 
 def table_of(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Records as columns (in order of appearance) and rows."""
+    records = [_flat(record) for record in records]
     columns = list(dict.fromkeys(key for record in records for key in record))
     rows = [{column: record.get(column) for column in columns} for record in records]
     return {"columns": columns, "rows": rows}
+
+
+def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables inside a record become columns of their own."""
+    flat: dict[str, Any] = {}
+    for key, value in record.items():
+        if isinstance(value, Mapping):
+            flat |= {f"{key} {inner}": item for inner, item in value.items()}
+        else:
+            flat[key] = value
+    return flat
 
 
 def columns_of(records: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
@@ -89,9 +101,10 @@ def load_learning(corrections: Mapping[str, Path], folder: Path) -> Learning:
 
 
 def read_table(path: Path) -> dict[str, Any]:
-    """A table from a JSON file that holds a list of records, or an object with such a list under `rows`."""
+    """A table from a JSON file that holds a list of records, or an object with such a list under `rows`
+    or `speeds` (what `softprint bench` writes)."""
     content = read_json(path)
-    records = content.get("rows") if isinstance(content, dict) else content
+    records = content.get("rows", content.get("speeds")) if isinstance(content, dict) else content
     if (
         not isinstance(records, list)
         or not records

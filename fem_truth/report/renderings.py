@@ -115,7 +115,7 @@ class GlRenderer:
                 outline.points += self._lift(towards)
                 plotter.add_mesh(outline, color="#26324a", line_width=3.0, lighting=False)
             direction = _unit(towards + np.array([0.0, 0.0, 0.3]))
-            _look(plotter, centre, direction, 0.62 * self._side)
+            _look(plotter, centre, direction, 0.54 * self._side)
 
         return _shot(build, alt)
 

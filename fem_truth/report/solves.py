@@ -80,8 +80,13 @@ class SolveStore:
             with np.load(path, allow_pickle=False) as kept:
                 if str(kept["key"]) != self._key(full, pose):
                     return None
-                fields = [kept[name] for name in ("internal", "linear", "exact")]
-                return FrameSolves(*fields, float(kept["seconds"]), str(kept["problem"]))
+                return FrameSolves(
+                    internal=kept["internal"],
+                    linear=kept["linear"],
+                    exact=kept["exact"],
+                    seconds=float(kept["seconds"]),
+                    problem=str(kept["problem"]),
+                )
         except (OSError, ValueError, KeyError, BadZipFile) as error:
             log.warning("%s: not readable (%s); the frame is solved again", path, error)
             return None

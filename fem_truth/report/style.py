@@ -63,7 +63,7 @@ _KNOWN = (
     ModelStyle(
         "statics",
         "Full statics",
-        "contact and internal displacement exact: only inertia is missing",
+        "contact and internal displacement exact: only inertia and friction are missing",
         "#a3487f",
         "#e39ac6",
         _DOTTED,

@@ -97,7 +97,12 @@ def summary():
     content = {
         "softprint_report": 1,
         "made": "2026-01-01 00:00 UTC",
-        "experiment": {"name": "toy", "seed": 7, "text": '[experiment]\nname = "<b>toy</b>"'},
+        "experiment": {
+            "name": "toy",
+            "seed": 7,
+            "friction": 0.3,
+            "text": '[experiment]\nname = "<b>toy</b>"',
+        },
         "body": {
             "dim": 3,
             "nodes": 2431,

@@ -1,0 +1,39 @@
+"""What training and benchmarks leave in a run directory, as tables."""
+
+import json
+
+import pytest
+
+pytest.importorskip("torch")
+
+from fem_truth.report.learning import load_learning, read_table
+from runtime.errors import SoftprintError
+
+
+def test_a_table_from_records_and_from_a_bench(tmp_path):
+    path = tmp_path / "t.json"
+    path.write_text(json.dumps([{"option": "none", "error": 0.4}, {"option": "sdf", "seconds": 3}]))
+    assert read_table(path) == {
+        "columns": ["option", "error", "seconds"],
+        "rows": [
+            {"option": "none", "error": 0.4, "seconds": None},
+            {"option": "sdf", "error": None, "seconds": 3},
+        ],
+    }
+    path.write_text(json.dumps({"scene": "x", "speeds": [{"model": "bare", "phases": {"solve": 1e-3}}]}))
+    assert read_table(path)["rows"] == [{"model": "bare", "phases solve": 1e-3}]
+
+
+@pytest.mark.parametrize("content", ["{", "[]", "3", '{"rows": 3}', "[1, 2]"])
+def test_what_is_no_table_is_refused_by_name(tmp_path, content):
+    path = tmp_path / "ablation.json"
+    path.write_text(content)
+    with pytest.raises(SoftprintError, match=r"ablation\.json"):
+        load_learning({}, tmp_path)
+
+
+def test_an_empty_run_has_learned_nothing(tmp_path):
+    learning = load_learning({}, tmp_path)
+    assert learning.histories == {}
+    assert learning.summary()["ablation"] is None
+    assert learning.summary()["benchmarks"] == []
