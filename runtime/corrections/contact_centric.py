@@ -38,7 +38,7 @@ class ContactCentric:
         self.model = model.eval()
         self.probe = ContactProbe(body, collider)
 
-    def bind(self, points: MaterialPoints, reach: float = np.inf) -> BoundContactCentric:
+    def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundContactCentric:
         """See `Correction.bind`."""
         return BoundContactCentric(self, points, reach)
 
@@ -56,9 +56,11 @@ class _Contact:
 class BoundContactCentric:
     """A contact-centric correction at n material points."""
 
-    def __init__(self, correction: ContactCentric, points: MaterialPoints, reach: float) -> None:
+    def __init__(self, correction: ContactCentric, points: MaterialPoints, reach: float | Array) -> None:
         self._model, self._probe = correction.model, correction.probe
-        self._basis, self._reach = points.basis, reach
+        self._basis = points.basis
+        self._reach = np.broadcast_to(np.asarray(reach, dtype=float), len(points))
+        self._everywhere = not np.isfinite(self._reach).any()
         self._points = PointTensors.of(points, self._model.output_scale)
 
     def displacement(self, rows: Array, pose: RigidPose) -> Array:
@@ -94,12 +96,12 @@ class BoundContactCentric:
         z = self._basis @ local_rows
         index = np.arange(len(z))
         points = self._points
-        if np.isfinite(self._reach):
-            collider = self._probe.collider
-            index = np.flatnonzero(
-                ((z > collider.lower - self._reach) & (z < collider.upper + self._reach)).all(axis=1)
-            )
-            index = index[collider.sdf(z[index]) < self._reach]
+        if not self._everywhere:
+            collider, margin = self._probe.collider, self._reach[:, None]
+            active = ((z > collider.lower - margin) & (z < collider.upper + margin)).all(axis=1)
+            limited = np.flatnonzero(active & np.isfinite(self._reach))
+            active[limited] = collider.sdf(z[limited]) < self._reach[limited]
+            index = np.flatnonzero(active)
             points, z = points.take(torch.from_numpy(index)), z[index]
         state = PointStates.at(points, local_rows, z, self._probe.collider)
         return _Contact(patch, index, state, torch.from_numpy(pose.rotation.copy()).to(points.basis))

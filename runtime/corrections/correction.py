@@ -55,7 +55,8 @@ class Correction(Protocol):
     collider: str
     support: float
 
-    def bind(self, points: MaterialPoints, reach: float = np.inf) -> BoundCorrection:
+    def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundCorrection:
         """The correction at these points, prepared once. Points whose *reduced* position is farther than `reach` [m]
-        from the collider count as inactive: contact points need the correction only where they could touch."""
+        from the collider (one number, or (n,) one a point) count as inactive: contact points need the correction only
+        where they could touch."""
         ...

@@ -1,5 +1,8 @@
-"""Body points that dynamics watches, x = U rows + u(rows, poses), u being the sum of the corrections bound to
-them."""
+"""Where a body is watched in every step: the corners of its cubature cells and its surface samples.
+
+Their positions are x = U rows + u(rows, poses), u being the sum of the corrections. All corrections are asked
+once for all of these points together, for each question costs as much as some hundred points.
+"""
 
 from __future__ import annotations
 
@@ -7,51 +10,58 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.material_points import MaterialPoints
+from runtime.arrays import Array, IntArray
+from runtime.body.body import ReducedBody
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.correction import BoundCorrection, Correction, CorrectionField
-from runtime.dynamics.timings import Timings
+from runtime.dynamics.timings import Phase
 
 Poses = Mapping[str, RigidPose]
 
 
 class CorrectedPoints:
-    """n material points with the corrections of some colliders.
+    """The n watched nodes of a body. corners: (m, dim+1) of the cubature cells and samples: (s,) of the
+    surface, both as numbers of watched points.
 
-    corrections: (name of the collider, correction); reach: see `Correction.bind`.
+    corrections: (name of the collider, correction); reach [m]: surface samples whose reduced position is
+    farther than that from the collider need no correction, see `Correction.bind`.
     """
 
     def __init__(
-        self, points: MaterialPoints, corrections: Sequence[tuple[str, Correction]], reach: float = np.inf
+        self, body: ReducedBody, corrections: Sequence[tuple[str, Correction]], reach: float = np.inf
     ) -> None:
-        self.basis: Array = np.ascontiguousarray(points.basis)
-        self._corrections: list[tuple[str, BoundCorrection]] = [
-            (collider, correction.bind(points, reach)) for collider, correction in corrections
-        ]
+        corners = body.mesh.cells[body.cubature.cells]
+        nodes = np.union1d(corners, body.surface.nodes)
+        self.corners: IntArray = np.searchsorted(nodes, corners)
+        self.samples: IntArray = np.searchsorted(nodes, body.surface.nodes)
+        self.count = len(nodes)
+        reaches = np.full(len(nodes), reach)
+        reaches[self.corners] = np.inf
+        points = body.node_points(nodes) if corrections else None
+        self._corrections: list[tuple[str, BoundCorrection]] = (
+            []
+            if points is None
+            else [(name, correction.bind(points, reaches)) for name, correction in corrections]
+        )
 
     @property
     def corrected(self) -> bool:
         """Whether there is any correction."""
         return bool(self._corrections)
 
-    def reduced(self, rows: Array) -> Array:
-        """U rows (n, dim) [m]."""
-        return self.basis @ rows
-
-    def displacement(self, rows: Array, poses: Poses, timings: Timings) -> Array | None:
+    def displacement(self, rows: Array, poses: Poses, phase: Phase) -> Array | None:
         """u (n, dim) [m]; None where there is no correction at all."""
         if not self._corrections:
             return None
-        with timings.correction:
+        with phase:
             fields = [bound.displacement(rows, poses[collider]) for collider, bound in self._corrections]
             return sum(fields[1:], start=fields[0])
 
-    def linearise(self, rows: Array, poses: Poses, timings: Timings) -> CorrectionField | None:
+    def linearise(self, rows: Array, poses: Poses, phase: Phase) -> CorrectionField | None:
         """u and du/drows of the points where any correction is active; None where none is."""
         if not self._corrections:
             return None
-        with timings.correction:
+        with phase:
             fields = [bound.linearise(rows, poses[collider]) for collider, bound in self._corrections]
             active = [field for field in fields if len(field.index)]
             return _sum_of(active) if active else None
@@ -60,9 +70,15 @@ class CorrectedPoints:
         """The field's displacement at all n points, zero where it is inactive."""
         if field is None:
             return None
-        displacement = np.zeros((len(self.basis), field.displacement.shape[1]))
+        displacement = np.zeros((self.count, field.displacement.shape[1]))
         displacement[field.index] = field.displacement
         return displacement
+
+    def slots(self, field: CorrectionField) -> IntArray:
+        """(n,) where in the field each point is, -1 where the field is inactive."""
+        slots = np.full(self.count, -1)
+        slots[field.index] = np.arange(len(field.index))
+        return slots
 
 
 def _sum_of(fields: Sequence[CorrectionField]) -> CorrectionField:

@@ -8,50 +8,38 @@ The term in d2u/drows2 is left out of the Hessian (thesis 5.4); the gradient is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from runtime.arrays import Array
 from runtime.body.body import ReducedBody
-from runtime.corrections.correction import Correction, CorrectionField
-from runtime.dynamics.corrected_points import CorrectedPoints, Poses
-from runtime.dynamics.timings import Timings
+from runtime.corrections.correction import CorrectionField
+from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 
 class ElasticEnergy:
-    """The elastic energy of a body, a function of handle rows and collider poses."""
+    """The elastic energy of a body; displacements and fields are those of the watched points."""
 
-    def __init__(self, body: ReducedBody, corrections: Sequence[tuple[str, Correction]]) -> None:
-        elasticity = ReducedElasticity.of(body)
-        nodes, corners = np.unique(elasticity.corners, return_inverse=True)
-        # From here on the corners count among the cubature nodes only: nothing has the length of the mesh.
-        self._elasticity = replace(elasticity, corners=corners.reshape(elasticity.corners.shape))
-        self._points = CorrectedPoints(body.node_points(nodes), corrections)
+    def __init__(self, body: ReducedBody, points: CorrectedPoints) -> None:
+        self._points = points
+        # The corners count among the watched points: nothing here has the length of the mesh.
+        self._elasticity = replace(ReducedElasticity.of(body), corners=points.corners)
         self._basis_derivative = self._elasticity.basis_derivative()
 
-    @property
-    def n_cells(self) -> int:
-        return self._elasticity.n_cells
+    def energy(self, rows: Array, displacement: Array | None) -> float:
+        """E [J]; displacement: u (n, dim) [m]."""
+        return self._elasticity.energy(self._gradients(rows, displacement))
 
-    def energy(self, rows: Array, poses: Poses, timings: Timings) -> float:
-        """E [J]."""
-        displacement = self._points.displacement(rows, poses, timings)
-        with timings.elastic:
-            return self._elasticity.energy(self._gradients(rows, displacement))
-
-    def linearise(self, rows: Array, poses: Poses, timings: Timings) -> tuple[float, Array, Array]:
+    def linearise(self, rows: Array, field: CorrectionField | None) -> tuple[float, Array, Array]:
         """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""
-        field = self._points.linearise(rows, poses, timings)
-        with timings.elastic:
-            F = self._gradients(rows, self._points.scatter(field))
-            energy = self._elasticity.energy(F)
-            if field is None:
-                return energy, self._elasticity.gradient(F), self._elasticity.hessian(F)
-            B = self._derivative(field)
-            return energy, self._elasticity.general_gradient(F, B), self._elasticity.general_hessian(F, B)
+        F = self._gradients(rows, self._points.scatter(field))
+        energy = self._elasticity.energy(F)
+        if field is None:
+            return energy, self._elasticity.gradient(F), self._elasticity.hessian(F)
+        B = self._derivative(field)
+        return energy, self._elasticity.general_gradient(F, B), self._elasticity.general_hessian(F, B)
 
     def _gradients(self, rows: Array, displacement: Array | None) -> Array:
         F = self._elasticity.deformation_gradients(rows)
@@ -60,9 +48,7 @@ class ElasticEnergy:
     def _derivative(self, field: CorrectionField) -> Array:
         """B (m, dim, dim, n_rows, dim): dF_ij/drows = dF_ij/drows of the basis + sum_a G_aj du_ai/drows."""
         elasticity, dim = self._elasticity, field.displacement.shape[1]
-        slot = np.full(len(self._points.basis), -1)
-        slot[field.index] = np.arange(len(field.index))
-        corners = slot[elasticity.corners]
+        corners = self._points.slots(field)[self._points.corners]
         touched = np.flatnonzero((corners >= 0).any(axis=1))
         jacobian = field.jacobian.reshape(len(field.index), -1)[corners[touched]]
         jacobian[corners[touched] < 0] = 0.0

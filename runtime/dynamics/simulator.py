@@ -21,7 +21,7 @@ from runtime.colliders.collider import Collider
 from runtime.colliders.path import KeyframedPath
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.correction import Correction
+from runtime.corrections.correction import BoundCorrection, Correction
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.elastic import ElasticEnergy
 from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
@@ -35,6 +35,9 @@ from runtime.errors import SoftprintError
 
 # A body strained by less than this feels no force worth balancing: the floor of the scale of residuals.
 _NEGLIGIBLE_STRAIN = 1e-9
+# A surface point whose reduced position is farther from the collider than this share of the collider's size
+# is taken not to be pushed into it by a correction, and so needs none.
+_REACH = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +102,10 @@ class Simulator:
         )
         shapes = {placed.name: placed.collider for placed in self.colliders}
         self._corrections = [(p.name, p.correction) for p in self.colliders if p.correction is not None]
-        self._elastic = ElasticEnergy(body, self._corrections)
-        self._surface = SurfaceEnergy(body, shapes, self._corrections, contact, friction)
+        sizes = [shapes[name].size for name, _ in self._corrections if np.isfinite(shapes[name].size)]
+        self._points = CorrectedPoints(body, self._corrections, _REACH * max(sizes, default=np.inf))
+        self._elastic = ElasticEnergy(body, self._points)
+        self._surface = SurfaceEnergy(body, self._points, shapes, contact, friction)
         self._friction = friction
         self._last: tuple[ReducedState, Array] | None = None  # the surface at the end of the last step
 
@@ -218,6 +223,7 @@ class Simulator:
             handles=self.body.handles,
             free=self._free,
             quadratic=quadratic,
+            points=self._points,
             elastic=self._elastic,
             surface=self._surface,
             poses=poses,
@@ -265,25 +271,25 @@ class Simulator:
         """Corrected surface samples at a state; remembered for the state that the last step returned."""
         if self._last is not None and self._last[0] is state:
             return self._last[1]
-        return self._surface.positions(state.rows, state.poses, timings)
+        displacement = self._points.displacement(state.rows, state.poses, timings.correction)
+        return self._surface.positions(state.rows, displacement)
 
     @cached_property
-    def _nodes(self) -> CorrectedPoints:
-        return CorrectedPoints(self.body.node_points(), self._corrections)
+    def _node_corrections(self) -> list[tuple[str, BoundCorrection]]:
+        points = self.body.node_points()
+        return [(collider, correction.bind(points)) for collider, correction in self._corrections]
 
     def positions(self, state: ReducedState) -> Array:
         """(n_nodes, dim) [m]: every node of the mesh, corrections included. As costly as the mesh is
         large."""
-        reduced = self._nodes.reduced(state.rows)
-        displacement = self._nodes.displacement(state.rows, state.poses, Timings())
-        return reduced if displacement is None else reduced + displacement
+        x = self.body.reduced_positions(state.rows)
+        for collider, correction in self._node_corrections:
+            x = x + correction.displacement(state.rows, state.poses[collider])
+        return x
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
-        timings = Timings()
-        return self._surface.forces(
-            self._surface.positions(state.rows, state.poses, timings), state.poses, None
-        )[2]
+        return self._surface.forces(self._surface_of(state, Timings()), state.poses, None)[2]
 
     def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.body.handles import Handles
-from runtime.dynamics.corrected_points import Poses
+from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.elastic import ElasticEnergy
 from runtime.dynamics.newton import Linearisation
 from runtime.dynamics.springs import QuadraticForm
@@ -54,6 +54,7 @@ class StepEnergy:
         handles: Handles,
         free: IntArray,
         quadratic: QuadraticForm,
+        points: CorrectedPoints,
         elastic: ElasticEnergy,
         surface: SurfaceEnergy,
         poses: Poses,
@@ -66,6 +67,7 @@ class StepEnergy:
         self._handles = handles
         self._free = free
         self._quadratic = quadratic
+        self._points = points
         self._elastic = elastic
         self._surface = surface
         self._poses = poses
@@ -86,7 +88,8 @@ class StepEnergy:
     def energy(self, rows: Array) -> float:
         """E [J], friction lagged as at the last `linearise`."""
         found = self.evaluate(rows)
-        contact = self._surface.energy(found.surface, self._poses, self._step, self._timings)
+        with self._timings.contact:
+            contact = self._surface.energy(found.surface, self._poses, self._step)
         return self._quadratic.energy(rows) + found.elastic + contact
 
     def evaluate(self, rows: Array) -> Evaluation:
@@ -95,8 +98,11 @@ class StepEnergy:
         A line search ends with the point it accepts, so the end of a step is not evaluated again.
         """
         if self._latest is None or self._latest.rows is not rows:
-            surface = self._surface.positions(rows, self._poses, self._timings)
-            elastic = self._elastic.energy(rows, self._poses, self._timings)
+            displacement = self._points.displacement(rows, self._poses, self._timings.correction)
+            with self._timings.positions:
+                surface = self._surface.positions(rows, displacement)
+            with self._timings.elastic:
+                elastic = self._elastic.energy(rows, displacement)
             self._latest = Evaluation(rows, surface, elastic)
         return self._latest
 
@@ -108,12 +114,16 @@ class StepEnergy:
     def linearise(self, rows: Array) -> Linearisation:
         """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one
         another."""
-        elastic, elastic_gradient, hessian = self._elastic.linearise(rows, self._poses, self._timings)
-        relag = self._relags_left > 0
+        field = self._points.linearise(rows, self._poses, self._timings.correction)
+        with self._timings.positions:
+            surface = self._surface.positions(rows, self._points.scatter(field))
+        with self._timings.elastic:
+            elastic, elastic_gradient, hessian = self._elastic.linearise(rows, field)
+        with self._timings.contact:
+            contact, contact_gradient, contact_hessian = self._surface.linearise(
+                surface, field, self._poses, self._step, relag=self._relags_left > 0
+            )
         self._relags_left -= 1
-        surface, contact, contact_gradient, contact_hessian = self._surface.linearise(
-            rows, self._poses, self._step, relag, self._timings
-        )
         self._latest = Evaluation(rows, surface, elastic)
         with self._timings.solve:
             if contact_hessian is not None:
@@ -131,7 +141,7 @@ class StepEnergy:
         return Linearisation(
             energy=quadratic + elastic + contact,
             noise=_ROUND_OFF * (abs(self._quadratic.constant) + abs(quadratic))
-            + (_NETWORK_ROUND_OFF if self._surface.corrected else _ROUND_OFF) * (elastic + contact),
+            + (_NETWORK_ROUND_OFF if self._points.corrected else _ROUND_OFF) * (elastic + contact),
             gradient=parts[0] + parts[1] + parts[2],
             hessian=hessian,
             scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),

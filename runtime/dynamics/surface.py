@@ -20,14 +20,9 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
-from runtime.corrections.correction import Correction, CorrectionField
+from runtime.corrections.correction import CorrectionField
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.state import ContactForce
-from runtime.dynamics.timings import Timings
-
-# A surface point whose reduced position is farther from every part of the collider than this share of the
-# collider's size is taken not to be pushed into it by a correction, and so needs none.
-_REACH = 0.25
 
 
 @dataclass
@@ -42,65 +37,49 @@ class StepContact:
 
 
 class SurfaceEnergy:
-    """Contact and friction of a body with its colliders, by name."""
+    """Contact and friction of a body with its colliders, by name; displacements and fields are those of the
+    watched points, x (s, dim) [m] are positions of the surface samples."""
 
     def __init__(
         self,
         body: ReducedBody,
+        points: CorrectedPoints,
         colliders: dict[str, Collider],
-        corrections: Sequence[tuple[str, Correction]],
         contact: PenaltyContact,
         friction: CoulombFriction | None,
     ) -> None:
-        self.colliders = colliders
+        self._points = points
+        self._basis = np.ascontiguousarray(body.basis[body.surface.nodes])
         self._areas = body.surface.areas
+        self._colliders = colliders
         self._contact = contact
         self._friction = friction
-        sizes = [colliders[name].size for name, _ in corrections if np.isfinite(colliders[name].size)]
-        self._points = CorrectedPoints(
-            body.node_points(body.surface.nodes), corrections, _REACH * max(sizes, default=np.inf)
-        )
 
-    @property
-    def corrected(self) -> bool:
-        """Whether corrections take part."""
-        return self._points.corrected
+    def positions(self, rows: Array, displacement: Array | None) -> Array:
+        """x; displacement: u (n, dim) [m]."""
+        x: Array = self._basis @ rows
+        return x if displacement is None else x + displacement[self._points.samples]
 
-    def positions(self, rows: Array, poses: Poses, timings: Timings) -> Array:
-        """(s, dim) [m] of the surface samples, corrected."""
-        with timings.positions:
-            reduced = self._points.reduced(rows)
-        displacement = self._points.displacement(rows, poses, timings)
-        return reduced if displacement is None else reduced + displacement
-
-    def energy(self, x: Array, poses: Poses, step: StepContact | None, timings: Timings) -> float:
-        """Contact and (lagged) friction energy [J] with the surface samples at x (s, dim)."""
-        with timings.contact:
-            total = 0.0
-            for name, collider in self.colliders.items():
-                total += self._contact.energy(x, self._areas, collider, poses[name])
-                if self._friction is not None and step is not None:
-                    total += self._friction.terms(x, step.lagged[name], step.time_step).energy
-            return total
+    def energy(self, x: Array, poses: Poses, step: StepContact | None) -> float:
+        """Contact and (lagged) friction energy [J]."""
+        total = 0.0
+        for name, collider in self._colliders.items():
+            total += self._contact.energy(x, self._areas, collider, poses[name])
+            if self._friction is not None and step is not None:
+                total += self._friction.terms(x, step.lagged[name], step.time_step).energy
+        return total
 
     def linearise(
-        self, rows: Array, poses: Poses, step: StepContact | None, relag: bool, timings: Timings
-    ) -> tuple[Array, float, Array, Array | None]:
-        """Positions (s, dim), energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim)
-        [N/m] by the rows; no Hessian where nothing touches. ``relag``: let friction take up the normal forces
-        found here."""
-        field = self._points.linearise(rows, poses, timings)
-        with timings.positions:
-            x = self._points.reduced(rows)
-            if field is not None:
-                x[field.index] += field.displacement
-        with timings.contact:
-            energy, index, gradient, hessian = self._at_points(x, poses, step, relag)
-            if not len(index):
-                return x, energy, np.zeros_like(rows), None
-            if field is None:
-                return x, energy, *_through_basis(self._points.basis[index], gradient, hessian)
-            return x, energy, *_through_jacobian(self._jacobian(index, field), gradient, hessian)
+        self, x: Array, field: CorrectionField | None, poses: Poses, step: StepContact | None, relag: bool
+    ) -> tuple[float, Array, Array | None]:
+        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; no
+        Hessian where nothing touches. ``relag``: let friction take up the normal forces found here."""
+        energy, index, gradient, hessian = self._at_points(x, poses, step, relag)
+        if not len(index):
+            return energy, np.zeros((self._basis.shape[1], x.shape[1])), None
+        if field is None:
+            return energy, *_through_basis(self._basis[index], gradient, hessian)
+        return energy, *_through_jacobian(self._jacobian(index, field), gradient, hessian)
 
     def _at_points(
         self, x: Array, poses: Poses, step: StepContact | None, relag: bool
@@ -108,7 +87,7 @@ class SurfaceEnergy:
         """Energy, and of the points that touch anything: index (m,), gradient (m, dim), Hessian (m, dim,
         dim)."""
         terms: list[ContactTerms | FrictionTerms] = []
-        for name, collider in self.colliders.items():
+        for name, collider in self._colliders.items():
             contact = self._contact.terms(x, self._areas, collider, poses[name])
             terms.append(contact)
             if self._friction is not None and step is not None:
@@ -127,12 +106,10 @@ class SurfaceEnergy:
     def _jacobian(self, index: IntArray, field: CorrectionField) -> Array:
         """J (m*dim, n_rows*dim) of the surface samples ``index``."""
         dim = field.displacement.shape[1]
-        basis = self._points.basis[index]
-        jacobian: Array = np.einsum("mr,ik->mirk", basis, np.eye(dim))
-        slot = np.full(len(self._points.basis), -1)
-        slot[field.index] = np.arange(len(field.index))
-        active = np.flatnonzero(slot[index] >= 0)
-        jacobian[active] += field.jacobian[slot[index[active]]]
+        jacobian: Array = np.einsum("mr,ik->mirk", self._basis[index], np.eye(dim))
+        slots = self._points.slots(field)[self._points.samples[index]]
+        active = np.flatnonzero(slots >= 0)
+        jacobian[active] += field.jacobian[slots[active]]
         return jacobian.reshape(len(index) * dim, -1)
 
     def forces(
@@ -142,7 +119,7 @@ class SurfaceEnergy:
         x."""
         normal_energy, friction_energy = 0.0, 0.0
         forces = {}
-        for name, collider in self.colliders.items():
+        for name, collider in self._colliders.items():
             contact = self._contact.terms(x, self._areas, collider, poses[name])
             normal_energy += contact.energy
             loads = [(x[contact.index], contact.gradient)]
