@@ -157,7 +157,7 @@ class FullSpaceSimulator:
         end = state.time + h
         inertia = Inertia(self.body.node_mass, state.x + h * state.velocity, h)
         newton = self.settings.newton
-        # A single iteration (linearly implicit Euler) has to get its linear solve right; more may start loose.
+        # A single iteration (linearly implicit Euler) must get its linear solve right; more may start loose.
         loosest = 1e-3 if newton.max_iterations == 1 else 0.1
         settings = FullNewtonSettings(newton.tolerance, np.inf, newton.max_iterations, cg_tolerance=loosest)
         return self._solve(state, end, self._poses_at(end, poses), inertia, settings)
