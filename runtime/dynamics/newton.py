@@ -4,7 +4,7 @@ Minimises E over a manifold that the problem itself walks on (points and rigid f
 iteration it is asked for gradient g and Hessian H in tangent coordinates at x, and moves to retract(x, alpha
 v) with
 
-    H v = -g,    E(retract(x, alpha v)) <= E(x) + c alpha g.v    (Armijo; alpha = 1, 1/2, 1/4, ...).
+    H v = -g,    E(retract(x, alpha v)) <= E(x) + c alpha g.v    (Armijo, backtracking from alpha = 1).
 
 Where H is not positive definite (contact with a convex collider, buckling) its eigenvalues are replaced by
 their magnitudes, so that v always leads downhill; the matrix is small, so this costs little.
@@ -52,7 +52,7 @@ _SENTENCES = {
 }
 
 _ARMIJO = 1e-4
-_HALVINGS = 25
+_TRIALS = 20
 # Eigenvalues smaller than this share of the largest are raised to it: nothing moves farther than the model is
 # valid.
 _SMALLEST_EIGENVALUE = 1e-8
@@ -164,11 +164,21 @@ def descent_direction(hessian: Array, gradient: Array) -> Array:
 def _line_search(
     problem: Problem, x: Array, at: Linearisation, direction: Array, slope: float
 ) -> Array | None:
-    """The first of x + v, x + v/2, ... that satisfies Armijo's condition; None if none does."""
+    """The first point x + alpha v that satisfies Armijo's condition; None if none does.
+
+    alpha starts at 1; each next one is where the parabola through E(x), its slope and the last energy is
+    lowest, but at least a tenth and at most half of the last (Nocedal and Wright 2006, section 3.5).
+    """
     step = 1.0
-    for _ in range(_HALVINGS):
+    for _ in range(_TRIALS):
         candidate = problem.retract(x, step * direction)
-        if problem.energy(candidate) <= at.energy + _ARMIJO * step * slope + at.noise:
+        energy = problem.energy(candidate)
+        if energy <= at.energy + _ARMIJO * step * slope + at.noise:
             return candidate
-        step *= 0.5
+        lowest = (
+            -0.5 * slope * step**2 / (energy - at.energy - slope * step)
+            if np.isfinite(energy)
+            else 0.5 * step
+        )
+        step = float(np.clip(lowest, 0.1 * step, 0.5 * step))
     return None
