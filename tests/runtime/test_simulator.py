@@ -1,9 +1,12 @@
 """The reduced simulator: laws that a backward Euler step keeps exactly, and friction on an incline."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
+from runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles, save_body
 from runtime.body.cubature import Cubature
 from runtime.body.handles import Handles
 from runtime.body.surface_samples import SurfaceSamples
@@ -92,7 +95,8 @@ def test_a_free_body_keeps_its_momentum(dim):
 
 @dims
 def test_a_rigidly_translating_body_stays_as_it_is(dim):
-    simulator = free_body(dim, NewtonSettings())  # no force at all: the tolerance is on the floor of the scale
+    # No force at all: the tolerance is one on the floor of the scale.
+    simulator = free_body(dim, NewtonSettings())
     rest = simulator.rest_state()
     velocity = np.zeros_like(rest.rows)
     velocity[[*range(6), -1]] = np.arange(1, dim + 1)
@@ -357,3 +361,14 @@ def test_what_does_not_fit_together_is_refused():
         DynamicsSettings(time_step=0.0)
     with pytest.raises(SoftprintError, match="only frames have a rotation"):
         HandleSpring(0, 1.0, KeyframedPath([0.0], [[0.0, 0.0, 0.0]]), rotation_stiffness=1.0)
+
+
+def test_the_control_loop_of_the_examples_holds_its_force(tmp_path):
+    mesh = box_mesh([-0.05, -0.05, 0.0], [0.05, 0.05, 0.06], [8, 8, 5])
+    handles = place_handles(mesh, 8, [frame_in_box(mesh, "base", [[-1, -1, -1], [1, 1, 0.013]])])
+    body = assemble_body(mesh, handles, make_material("stable_neo_hookean", 2e4, 0.4), 1000.0, name="block")
+    save_body(tmp_path / "body.h5", body)
+    example = Path(__file__).parents[2] / "examples" / "control_loop.py"
+    loop = runpy.run_path(str(example))
+    # The loop integrates the error away; what is left is the tolerance of two Newton iterations.
+    assert loop["press"](str(tmp_path / "body.h5"), steps=150) == pytest.approx(loop["WANTED"], rel=0.02)
