@@ -11,11 +11,12 @@ a branch jump are left out and counted.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from runtime.arrays import Array, IntArray
@@ -65,6 +66,10 @@ class Pools:
     node_weight: Tensor
     edge_weight: Tensor
 
+    def to(self, device: torch.device) -> Pools:
+        """The same pools on a device."""
+        return Pools(*(cast(Tensor, getattr(self, field.name)).to(device) for field in fields(self)))
+
 
 @dataclass(frozen=True, eq=False)
 class ContactDataset:
@@ -99,10 +104,15 @@ class ContactDataset:
 
     def to(self, device: torch.device) -> ContactDataset:
         """The same data on a device."""
-        pools = Pools(*(getattr(self.pools, name).to(device) for name in Pools.__dataclass_fields__))
-        points = PointTensors(*(getattr(self.points, name).to(device) for name in PointTensors.__dataclass_fields__))
-        moved = (tensor.to(device) for tensor in (self.rows, self.shared, self.depth))
-        return ContactDataset(points, *moved, self.sample, self.state, pools)
+        return ContactDataset(
+            self.points.to(device),
+            self.rows.to(device),
+            self.shared.to(device),
+            self.depth.to(device),
+            self.sample,
+            self.state,
+            self.pools.to(device),
+        )
 
 
 @dataclass(frozen=True)
@@ -148,7 +158,7 @@ def load_dataset(
     """
     probe = ContactProbe(body, collider)
     drawing = _Drawing(body, collider, size, rng)
-    columns: list[tuple[Array, Tensor, float, int, tuple[np.ndarray, ...]]] = []
+    columns: list[tuple[Array, Tensor, float, int, tuple[NDArray[Any], ...]]] = []
     for sample in samples:
         if progress is not None:
             progress(1)
@@ -186,7 +196,7 @@ class _Drawing:
         self._volume = mesh.node_volumes / mesh.node_volumes.mean()
         self._edges = mesh.surface_edges
 
-    def draw(self, rows: Array, shared: Tensor, target: Array) -> tuple[np.ndarray, ...]:
+    def draw(self, rows: Array, shared: Tensor, target: Array) -> tuple[NDArray[Any], ...]:
         """Columns of :class:`Pools` for collider rows (n_rows, dim), shared inputs and target (n_nodes, dim)."""
         z = self._basis @ rows
         if self._size is None:

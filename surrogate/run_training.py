@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import dataclass
+from dataclasses import asdict
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
+from runtime.corrections.compliance import Compliance, compute_compliance
 from runtime.corrections.correction_file import read_header, save_correction
+from runtime.corrections.load_model import LoadModelOptions
 from runtime.corrections.model import ModelOptions
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
@@ -23,22 +26,13 @@ from runtime.experiment.training_schema import ModelSpec, TrainingSpec
 from runtime.files import atomic_path
 from runtime.truth_file import TruthData, load_truth
 from surrogate.dataset import ContactDataset, PoolSize, Split, load_dataset, split_by_state
+from surrogate.load_task import LoadMetric, LoadTask, load_load_data
+from surrogate.tasks import FieldTask, LearningTask, ModelT
 from surrogate.train import TrainingResult, TrainingSettings, train
 
 
-@dataclass(frozen=True, eq=False)
-class Material:
-    """What is learned from: the truth's identity, the split, and both data sets on the training device."""
-
-    truth_hash: str
-    noise_floor: float
-    split: Split
-    training: ContactDataset
-    validation: ContactDataset
-
-
 def model_options(spec: ModelSpec) -> ModelOptions:
-    """The architecture that a [[training.models]] table asks for."""
+    """The architecture that a [[training.models]] table of form "field" asks for."""
     return ModelOptions(
         encoding=spec.encoding,
         patch_inputs=spec.patch_inputs,
@@ -49,6 +43,17 @@ def model_options(spec: ModelSpec) -> ModelOptions:
     )
 
 
+def load_model_options(spec: ModelSpec, stiffness: float) -> LoadModelOptions:
+    """The architecture that a [[training.models]] table of form "loads" asks for; stiffness of contact [N/m^4]."""
+    return LoadModelOptions(
+        widths=spec.hidden,
+        activation=spec.activation,
+        fade_depth=spec.fade_depth,
+        band=spec.band,
+        stiffness=stiffness,
+    )
+
+
 def training_settings(spec: TrainingSpec, seed: int) -> TrainingSettings:
     """The settings of a [training] table."""
     return TrainingSettings(
@@ -56,7 +61,6 @@ def training_settings(spec: TrainingSpec, seed: int) -> TrainingSettings:
         batch=spec.batch,
         learning_rate=spec.learning_rate,
         weight_decay=spec.weight_decay,
-        edge_weight=spec.edge_weight,
         validations=spec.validations,
         seed=seed,
     )
@@ -69,19 +73,54 @@ def training_device(name: str) -> torch.device:
     return torch.device(name)
 
 
-def read_material(
-    truth: TruthData, body: ReducedBody, collider: Collider, spec: TrainingSpec, seed: int, context: Context
-) -> Material:
-    """Both data sets of a truth file."""
-    split = split_by_state(truth, collider.name, spec.validation_states)
-    rng = np.random.default_rng(seed)
-    held_out = rng.permutation(split.validation)[: spec.validation_samples]
-    device = training_device(spec.device)
-    with context.progress(len(split.train) + len(held_out), "sample", "reading truth") as bar:
+class Lessons:
+    """What a truth file teaches: the split, and the data of each form of model, read when first asked for."""
+
+    def __init__(
+        self, truth: TruthData, body: ReducedBody, collider: Collider, spec: TrainingSpec, context: Context
+    ) -> None:
+        self.truth, self.body, self.collider, self._spec, self._context = truth, body, collider, spec, context
+        self.split: Split = split_by_state(truth, collider.name, spec.validation_states)
+        held_out = np.random.default_rng(context.seed).permutation(self.split.validation)
+        self.held_out = np.sort(held_out[: spec.validation_samples])
+        self._device = training_device(spec.device)
+        self._compliances: dict[int, Compliance] = {}
+
+    @cached_property
+    def fields(self) -> tuple[ContactDataset, ContactDataset]:
+        """Training and validation data of field models."""
+        spec, rng = self._spec, np.random.default_rng(self._context.seed)
         size = PoolSize(spec.nodes, spec.edges)
-        training = load_dataset(truth, body, collider, split.train, size, rng, bar.update)
-        validation = load_dataset(truth, body, collider, np.sort(held_out), None, rng, bar.update)
-    return Material(truth.content_hash, truth.noise_floor, split, training.to(device), validation.to(device))
+        count = len(self.split.train) + len(self.held_out)
+        with self._context.progress(count, "sample", "reading fields") as bar:
+            training = load_dataset(self.truth, self.body, self.collider, self.split.train, size, rng, bar.update)
+            validation = load_dataset(self.truth, self.body, self.collider, self.held_out, None, rng, bar.update)
+        return training.to(self._device), validation.to(self._device)
+
+    def compliance(self, loads: int) -> Compliance:
+        """The body's compliance for at most so many loads."""
+        if loads not in self._compliances:
+            with self._context.progress(None, "load", "compliance") as bar:
+                self._compliances[loads] = compute_compliance(self.body, loads, bar.update)
+        return self._compliances[loads]
+
+    def field_task(self, spec: ModelSpec) -> FieldTask:
+        """The learning task of a [[training.models]] table of form "field"."""
+        return FieldTask(model_options(spec), *self.fields, self._spec.edge_weight)
+
+    def load_task(self, spec: ModelSpec, stiffness: float) -> LoadTask:
+        """The learning task of a [[training.models]] table of form "loads"; stiffness of contact [N/m^4]."""
+        options, compliance = load_model_options(spec, stiffness), self.compliance(spec.loads)
+        metric = LoadMetric(self.body, compliance, self._spec.edge_weight)
+        count = len(self.split.train) + len(self.held_out)
+        with self._context.progress(count, "sample", "reading loads") as bar:
+            training, validation = (
+                load_load_data(
+                    self.truth, self.body, self.collider, compliance, options, metric, samples, bar.update
+                ).to(self._device)
+                for samples in (self.split.train, self.held_out)
+            )
+        return LoadTask(options, metric, training, validation, self.body.n_rows)
 
 
 def train_models(context: Context, only: str | None) -> None:
@@ -95,30 +134,40 @@ def train_models(context: Context, only: str | None) -> None:
     body = body_of_run(context)
     collider = build_collider(experiment.collider(experiment.training.collider), experiment.base_dir)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
-        recipes = {spec.name: _recipe(experiment, spec, truth.content_hash) for spec in specs}
-        wanted = [spec for spec in specs if not (context.resume and _is_done(context, spec.name, recipes[spec.name]))]
+        wanted = [
+            spec
+            for spec in specs
+            if not (context.resume and _is_done(context, spec.name, _recipe(experiment, spec, truth.content_hash)))
+        ]
         if not wanted:
             context.say("all corrections are up to date.")
             return
-        material = read_material(truth, body, collider, experiment.training, experiment.seed, context)
-    split = material.split
-    context.say(
-        f"{len(material.training)} samples to learn from, {len(material.validation)} of held-out states; "
-        f"{split.left_out} not converged or after a jump; label-noise floor {material.noise_floor:.3g}"
-    )
-    for spec in wanted:
-        _train_one(context, spec, material, body, collider, recipes[spec.name])
+        lessons = Lessons(truth, body, collider, experiment.training, context)
+        context.say(
+            f"{len(lessons.split.train)} samples to learn from, {len(lessons.held_out)} of held-out states; "
+            f"{lessons.split.left_out} not converged or after a jump; label-noise floor {truth.noise_floor:.3g}"
+        )
+        for spec in wanted:
+            _train_one(context, spec, lessons)
 
 
-def _train_one(
+def _train_one(context: Context, spec: ModelSpec, lessons: Lessons) -> None:
+    stiffness = context.experiment.contact.stiffness
+    if spec.form == "field":
+        _learn(context, spec, lessons, lessons.field_task(spec), None)
+    else:
+        _learn(context, spec, lessons, lessons.load_task(spec, stiffness), lessons.compliance(spec.loads))
+
+
+def _learn(
     context: Context,
     spec: ModelSpec,
-    material: Material,
-    body: ReducedBody,
-    collider: Collider,
-    recipe: dict[str, object],
+    lessons: Lessons,
+    task: LearningTask[ModelT],
+    compliance: Compliance | None,
 ) -> None:
-    experiment, path = context.experiment, _path(context, spec.name)
+    """Train, and write the correction and its curves."""
+    experiment, path, truth_hash = context.experiment, _path(context, spec.name), lessons.truth.content_hash
     settings = training_settings(experiment.training, experiment.seed)
     checkpoint = path.with_suffix(".checkpoint")
     if not context.resume:
@@ -126,30 +175,22 @@ def _train_one(
     started = time.perf_counter()
     with context.progress(settings.steps, "step", f"training {spec.name}") as bar:
         result = train(
-            model_options(spec),
-            material.training,
-            material.validation,
+            task,
             settings,
             checkpoint,
-            material.truth_hash,
+            truth_hash,
             lambda steps, note: bar.skip(steps) if note == "resumed" else bar.update(steps, note),
         )
-    _write_curves(path.with_suffix(".json"), spec.name, result, material)
-    training = {**recipe, "seconds": time.perf_counter() - started, "samples": len(material.training)}
+    seconds = time.perf_counter() - started
+    _write_curves(path.with_suffix(".json"), spec.name, result, lessons, task.n_samples)
+    training = {**_recipe(experiment, spec, truth_hash), "seconds": seconds, "samples": task.n_samples}
+    rms, collider = result.held_out.rms, lessons.collider.name
     save_correction(
-        path,
-        spec.name,
-        result.model,
-        body,
-        collider.name,
-        material.truth_hash,
-        result.held_out.rms,
-        training,
+        path, spec.name, result.model.cpu(), lessons.body, collider, truth_hash, rms, training, compliance
     )
     checkpoint.unlink(missing_ok=True)
     context.say(
-        f"{path} written: held-out error {result.held_out.rms:.1%} (energy {result.held_out.squared:.1%}), "
-        f"{time.perf_counter() - started:.0f} s"
+        f"{path} written: held-out error {rms:.1%} (squared {result.held_out.squared:.1%}), {seconds:.0f} s"
     )
 
 
@@ -159,12 +200,12 @@ def _path(context: Context, name: str) -> Path:
 
 def _recipe(experiment: Experiment, spec: ModelSpec, truth_hash: str) -> dict[str, object]:
     """All that decides what comes out of training."""
-    settings = training_settings(experiment.training, experiment.seed)
-    pool = {"nodes": experiment.training.nodes, "edges": experiment.training.edges}
+    training = experiment.training.model_dump(mode="json", exclude={"models", "device"})
     return {
         "truth": truth_hash,
-        "options": model_options(spec).to_json(),
-        "settings": {**vars(settings), **pool, "validation_states": experiment.training.validation_states},
+        "model": spec.model_dump(mode="json"),
+        "stiffness": experiment.contact.stiffness,
+        "settings": {**training, "seed": experiment.seed},
     }
 
 
@@ -173,20 +214,23 @@ def _is_done(context: Context, name: str, recipe: dict[str, object]) -> bool:
     if not path.is_file():
         return False
     found = read_header(path).training
-    return {key: found.get(key) for key in recipe} == json.loads(json.dumps(recipe))
+    return {key: found.get(key) for key in recipe} == recipe
 
 
-def _write_curves(path: Path, name: str, result: TrainingResult, material: Material) -> None:
+def _write_curves(
+    path: Path,
+    name: str,
+    result: TrainingResult[ModelT],
+    lessons: Lessons,
+    n_samples: int,
+) -> None:
     """Loss and held-out error along the run, for the report."""
     curves = {
         "model": name,
-        "held_out_rms": result.held_out.rms,
-        "held_out_squared": result.held_out.squared,
-        "held_out_worst": result.held_out.worst,
-        "noise_floor": material.noise_floor,
-        "samples": len(material.training),
-        "validation_samples": len(material.validation),
-        "left_out": material.split.left_out,
+        "held_out": {**asdict(result.held_out), "squared": result.held_out.squared},
+        "noise_floor": lessons.truth.noise_floor,
+        "samples": n_samples,
+        "left_out": lessons.split.left_out,
         "history": result.history,
     }
     with atomic_path(path) as temporary:

@@ -12,80 +12,60 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Generic
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from runtime.corrections.model import ContactModel, ModelOptions
 from surrogate.checkpoints import Checkpoint, load_checkpoint, pack, save_checkpoint, unpack
-from surrogate.dataset import ContactDataset
-from surrogate.losses import FieldError, contact_loss, field_error
+from surrogate.losses import FieldError
+from surrogate.tasks import LearningTask, ModelT
 
 ProgressUpdate = Callable[[int, str], None]
 
 log = logging.getLogger(__name__)
 
-# Samples from which the normalisation of inputs and outputs is measured.
-_NORMALISATION_SAMPLES = 512
-
 
 @dataclass(frozen=True)
 class TrainingSettings:
     """steps: of the optimiser; batch: samples a step; learning_rate: at the start, falling to zero along a cosine;
-    weight_decay: decoupled (AdamW); edge_weight: of the edge term of the loss; validations: how often along the run
+    weight_decay: decoupled (AdamW); validations: how often along the run
     the held-out error is measured and a checkpoint written; seed."""
 
     steps: int
     batch: int
     learning_rate: float
     weight_decay: float
-    edge_weight: float
     validations: int
     seed: int
 
 
 @dataclass(frozen=True, eq=False)
-class TrainingResult:
+class TrainingResult(Generic[ModelT]):
     """model: with its best weights; held_out: their error on the validation states; history: the curves, one entry a
     validation (step, loss, learning_rate, validation_rms)."""
 
-    model: ContactModel
+    model: ModelT
     held_out: FieldError
     history: list[dict[str, float]]
 
 
-def fresh_model(options: ModelOptions, data: ContactDataset, seed: int) -> ContactModel:
-    """Initial weights from the seed, normalisation from the data."""
-    dim, n_rows = data.rows.shape[-1], data.rows.shape[1]
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        model = ContactModel(options, dim, n_rows)
-    model.to(data.rows.device)
-    chosen = np.random.default_rng(seed).permutation(len(data))[:_NORMALISATION_SAMPLES]
-    index = torch.from_numpy(chosen).to(data.rows.device)
-    batch = data.batch(index)
-    local = model.encoding.encode(batch.state).flatten(0, 1)
-    model.normalise(local, data.shared, data.depth, batch.target.flatten(0, 1))
-    return model
-
-
 def train(
-    options: ModelOptions,
-    data: ContactDataset,
-    validation: ContactDataset,
+    task: LearningTask[ModelT],
     settings: TrainingSettings,
     checkpoint: Path | None = None,
     data_name: str = "",
     progress: ProgressUpdate | None = None,
-) -> TrainingResult:
-    """Train a model on `data`, judged on `validation`; both on one device.
+) -> TrainingResult[ModelT]:
+    """Train a model of the task.
 
-    checkpoint: where to keep the run; one found there is resumed if it is of the same run (options, settings and
+    checkpoint: where to keep the run; one found there is resumed if it is of the same run (task, settings and
     `data_name`). progress: called with the number of steps done since the last call and a few words.
     """
-    fingerprint = json.dumps([options.to_json(), asdict(settings), data_name, len(data)], sort_keys=True)
-    model = fresh_model(options, data, settings.seed)
+    identity = [task.identity, asdict(settings), data_name, task.n_samples]
+    fingerprint = json.dumps(identity, sort_keys=True)
+    model = task.fresh_model(settings.seed)
     optimiser = torch.optim.AdamW(
         model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
     )
@@ -101,12 +81,12 @@ def train(
     for step in range(first, settings.steps):
         rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * step / settings.steps))
         rng = np.random.default_rng([settings.seed, step])
-        index = torch.from_numpy(rng.integers(len(data), size=settings.batch)).to(data.rows.device)
-        running.append(_step(model, optimiser, rate, lambda i=index: contact_loss(model, data.batch(i), settings.edge_weight)))
+        index = torch.from_numpy(rng.integers(task.n_samples, size=settings.batch)).to(task.device)
+        running.append(_step(task, model, optimiser, rate, index))
         if progress is not None:
             progress(1, f"held-out error {lowest:.3f}" if history else "")
         if step + 1 in marks:
-            error = field_error(model, validation)
+            error = task.held_out_error(model)
             loss = float(torch.stack(running).mean())
             running.clear()
             history.append(
@@ -117,17 +97,17 @@ def train(
             if checkpoint is not None:
                 save_checkpoint(checkpoint, Checkpoint(fingerprint, step + 1, history, pack(model, best, optimiser)))
     model.load_state_dict(best)
-    return TrainingResult(model, field_error(model, validation), history)
+    return TrainingResult(model, task.held_out_error(model), history)
 
 
 def _step(
-    model: ContactModel, optimiser: torch.optim.Optimizer, rate: float, loss_of: Callable[[], Tensor]
+    task: LearningTask[ModelT], model: ModelT, optimiser: torch.optim.Optimizer, rate: float, index: Tensor
 ) -> Tensor:
-    """One step of the optimiser; returns the loss."""
+    """One step of the optimiser on samples `index`; returns the loss."""
     for group in optimiser.param_groups:
         group["lr"] = rate
     optimiser.zero_grad()
-    loss = loss_of()
+    loss = task.loss(model, index)
     loss.backward()
     # Rare samples at the edge of stability have huge residuals; one of them must not throw the weights.
     torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)

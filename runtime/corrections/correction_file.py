@@ -10,14 +10,18 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
+from runtime.corrections.compliance import Compliance
 from runtime.corrections.contact_centric import ContactCentric
+from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.model import ContactModel, ModelOptions
 from runtime.errors import SoftprintError
 from runtime.files import atomic_path, provenance
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 KIND, VERSION = "correction", 1
+FIELD, LOADS = "field", "loads"  # forms: a `ContactModel`, a `LoadModel` with its `Compliance`
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,8 @@ class CorrectionHeader:
     truth_hash: str
     dim: int
     n_rows: int
-    options: dict[str, object]
+    form: str
+    options: dict[str, Any]
     held_out_rms: float
     training: dict[str, object]
     provenance: dict[str, str]
@@ -50,14 +56,15 @@ class CorrectionHeader:
 def save_correction(
     path: Path,
     name: str,
-    model: ContactModel,
+    model: ContactModel | LoadModel,
     body: ReducedBody,
     collider: str,
     truth_hash: str,
     held_out_rms: float,
     training: Mapping[str, object],
+    compliance: Compliance | None = None,
 ) -> None:
-    """Write a trained model with what it belongs to; atomic."""
+    """Write a trained model with what it belongs to; atomic. A load model comes with its body's compliance."""
     header = CorrectionHeader(
         name=name,
         collider=collider,
@@ -65,6 +72,7 @@ def save_correction(
         truth_hash=truth_hash,
         dim=model.dim,
         n_rows=model.n_rows,
+        form=FIELD if isinstance(model, ContactModel) else LOADS,
         options=model.options.to_json(),
         held_out_rms=held_out_rms,
         training=dict(training),
@@ -76,6 +84,8 @@ def save_correction(
         "header": json.dumps({field.name: getattr(header, field.name) for field in fields(header)}),
     }
     tensors = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
+    if compliance is not None:
+        tensors |= _compliance_tensors(compliance)
     with atomic_path(path) as temporary:
         save_file(tensors, temporary, metadata=metadata)
 
@@ -85,7 +95,7 @@ def read_header(path: Path) -> CorrectionHeader:
     return _read(path)[0]
 
 
-def load_correction(path: Path, body: ReducedBody, collider: Collider) -> ContactCentric:
+def load_correction(path: Path, body: ReducedBody, collider: Collider) -> ContactCentric | ElasticContact:
     """The correction of a file, for the body and the collider that it was trained for.
 
     Raises SoftprintError as :func:`read_header` does, and where body or collider are not those of the file.
@@ -101,14 +111,37 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> Contac
             f"{path}: was trained for the collider {header.collider!r}, not for {collider.name!r}"
         )
     try:
-        options = ModelOptions.from_json(header.options)
-        model = ContactModel(options, header.dim, header.n_rows)
-        model.load_state_dict(tensors)
+        if header.form == FIELD:
+            field_model = ContactModel(ModelOptions.from_json(header.options), header.dim, header.n_rows)
+            field_model.load_state_dict(tensors)
+            return ContactCentric(header.name, field_model, body, collider)
+        compliance = _compliance(tensors)
+        load_model = LoadModel(LoadModelOptions.from_json(header.options), header.dim, header.n_rows)
+        load_model.load_state_dict(tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(
             f"{path}: weights and header do not fit together ({error}): train it again"
         ) from error
-    return ContactCentric(header.name, model, body, collider)
+    return ElasticContact(header.name, load_model, body, collider, compliance)
+
+
+def _compliance_tensors(compliance: Compliance) -> dict[str, Tensor]:
+    """In half precision, every load scaled by its largest entry: an error of 5e-4, at half the size."""
+    operator = torch.from_numpy(compliance.operator)
+    scale = operator.abs().amax(dim=(1, 2, 3), keepdim=True)
+    return {
+        "compliance.operator": (operator / scale).half(),
+        "compliance.scale": scale,
+        "compliance.nodes": torch.from_numpy(compliance.nodes),
+        "compliance.areas": torch.from_numpy(compliance.areas),
+    }
+
+
+def _compliance(tensors: dict[str, Tensor]) -> Compliance:
+    """Takes its tensors out of those of the file."""
+    own = {name: tensors.pop(f"compliance.{name}") for name in ("operator", "scale", "nodes", "areas")}
+    operator = own["operator"].float().mul_(own["scale"])
+    return Compliance(own["nodes"].numpy(), own["areas"].numpy(), operator.numpy())
 
 
 def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:

@@ -3,11 +3,7 @@
     r = s phi(D) N(a, b),        u = R r        (thesis eqs. 5.2 to 5.4; r in collider space)
 
 with local inputs a of a point, shared inputs b of the contact (both normalised), s [m] the output scale and D the
-depth of the contact patch. The fade phi is what the thesis leaves open: its network does not vanish as contact opens.
-Here phi is C1 and zero with zero slope at D = 0, and the network is trained with it in place:
-
-    saturating     phi = D^2 / (D^2 + d^2)        (1 in deep contact: the network is the thesis's)
-    proportional   phi = D^2 / (D + d) / scale    (~ D in deep contact: the network learns displacement per depth)
+depth of the contact patch. The fade phi takes the field to zero as contact opens, see `fade.py`.
 """
 
 from __future__ import annotations
@@ -21,7 +17,8 @@ from torch import Tensor, nn
 
 from runtime.corrections.contact_patch import n_shared_inputs
 from runtime.corrections.encoding import ENCODINGS
-from runtime.corrections.network import Mlp
+from runtime.corrections.fade import Fade
+from runtime.corrections.network import Mlp, spread
 from runtime.corrections.points import PointStates
 
 
@@ -58,12 +55,12 @@ class ContactModel(nn.Module):
     shared_mean: Tensor
     shared_scale: Tensor
     output_scale: Tensor
-    depth_scale: Tensor
 
     def __init__(self, options: ModelOptions, dim: int, n_rows: int) -> None:
         super().__init__()
         self.options, self.dim, self.n_rows = options, dim, n_rows
         self.encoding = ENCODINGS[options.encoding]
+        self.fade = Fade(options.fade, options.fade_depth)
         n_local = self.encoding.n_inputs(dim, n_rows)
         n_shared = n_shared_inputs(dim) if options.patch_inputs else 0
         self.network = Mlp(n_local, n_shared, options.widths, dim, options.activation)
@@ -72,32 +69,17 @@ class ContactModel(nn.Module):
         self.register_buffer("shared_mean", torch.zeros(n_shared))
         self.register_buffer("shared_scale", torch.ones(n_shared))
         self.register_buffer("output_scale", torch.ones(()))
-        self.register_buffer("depth_scale", torch.full((), options.fade_depth))
 
     @torch.no_grad()
     def normalise(self, local: Tensor, shared: Tensor, depth: Tensor, displacement: Tensor) -> None:
         """Set the normalisation from inputs (n, n_local), (samples, n_shared), patch depths (samples,) and the
         displacements (n, dim) in collider space."""
         self.local_mean.copy_(local.mean(0))
-        self.local_scale.copy_(_spread(local))
+        self.local_scale.copy_(spread(local))
         if self.shared_mean.numel():
             self.shared_mean.copy_(shared.mean(0))
-            self.shared_scale.copy_(_spread(shared))
-        self.depth_scale.copy_(depth.mean())
-        self.output_scale.copy_(displacement.square().mean().sqrt())
-
-    def fade(self, depth: Tensor) -> Tensor:
-        """phi(D) of patch depths [m]."""
-        if self.options.fade == "saturating":
-            return depth**2 / (depth**2 + self.options.fade_depth**2)
-        return depth**2 / (depth + self.options.fade_depth) / self.depth_scale
-
-    def fade_slope(self, depth: Tensor) -> Tensor:
-        """dphi/dD [1/m]."""
-        d = self.options.fade_depth
-        if self.options.fade == "saturating":
-            return 2.0 * depth * d**2 / (depth**2 + d**2) ** 2
-        return depth * (depth + 2.0 * d) / (depth + d) ** 2 / self.depth_scale
+            self.shared_scale.copy_(spread(shared))
+        self.output_scale.copy_(displacement.square().mean().sqrt() / self.fade.value(depth.mean()))
 
     def shared_inputs(self, shared: Tensor) -> Tensor:
         """Normalised shared inputs; none where the model does not use them."""
@@ -109,7 +91,7 @@ class ContactModel(nn.Module):
         """r (..., n, dim) [m] in collider space; shared (..., n_shared) and depth (...) of each contact."""
         local = (self.encoding.encode(state) - self.local_mean) / self.local_scale
         values = self.network(local, self.shared_inputs(shared))
-        return (self.output_scale * self.fade(depth))[..., None, None] * values
+        return (self.output_scale * self.fade.value(depth))[..., None, None] * values
 
     @torch.no_grad()
     def linearise(
@@ -121,10 +103,10 @@ class ContactModel(nn.Module):
         """
         local = (self.encoding.encode(state) - self.local_mean) / self.local_scale
         y = self.network.derivatives(local, self.shared_inputs(shared), rotation)
-        factor = self.output_scale * self.fade(depth)
+        factor = self.output_scale * self.fade.value(depth)
         jacobian = self.encoding.pull_back(state, y.local * (factor / self.local_scale), rotation)
         # What all points share: the slope of the fade along dD, and the network's shared inputs.
-        by_depth = (self.output_scale * self.fade_slope(depth)) * y.value
+        by_depth = (self.output_scale * self.fade.slope(depth)) * y.value
         if self.options.patch_inputs:
             to_shared = y.shared * (factor / self.shared_scale)
             to_shared[..., 0] += by_depth
@@ -133,8 +115,3 @@ class ContactModel(nn.Module):
         jacobian = jacobian + torch.tensordot(to_shared, shared_slope, dims=1)
         return factor * y.value, jacobian
 
-
-def _spread(values: Tensor) -> Tensor:
-    """Standard deviation of every column; 1 for a column that never changes."""
-    spread = values.std(0)
-    return torch.where(spread > 1e-6 * values.abs().amax(0).clamp(min=1e-30), spread, torch.ones_like(spread))

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import pairwise
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -60,7 +61,7 @@ class Mlp(nn.Module):
         super().__init__()
         self.local = nn.Linear(n_local, widths[0])
         self.shared = nn.Linear(n_shared, widths[0], bias=False) if n_shared else None
-        self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in zip(widths, widths[1:], strict=False))
+        self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
         self.head = nn.Linear(widths[-1], n_out)
         self.n_shared = n_shared
         self.activation = ACTIVATIONS[activation]
@@ -95,7 +96,8 @@ class Mlp(nn.Module):
         n, n_out = len(local), len(head)
         back = head * slopes[-1][:, None, :]
         for layer, slope in zip(reversed(list(self.hidden)), reversed(slopes[:-1]), strict=True):
-            back = (back.view(n * n_out, -1) @ layer.weight).view(n, n_out, -1)
+            weight = cast(nn.Linear, layer).weight
+            back = (back.view(n * n_out, -1) @ weight).view(n, n_out, -1)
             back *= slope[:, None, :]
         flat = back.view(n * n_out, -1)
         to_local = (flat @ self.local.weight).view(n, n_out, -1)
@@ -104,3 +106,8 @@ class Mlp(nn.Module):
         else:
             to_shared = (flat @ self.shared.weight).view(n, n_out, -1)
         return torch.addmm(bias, y, head.T), to_local, to_shared
+
+def spread(values: Tensor) -> Tensor:
+    """Standard deviation of every column; 1 for a column that never changes."""
+    spread = values.std(0)
+    return torch.where(spread > 1e-6 * values.abs().amax(0).clamp(min=1e-30), spread, torch.ones_like(spread))

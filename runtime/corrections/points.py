@@ -11,6 +11,7 @@ body that was moved together with its collider.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,12 +59,20 @@ class PointTensors:
         return cls(*(torch.as_tensor(array).to(like) for array in arrays))
 
     def take(self, index: Tensor) -> PointTensors:
+        """The points of the given indices, of any shape."""
+        return self._map(lambda tensor: tensor[index])
+
+    def to(self, like: Tensor | torch.device) -> PointTensors:
+        """On a device, or with the type and device of a tensor."""
+        return self._map(lambda tensor: tensor.to(like))
+
+    def _map(self, change: Callable[[Tensor], Tensor]) -> PointTensors:
         return PointTensors(
-            self.rest[index],
-            self.basis[index],
-            self.basis_gradient[index],
-            self.surface_distance[index],
-            self.surface_normal[index],
+            change(self.rest),
+            change(self.basis),
+            change(self.basis_gradient),
+            change(self.surface_distance),
+            change(self.surface_normal),
         )
 
 
@@ -82,6 +91,18 @@ class PointStates:
     sdf: Tensor
     slope: Tensor
     curvature: Tensor | None = None
+
+    def to(self, like: Tensor) -> PointStates:
+        """With the type and device of `like`."""
+        return PointStates(
+            self.points.to(like),
+            self.rows.to(like),
+            self.z.to(like),
+            self.F.to(like),
+            self.sdf.to(like),
+            self.slope.to(like),
+            None if self.curvature is None else self.curvature.to(like),
+        )
 
     @classmethod
     def at(cls, points: PointTensors, rows: Array, z: Array, collider: Collider) -> PointStates:

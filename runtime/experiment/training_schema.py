@@ -10,28 +10,33 @@ from runtime.experiment.section import Count, Name, NotNegative, Positive, Secti
 
 
 class ModelSpec(Section):
-    """`[[training.models]]`: one correction to train. The defaults are the best form known; the thesis's own
-    is
+    """`[[training.models]]`: one correction to train. The form of the thesis is
 
-    encoding = "weighted_rows", patch_inputs = false, hidden = [250, 250], activation = "tanh", fade =
-    "saturating".
+    form = "field", hidden = [250, 250], activation = "tanh".
     """
 
     name: Name = Field(description="file name of the correction and its name in simulations and reports")
-    encoding: Literal["local_geometry", "weighted_rows"] = Field(
-        "local_geometry",
-        description="local inputs: geometry of the contact at the point, or the thesis's weighted rows",
+    form: Literal["loads", "field"] = Field(
+        "loads",
+        description="loads: a network corrects the contact forces of the body's linear compliance; field: a network is "
+        "the displacement field (thesis, eq. 5.4)",
     )
-    patch_inputs: bool = Field(True, description="tell the network about the contact patch as a whole")
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
-        (128, 128, 128), description="neurons of each hidden layer"
+        (96, 96), description="neurons of each hidden layer"
     )
     activation: Literal["tanh", "silu", "softplus"] = Field("silu", description="of every hidden layer")
-    fade: Literal["proportional", "saturating"] = Field(
-        "proportional",
-        description="displacement grows with the depth of contact, or only vanishes as contact opens",
+    fade_depth: Positive = Field(5e-4, description="depth of contact below which what is learned fades out [m]")
+    loads: Count = Field(1000, description="form loads: at most so many surface points that bear forces")
+    band: Positive = Field(2e-3, description="form loads: loads this far outside the collider take part [m]")
+    encoding: Literal["weighted_rows", "local_geometry"] = Field(
+        "weighted_rows",
+        description="form field: local inputs, the thesis's weighted handle rows or the geometry of the contact",
     )
-    fade_depth: Positive = Field(5e-4, description="depth of contact below which the field fades out [m]")
+    patch_inputs: bool = Field(False, description="form field: tell the network about the contact patch as a whole")
+    fade: Literal["saturating", "proportional"] = Field(
+        "saturating",
+        description="form field: the field only vanishes as contact opens, or grows with the depth of contact",
+    )
 
 
 class TrainingSpec(Section):

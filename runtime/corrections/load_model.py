@@ -1,0 +1,149 @@
+"""What the network adds to the mechanics: corrected contact forces.
+
+    phi_j = (1 + y_0) nu_j p_j + w_j c F_j^T (y_1, ..., y_dim),        u_X = F_X sum_j G_Xj phi_j
+
+p, nu from the load problem, w_j [m^(dim-1)] an area that fades with distance and with the depth D of the contact, c
+[N/m^(dim-1)] a scale, and y(a_j, b) a network that runs on the few loads in contact and not on all points of the body.
+Its inputs a_j are the geometry of the contact at the load, what penetration the load problem leaves, and how far it moves
+the load; b is the contact patch. With y = 0 the field is that of linear elasticity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+
+from runtime.corrections.contact_loads import ContactLoads
+from runtime.corrections.contact_patch import n_shared_inputs
+from runtime.corrections.encoding import LocalGeometry
+from runtime.corrections.fade import Fade
+from runtime.corrections.network import Mlp, spread
+
+
+@dataclass(frozen=True)
+class LoadModelOptions:
+    """widths, activation: of the network; fade_depth [m]: its share fades out below; band [m]: how far outside the
+    collider loads take part; stiffness: of the penalty contact [N/m^4]."""
+
+    widths: tuple[int, ...]
+    activation: Literal["tanh", "silu", "softplus"]
+    fade_depth: float
+    band: float
+    stiffness: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values for a file's header."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> LoadModelOptions:
+        """From the values of :meth:`to_json`; TypeError or KeyError where they are not such."""
+        return cls(**{**values, "widths": tuple(values["widths"])})
+
+
+class LoadModel(nn.Module):
+    """phi(loads) for bodies in dim dimensions with n_rows handle rows. Buffers hold the normalisation."""
+
+    local_mean: Tensor
+    local_scale: Tensor
+    shared_mean: Tensor
+    shared_scale: Tensor
+    traction_scale: Tensor
+
+    def __init__(self, options: LoadModelOptions, dim: int, n_rows: int) -> None:
+        super().__init__()
+        self.options, self.dim, self.n_rows = options, dim, n_rows
+        self.encoding = LocalGeometry()
+        self.n_geometry = self.encoding.n_inputs(dim, n_rows)
+        n_local, n_shared = self.n_geometry + 1 + dim, n_shared_inputs(dim)
+        self.network = Mlp(n_local, n_shared, options.widths, 1 + dim, options.activation)
+        # Untrained, the field is that of linear elasticity.
+        nn.init.zeros_(self.network.head.weight)
+        nn.init.zeros_(self.network.head.bias)
+        self.fade = Fade("proportional", options.fade_depth)
+        self.register_buffer("local_mean", torch.zeros(n_local))
+        self.register_buffer("local_scale", torch.ones(n_local))
+        self.register_buffer("shared_mean", torch.zeros(n_shared))
+        self.register_buffer("shared_scale", torch.ones(n_shared))
+        self.register_buffer("traction_scale", torch.ones(()))
+
+    @torch.no_grad()
+    def normalise(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> None:
+        """Set the normalisation from inputs (n, n_local) and (samples, n_shared), and from loads (n, dim) with their
+        levers (n, dim, dim) at unit traction scale, so that outputs of order one correct the loads by their size."""
+        self.local_mean.copy_(local.mean(0))
+        self.local_scale.copy_(spread(local))
+        self.shared_mean.copy_(shared.mean(0))
+        self.shared_scale.copy_(spread(shared))
+        self.traction_scale.copy_(load.square().sum(-1).mean().sqrt() / lever.square().sum((-1, -2)).mean().sqrt())
+
+    def local_inputs(self, loads: ContactLoads) -> Tensor:
+        """a (m, n_local), not normalised."""
+        extra = torch.cat([loads.solution.left[:, None], loads.moved], dim=1)
+        return torch.cat([self.encoding.encode(loads.state), extra], dim=1).to(self.local_mean)
+
+    def forward(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> Tensor:
+        """phi (..., m, dim) [N] from inputs a and b, load = nu p (..., m, dim) and lever = w F^T (..., m, dim, dim), w
+        with the fade."""
+        y = self.network(self._local(local), self._shared(shared))
+        return load * (1.0 + y[..., :1]) + torch.einsum("...ij,...j->...i", lever, y[..., 1:])
+
+    def lever(self, loads: ContactLoads) -> Tensor:
+        """w_j c phi(D) F_j^T (m, dim, dim)."""
+        weight = loads.weight * self.fade.value(loads.patch.depth)
+        return (weight[:, None, None] * loads.state.F.transpose(1, 2)).to(self.local_mean) * self.traction_scale
+
+    def loads(self, contact: ContactLoads) -> Tensor:
+        """phi (m, dim) [N] of one contact."""
+        like = self.local_mean
+        load = contact.solution.load.to(like)
+        return self(self.local_inputs(contact), contact.patch.shared.to(like), load, self.lever(contact))
+
+    @torch.no_grad()
+    def linearise(self, contact: ContactLoads) -> tuple[Tensor, Tensor]:
+        """phi (m, dim) and dphi/d(world rows) (m, dim, R) of one contact."""
+        like = self.local_mean
+        local = self.local_inputs(contact)
+        m, dim = len(local), self.dim
+        turn = torch.eye(1 + dim).to(like)
+        y = self.network.derivatives(self._local(local), self._shared(contact.patch.shared.to(like)), turn)
+        to_local = y.local / self.local_scale
+        slopes = contact.slopes
+        rotation = contact.rotation.to(like)
+        y_slope = self.encoding.pull_back(contact.state.to(like), to_local[..., : self.n_geometry], rotation)
+        y_slope = y_slope.reshape(m, 1 + dim, -1)
+        extra_slope = torch.cat([slopes.left[:, None], slopes.moved], dim=1).to(like)
+        y_slope = y_slope + to_local[..., self.n_geometry :] @ extra_slope
+        shared_slope = contact.patch.shared_slope.to(like).flatten(1)
+        y_slope = y_slope + (y.shared / self.shared_scale) @ shared_slope
+
+        load, load_slope = contact.solution.load.to(like), slopes.load.to(like)
+        lever = self.lever(contact)
+        first, rest = y.value[:, :1], y.value[:, 1:]
+        phi = load * (1.0 + first) + torch.einsum("mij,mj->mi", lever, rest)
+        slope = load_slope * (1.0 + first[..., None]) + load[:, :, None] * y_slope[:, :1]
+        slope = slope + lever @ y_slope[:, 1:] + self._lever_slope(contact, rest)
+        return phi, slope
+
+    def _lever_slope(self, contact: ContactLoads, y: Tensor) -> Tensor:
+        """d(lever) y (m, dim, R): through the weight, the fade and F."""
+        like, state = y, contact.state
+        depth = contact.patch.depth
+        pulled = torch.einsum("mbj,mb->mj", state.F.to(like), y) * self.traction_scale
+        weight_slope = contact.slopes.weight * self.fade.value(depth)
+        weight_slope = weight_slope + (contact.weight * self.fade.slope(depth))[:, None] * contact.patch.depth_slope.flatten()
+        turned = y @ contact.rotation.to(like).T * (
+            self.traction_scale * (contact.weight * self.fade.value(depth)).to(like)[:, None]
+        )
+        by_F = torch.einsum("mrj,mc->mjrc", state.points.basis_gradient.to(like), turned)
+        return pulled[:, :, None] * weight_slope.to(like)[:, None, :] + by_F.flatten(2)
+
+    def _local(self, local: Tensor) -> Tensor:
+        return (local - self.local_mean) / self.local_scale
+
+    def _shared(self, shared: Tensor) -> Tensor:
+        return (shared - self.shared_mean) / self.shared_scale

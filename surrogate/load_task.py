@@ -1,0 +1,216 @@
+"""Learning contact loads. The loss over the whole volume is exact, and needs only the few loads in contact.
+
+The field of a load model is linear in its loads phi. Pulled back to rest coordinates, with w = F^-1 u of the truth,
+
+    |G^T phi - w|_M^2 = phi^T Gamma phi - 2 phi^T h + c,    Gamma = G M G^T,    h = G M w,    c = w^T M w,
+
+where M holds both terms of thesis 5.3.1: node volumes, and the graph Laplacian of the surface edges,
+
+    w^T M w = sum_i V_i |w_i|^2 / sum V + edge_weight * sum_edges |w_a - w_b|^2 / n_edges.
+
+Gamma belongs to the body; of each sample only h at its loads and c are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
+
+from runtime.arrays import Array, IntArray
+from runtime.body.body import ReducedBody
+from runtime.colliders.collider import Collider
+from runtime.corrections.compliance import Compliance
+from runtime.corrections.contact_loads import LoadProbe
+from runtime.corrections.load_model import LoadModel, LoadModelOptions
+from runtime.errors import SoftprintError
+from runtime.truth_file import TruthData
+from surrogate.losses import FieldError
+from surrogate.tasks import seeded, some_samples
+
+
+@dataclass(frozen=True, eq=False)
+class LoadData:
+    """Samples, padded to the largest number m of loads. local: (s, m, n_local); shared: (s, n_shared); load: (s, m, dim);
+    lever: (s, m, dim, dim) without the traction scale; index: (s, m) into the loads of the body; present: (s, m) 1 where
+    there is a load; h: (s, m, dim) and squared: (s,), c, with the edge term; volume_h, volume_squared: without it."""
+
+    local: Tensor
+    shared: Tensor
+    load: Tensor
+    lever: Tensor
+    index: Tensor
+    present: Tensor
+    h: Tensor
+    squared: Tensor
+    volume_h: Tensor
+    volume_squared: Tensor
+
+    def __len__(self) -> int:
+        return len(self.shared)
+
+    def to(self, device: torch.device) -> LoadData:
+        """The same data on a device."""
+        return LoadData(*(getattr(self, name).to(device) for name in LoadData.__dataclass_fields__))
+
+
+class LoadMetric:
+    """Gamma of a body, with the edge term and without: (n_loads, n_loads, dim, dim) float32."""
+
+    def __init__(self, body: ReducedBody, compliance: Compliance, edge_weight: float) -> None:
+        mesh = body.mesh
+        volume = sp.diags(mesh.node_volumes / mesh.node_volumes.sum())
+        edges = mesh.surface_edges
+        ends = np.tile([1.0, -1.0], len(edges))
+        difference = sp.csr_matrix(
+            (ends, (np.repeat(np.arange(len(edges)), 2), edges.ravel())), shape=(len(edges), mesh.n_nodes)
+        )
+        laplacian = difference.T @ difference / len(edges)
+        n_loads, dim, n_nodes, _ = compliance.operator.shape
+        self.operator = compliance.operator
+        self._volume, self._both = volume.tocsr(), (volume + edge_weight * laplacian).tocsr()
+        flat = compliance.operator.transpose(2, 0, 1, 3).reshape(n_nodes, -1)
+        self.volume_gamma = self._gamma(flat, self._volume, n_loads, dim)
+        self.gamma = self._gamma(flat, self._both, n_loads, dim)
+
+    @staticmethod
+    def _gamma(flat: NDArray[np.float32], metric: sp.csr_matrix, n_loads: int, dim: int) -> Tensor:
+        weighted = (metric.astype(np.float32) @ flat).reshape(-1, n_loads * dim, dim)
+        columns = flat.reshape(-1, n_loads * dim, dim)
+        gamma = sum(columns[..., a].T @ weighted[..., a] for a in range(dim))
+        return torch.from_numpy(
+            np.ascontiguousarray(gamma.reshape(n_loads, dim, n_loads, dim).transpose(0, 2, 1, 3))
+        )
+
+    def of_field(self, field: Array, loads: IntArray) -> tuple[Array, float, Array, float]:
+        """h (m, dim) at `loads` and c, with the edge term and without, of a field w (n_nodes, dim)."""
+        rows = self.operator[loads]
+        both, volume = self._both @ field, self._volume @ field
+        h, volume_h = (np.tensordot(rows, weighted, axes=2) for weighted in (both, volume))
+        return h, float(np.vdot(field, both)), volume_h, float(np.vdot(field, volume))
+
+
+def load_load_data(
+    truth: TruthData,
+    body: ReducedBody,
+    collider: Collider,
+    compliance: Compliance,
+    options: LoadModelOptions,
+    metric: LoadMetric,
+    samples: IntArray,
+    progress: Callable[[int], None] | None = None,
+) -> LoadData:
+    """The given rows of a truth file. Samples in which the reduced body does not touch are dropped."""
+    probe = LoadProbe(body, collider, compliance, options.stiffness, options.band)
+    unit = LoadModel(options, body.dim, body.n_rows)  # encodes; its scales are 1
+    gradient = body.node_points().basis_gradient
+    columns: list[tuple[Tensor, ...]] = []
+    for sample in samples:
+        if progress is not None:
+            progress(1)
+        rows, pose = truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample))
+        contact = probe.measure(rows, pose)
+        if contact is None:
+            continue
+        F = np.einsum("rb,nrj->nbj", rows, gradient)
+        u = truth.displacement(int(sample)).astype(np.float64)
+        h, squared, volume_h, volume_squared = metric.of_field(
+            np.linalg.solve(F, u[..., None])[..., 0], contact.index
+        )
+        columns.append(
+            (
+                unit.local_inputs(contact),
+                contact.patch.shared.float(),
+                contact.solution.load.float(),
+                unit.lever(contact),
+                torch.from_numpy(contact.index),
+                torch.ones(len(contact.index)),
+                torch.from_numpy(h).float(),
+                torch.tensor(squared),
+                torch.from_numpy(volume_h).float(),
+                torch.tensor(volume_squared),
+            )
+        )
+    if not columns:
+        raise SoftprintError(f"{truth.path}: none of the {len(samples)} samples asked for touches the reduced body")
+    names = list(LoadData.__dataclass_fields__)
+    whole = {"shared", "squared", "volume_squared"}
+    stacked = (
+        torch.stack(column).float() if name in whole else pad_sequence(list(column), batch_first=True)
+        for name, column in zip(names, zip(*columns, strict=True), strict=True)
+    )
+    return LoadData(*stacked)
+
+
+class LoadTask:
+    """A `LoadModel`, learned from `LoadData`."""
+
+    def __init__(
+        self, options: LoadModelOptions, metric: LoadMetric, data: LoadData, validation: LoadData, n_rows: int
+    ) -> None:
+        self._options, self._data, self._validation, self._n_rows = options, data, validation, n_rows
+        self._gamma = metric.gamma.to(self.device)
+        self._volume_gamma = metric.volume_gamma.to(self.device)
+        self._scale = data.squared.mean()
+
+    @property
+    def n_samples(self) -> int:
+        return len(self._data)
+
+    @property
+    def device(self) -> torch.device:
+        return self._data.shared.device
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        return {"form": "loads", **self._options.to_json()}
+
+    def fresh_model(self, seed: int) -> LoadModel:
+        """Initial weights from the seed, normalisation from the data."""
+        data, dim = self._data, self._data.load.shape[-1]
+        model = seeded(lambda: LoadModel(self._options, dim, self._n_rows), seed).to(self.device)
+        some = some_samples(len(data), seed, self.device)
+        there = data.present[some] > 0
+        model.normalise(data.local[some][there], data.shared, data.load[some][there], data.lever[some][there])
+        return model
+
+    def loss(self, model: LoadModel, index: Tensor) -> Tensor:
+        """Mean of the squared error in the norm M, in units of the mean squared displacement."""
+        missed, _ = self._missed(model, self._data, index, self._gamma, volume_only=False)
+        return missed.mean() / self._scale
+
+    @torch.no_grad()
+    def held_out_error(self, model: LoadModel, batch: int = 64) -> FieldError:
+        """Over the volume of the validation samples, the fields pulled back to rest coordinates."""
+        data = self._validation
+        parts = [
+            self._missed(model, data, index, self._volume_gamma, volume_only=True)
+            for index in torch.arange(len(data), device=self.device).split(batch)
+        ]
+        missed, whole = (torch.cat(column).double() for column in zip(*parts, strict=True))
+        return FieldError(
+            float((missed.sum() / whole.sum()).clamp(min=0.0).sqrt()),
+            float((missed / whole).max().clamp(min=0.0).sqrt()),
+            len(data),
+        )
+
+    @staticmethod
+    def _missed(
+        model: LoadModel, data: LoadData, index: Tensor, gamma: Tensor, volume_only: bool
+    ) -> tuple[Tensor, Tensor]:
+        """Squared error and squared displacement (b,) of samples `index`."""
+        m = int(data.present[index].sum(1).max())
+        loads, present = data.index[index, :m], data.present[index, :m, None]
+        lever = data.lever[index, :m] * model.traction_scale
+        phi = model(data.local[index, :m], data.shared[index], data.load[index, :m], lever) * present
+        h, c = (data.volume_h, data.volume_squared) if volume_only else (data.h, data.squared)
+        block = gamma[loads[:, :, None], loads[:, None, :]]
+        quadratic = torch.einsum("bxi,bxyij,byj->b", phi, block, phi)
+        return quadratic - 2.0 * (phi * h[index, :m]).sum((1, 2)) + c[index], c[index]
