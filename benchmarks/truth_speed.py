@@ -14,7 +14,6 @@ import os
 import platform
 import resource
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -42,11 +41,10 @@ TIGHT = NewtonSettings(1e-8, 1e-13, cg_tolerance_min=1e-5)
 
 
 class Stopwatch:
-    """CPU seconds and calls of functions that are replaced by timed ones."""
+    """CPU seconds of functions that are replaced by timed ones."""
 
     def __init__(self) -> None:
-        self.seconds: Counter[str] = Counter()
-        self.calls: Counter[str] = Counter()
+        self.seconds: dict[str, float] = {}
 
     def watch(self, owner: Any, name: str, label: str) -> None:
         inner: Callable[..., Any] = getattr(owner, name)
@@ -54,8 +52,7 @@ class Stopwatch:
         def timed(*args: Any, **keywords: Any) -> Any:
             start = time.process_time()
             result = inner(*args, **keywords)
-            self.seconds[label] += time.process_time() - start
-            self.calls[label] += 1
+            self.seconds[label] = self.seconds.get(label, 0.0) + time.process_time() - start
             return result
 
         setattr(owner, name, timed)
@@ -101,12 +98,11 @@ def main() -> None:
         approach = random_approach(body, internal.x, collider, rng)
         poses = approach.poses_at(depths)
         watch.seconds.clear()
-        watch.calls.clear()
         start = time.process_time()
         press = problem.press(rows, collider, internal.x)
         solutions = [press.solve(pose) for pose in poses]
         total = time.process_time() - start
-        split = ", ".join(f"{label} {seconds:.2f}" for label, seconds in watch.seconds.most_common())
+        split = ", ".join(f"{label} {seconds:.2f}" for label, seconds in watch.seconds.items())
         print(f"  {total:.2f} CPU s for {len(poses)} depths; of these {split}; the rest is CG and contact")
         for depth, pose, solution in zip(depths, poses, solutions, strict=True):
             exact = problem.solve(rows, collider, pose, solution.x, TIGHT, internal.x).x - internal.x
