@@ -20,6 +20,7 @@ from dolfinx.mesh import create_mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from fem_truth.form_cache import form_cache
 from runtime.arrays import Array, IntArray
 from runtime.mesh import Mesh
 
@@ -29,7 +30,7 @@ fem: Any = dolfinx.fem
 fem_petsc: Any = dolfinx.fem.petsc
 
 NEW_NAMES = not hasattr(fem, "VectorFunctionSpace")  # they left in 0.8; 0.9 has basix.ufl and `functionspace`
-JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-g0"], "timeout": 300}
+JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-g0"]}
 _CELL_NAMES = {2: "triangle", 3: "tetrahedron"}
 
 
@@ -50,14 +51,20 @@ def vector_space(domain: Any, dim: int) -> Any:
     """Continuous piecewise linear displacements."""
     if NEW_NAMES:
         return fem.functionspace(domain, ("Lagrange", 1, (dim,)))
-    return fem.VectorFunctionSpace(domain, ("Lagrange", 1))
+    return _compiled_space(domain, ufl.VectorElement("Lagrange", domain.ufl_cell(), 1))
 
 
 def cell_space(domain: Any) -> Any:
     """One number a cell."""
     if NEW_NAMES:
         return fem.functionspace(domain, ("DG", 0))
-    return fem.FunctionSpace(domain, ("DG", 0))
+    return _compiled_space(domain, ufl.FiniteElement("DG", domain.ufl_cell(), 0))
+
+
+def _compiled_space(domain: Any, element: Any) -> Any:
+    """DOLFINx 0.5 compiles elements too."""
+    with form_cache() as folder:
+        return fem.FunctionSpace(domain, element, jit_params={"cache_dir": str(folder)})
 
 
 def orderings(domain: Any, space: Any, cell_values: Any, mesh: Mesh) -> tuple[IntArray, IntArray]:
@@ -94,12 +101,11 @@ def _geometry_table(domain: Any, n_cells: int) -> IntArray:
 def compile_form(form: ufl.Form) -> Any:
     """Compile a UFL form to native code, from the cache where it was compiled before.
 
-    The first compilation takes a second or two; ranks must not race there (see
-    `full_space_elasticity.warm_jit`).
+    The first compilation takes a second or two; other processes that want a form meanwhile wait their turn.
     """
-    if NEW_NAMES:
-        return fem.form(form, jit_options=JIT_OPTIONS)
-    return fem.form(form, jit_params=JIT_OPTIONS)
+    with form_cache() as folder:
+        options = {**JIT_OPTIONS, "cache_dir": str(folder)}
+        return fem.form(form, jit_options=options) if NEW_NAMES else fem.form(form, jit_params=options)
 
 
 @contextmanager

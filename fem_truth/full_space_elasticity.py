@@ -14,7 +14,6 @@ import numpy as np
 import scipy.sparse as sp
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 
 from fem_truth import dolfinx_version as dfx
 from fem_truth.block_matrix import BlockMatrix, BlockPattern
@@ -104,20 +103,3 @@ class FullSpaceElasticity:
         ordered = sp.csr_matrix((positions, (rows, self._node_of_dof[columns])), shape=(n, n))
         ordered.sort_indices()
         return BlockPattern.from_csr(ordered.indptr, ordered.indices), ordered.data - 1
-
-
-def warm_jit(comm: MPI.Intracomm, body: ReducedBody) -> None:
-    """Compile the forms of `body` on rank 0 while the other ranks of `comm` wait, so that they find them in
-    the cache.
-
-    Collective. A failure on rank 0 is raised on every rank.
-    """
-    failure: Exception | None = None
-    if comm.rank == 0:
-        try:
-            FullSpaceElasticity(body)
-        except Exception as error:  # raised again below, on all ranks
-            failure = error
-    failure = comm.bcast(failure, root=0)
-    if failure is not None:
-        raise failure

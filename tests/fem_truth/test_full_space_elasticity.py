@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from fem_truth.full_space_elasticity import FullSpaceElasticity, warm_jit
+from fem_truth.full_space_elasticity import FullSpaceElasticity
 from runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient, element_hessians
 
 DIMS = (2, 3)
@@ -108,9 +107,3 @@ def test_hessian_is_not_overwritten_by_the_next(block, dim):
 def test_neo_hookean_has_no_energy_inverted(block):
     body = block(2, "neo_hookean")
     assert not np.isfinite(FullSpaceElasticity(body).energy(body.mesh.points * [1.0, -1.0]))
-
-
-def test_warm_jit_is_collective_and_raises_everywhere(block):
-    warm_jit(MPI.COMM_WORLD, block(2))
-    with pytest.raises(AttributeError):
-        warm_jit(MPI.COMM_WORLD, None)
