@@ -21,10 +21,14 @@ from runtime.body import ReducedBody
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
+from runtime.corrections.compliance import compute_compliance
 from runtime.corrections.contact_centric import ContactCentric
 from runtime.corrections.correction import Correction
 from runtime.corrections.correction_file import load_correction
-from runtime.corrections.model import ContactModel, ModelOptions
+from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.load_model import LoadModel
+from runtime.corrections.model import ContactModel
+from runtime.corrections.options import load_model_options, model_options
 from runtime.dynamics.model import ReducedModel, bare_model, build_model, correction_path
 from runtime.dynamics.scene import scene_parts, scene_simulator, scene_steps
 from runtime.dynamics.speed import machine, measure, speed_table, with_iterations
@@ -35,14 +39,14 @@ DISPLACEMENT = 2e-4  # m, RMS of a typical contact displacement
 
 def stand_in(spec: ModelSpec, body: ReducedBody, experiment: Experiment) -> Correction:
     """An untrained correction of the architecture of a `[[training.models]]` table."""
-    options = ModelOptions(
-        spec.encoding, spec.patch_inputs, spec.hidden, spec.activation, spec.fade, spec.fade_depth
-    )
+    collider = build_collider(experiment.collider(experiment.training.collider), experiment.base_dir)
     torch.manual_seed(0)
-    model = ContactModel(options, body.dim, body.n_rows)
+    if spec.form == "loads":
+        loads = LoadModel(load_model_options(spec, experiment.contact.stiffness), body.dim, body.n_rows)
+        return ElasticContact(spec.name, loads, body, collider, compute_compliance(body, spec.loads))
+    model = ContactModel(model_options(spec), body.dim, body.n_rows)
     model.output_scale.fill_(DISPLACEMENT)
-    collider = experiment.collider(experiment.training.collider)
-    return ContactCentric(spec.name, model, body, build_collider(collider, experiment.base_dir))
+    return ContactCentric(spec.name, model, body, collider)
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
 """Checkpoints of a training run: safetensors with a JSON header, replaced atomically, never pickled.
 
-They hold the weights, the best weights so far, Adam's moments and the curves. Batches are drawn from (seed, step), so no
-state of a random generator needs keeping: a run that was killed and resumed equals one that was not.
+They hold the weights, the best weights so far, Adam's moments and the curves. Batches are drawn from (seed,
+step), so no state of a random generator needs keeping: a run that was killed and resumed equals one that was
+not.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ KIND, VERSION = "training_checkpoint", 1
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """fingerprint: what the run is (data, options, settings, seed), as text; step: optimiser steps done; history: the
-    curves so far; tensors: named weights and moments."""
+    """fingerprint: what the run is (data, options, settings, seed), as text; step: optimiser steps done;
+    history: the curves so far; tensors: named weights and moments."""
 
     fingerprint: str
     step: int
@@ -53,13 +54,19 @@ def load_checkpoint(path: Path) -> Checkpoint:
             header = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
     except (SafetensorError, OSError) as error:
-        raise SoftprintError(f"{path}: not a readable checkpoint ({error}): remove it and train again") from error
+        raise SoftprintError(
+            f"{path}: not a readable checkpoint ({error}): remove it and train again"
+        ) from error
     if (header.get("softprint_kind"), header.get("softprint_version")) != (KIND, str(VERSION)):
-        raise SoftprintError(f"{path}: not a training checkpoint of version {VERSION}: remove it and train again")
+        raise SoftprintError(
+            f"{path}: not a training checkpoint of version {VERSION}: remove it and train again"
+        )
     return Checkpoint(header["fingerprint"], int(header["step"]), json.loads(header["history"]), tensors)
 
 
-def pack(model: torch.nn.Module, best: dict[str, Tensor], optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+def pack(
+    model: torch.nn.Module, best: dict[str, Tensor], optimiser: torch.optim.Optimizer
+) -> dict[str, Tensor]:
     """Weights, best weights and Adam's moments under flat names."""
     tensors = {f"model.{name}": tensor.clone() for name, tensor in model.state_dict().items()}
     tensors |= {f"best.{name}": tensor for name, tensor in best.items()}

@@ -1,11 +1,12 @@
 """Training data of contact models: the samples of a truth file in collider space (thesis 5.3.1 and 5.3.2).
 
-A sample has thousands of nodes, and neighbours tell the same story. Each sample keeps a *pool* drawn once: nodes, half of
-them evenly over the body and half near the contact patch, and surface edges near the patch for the edge term of the
-loss. Every draw carries the weight that makes the sum over the pool an unbiased estimate of the integral.
+A sample has thousands of nodes, and neighbours tell the same story. Each sample keeps a *pool* drawn once:
+nodes, half of them evenly over the body and half near the contact patch, and surface edges near the patch for
+the edge term of the loss. Every draw carries the weight that makes the sum over the pool an unbiased estimate
+of the integral.
 
-Splits are by *state*: the held-out error must measure states never seen. Samples that are not converged or that follow
-a branch jump are left out and counted.
+Splits are by *state*: the held-out error must measure states never seen. Samples that are not converged or
+that follow a branch jump are left out and counted.
 """
 
 from __future__ import annotations
@@ -44,8 +45,9 @@ class PoolSize:
 
 
 class Batch(NamedTuple):
-    """Pools of some samples. state: (b, k, ...); shared (b, n_shared); depth (b,); target (b, k, dim) [m] in collider
-    space; node_weight (b, nodes), edge_weight (b, edges). Points are nodes, then first ends, then second ends of edges."""
+    """Pools of some samples. state: (b, k, ...); shared (b, n_shared); depth (b,); target (b, k, dim) [m] in
+    collider space; node_weight (b, nodes), edge_weight (b, edges). Points are nodes, then first ends, then
+    second ends of edges."""
 
     state: PointStates
     shared: Tensor
@@ -57,7 +59,8 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Pools:
-    """Per sample s and pool point k: nodes (s, k), signed distance (s, k), its gradient and the target (s, k, dim)."""
+    """Per sample s and pool point k: nodes (s, k), signed distance (s, k), its gradient and the target (s, k,
+    dim)."""
 
     nodes: Tensor
     sdf: Tensor
@@ -117,7 +120,8 @@ class ContactDataset:
 
 @dataclass(frozen=True)
 class Split:
-    """Rows of the truth file for training and for validation, and how many samples were left out as unusable."""
+    """Rows of the truth file for training and for validation, and how many samples were left out as
+    unusable."""
 
     train: IntArray
     validation: IntArray
@@ -125,7 +129,8 @@ class Split:
 
 
 def split_by_state(truth: TruthData, collider: str, validation_states: int) -> Split:
-    """Hold out the last `validation_states` states (they are in farthest-point order). Samples of `collider` only."""
+    """Hold out the last `validation_states` states (they are in farthest-point order). Samples of `collider`
+    only."""
     if collider not in truth.header.colliders:
         known = ", ".join(truth.header.colliders)
         raise SoftprintError(f"{truth.path}: has no samples of collider {collider!r}; its colliders: {known}")
@@ -134,8 +139,8 @@ def split_by_state(truth: TruthData, collider: str, validation_states: int) -> S
     states = np.unique(truth.sample_state[usable])
     if len(states) <= validation_states:
         raise SoftprintError(
-            f"{truth.path}: has usable samples of {len(states)} states; holding out {validation_states} for validation "
-            f"(training.validation_states) leaves none to learn from"
+            f"{truth.path}: has usable samples of {len(states)} states; holding out {validation_states} for "
+            f"validation (training.validation_states) leaves none to learn from"
         )
     held_out = np.isin(truth.sample_state, states[len(states) - validation_states :])
     return Split(
@@ -154,7 +159,8 @@ def load_dataset(
 ) -> ContactDataset:
     """The given rows of a truth file. size None keeps all nodes and no edges, for measuring errors.
 
-    Samples in which the *reduced* body does not touch the collider hold no contact for a model to see; they are dropped.
+    Samples in which the *reduced* body does not touch the collider hold no contact for a model to see; they
+    are dropped.
     """
     probe = ContactProbe(body, collider)
     drawing = _Drawing(body, collider, size, rng)
@@ -168,9 +174,19 @@ def load_dataset(
             continue
         local_rows = probe.collider_rows(rows, pose)
         target = pose.rotate_inverse(truth.displacement(int(sample)).astype(np.float64))
-        columns.append((local_rows, patch.shared, patch.depth, int(sample), drawing.draw(local_rows, patch.shared, target)))
+        columns.append(
+            (
+                local_rows,
+                patch.shared,
+                patch.depth,
+                int(sample),
+                drawing.draw(local_rows, patch.shared, target),
+            )
+        )
     if not columns:
-        raise SoftprintError(f"{truth.path}: none of the {len(samples)} samples asked for touches the reduced body")
+        raise SoftprintError(
+            f"{truth.path}: none of the {len(samples)} samples asked for touches the reduced body"
+        )
     rows_, shared, depth, kept, pools = zip(*columns, strict=True)
     kept_samples = np.array(kept)
     return ContactDataset(
@@ -197,7 +213,8 @@ class _Drawing:
         self._edges = mesh.surface_edges
 
     def draw(self, rows: Array, shared: Tensor, target: Array) -> tuple[NDArray[Any], ...]:
-        """Columns of :class:`Pools` for collider rows (n_rows, dim), shared inputs and target (n_nodes, dim)."""
+        """Columns of :class:`Pools` for collider rows (n_rows, dim), shared inputs and target (n_nodes,
+        dim)."""
         z = self._basis @ rows
         if self._size is None:
             nodes = np.arange(len(z))
@@ -206,7 +223,9 @@ class _Drawing:
             centre = shared[2 : 2 + self._dim].numpy()
             nearness = np.exp(-np.linalg.norm(z - centre, axis=1) / (_NEAR * self._collider.size))
             volume_nodes, node_weight = self._weighted_draw(nearness, 0.5, self._size.nodes)
-            edges, edge_weight = self._weighted_draw(nearness[self._edges].mean(axis=1), 0.0, self._size.edges)
+            edges, edge_weight = self._weighted_draw(
+                nearness[self._edges].mean(axis=1), 0.0, self._size.edges
+            )
             nodes = np.concatenate([volume_nodes, *self._edges[edges].T])
             weights = self._volume[volume_nodes] * node_weight, edge_weight
         distance = self._collider.sdf_derivatives(z[nodes])

@@ -1,6 +1,7 @@
 """Learning contact loads. The loss over the whole volume is exact, and needs only the few loads in contact.
 
-The field of a load model is linear in its loads phi. Pulled back to rest coordinates, with w = F^-1 u of the truth,
+The field of a load model is linear in its loads phi. Pulled back to rest coordinates, with w = F^-1 u of the
+truth,
 
     |G^T phi - w|_M^2 = phi^T Gamma phi - 2 phi^T h + c,    Gamma = G M G^T,    h = G M w,    c = w^T M w,
 
@@ -38,9 +39,10 @@ from surrogate.tasks import seeded, some_samples
 
 @dataclass(frozen=True, eq=False)
 class LoadData:
-    """Samples, padded to the largest number m of loads. local: (s, m, n_local); shared: (s, n_shared); load: (s, m, dim);
-    lever: (s, m, dim, dim) without the traction scale; index: (s, m) into the loads of the body; present: (s, m) 1 where
-    there is a load; h: (s, m, dim) and squared: (s,), c, with the edge term; volume_h, volume_squared: without it."""
+    """Samples, padded to the largest number m of loads. local: (s, m, n_local); shared: (s, n_shared); load:
+    (s, m, dim); lever: (s, m, dim, dim) without the traction scale; index: (s, m) into the loads of the body;
+    present: (s, m) 1 where there is a load; h: (s, m, dim) and squared: (s,), c, with the edge term;
+    volume_h, volume_squared: without it."""
 
     local: Tensor
     shared: Tensor
@@ -82,9 +84,15 @@ class LoadMetric:
 
     @staticmethod
     def _gamma(flat: NDArray[np.float32], metric: sp.csr_matrix, n_loads: int, dim: int) -> Tensor:
-        weighted = (metric.astype(np.float32) @ flat).reshape(-1, n_loads * dim, dim)
-        columns = flat.reshape(-1, n_loads * dim, dim)
-        gamma = sum(columns[..., a].T @ weighted[..., a] for a in range(dim))
+        n_nodes = len(flat)
+        weighted = (metric.astype(np.float32) @ flat).reshape(n_nodes, -1, dim)
+        # Node components one below the other, contiguous: strided operands would miss the fast matrix
+        # product.
+        left = np.ascontiguousarray(flat.reshape(n_nodes, -1, dim).transpose(2, 0, 1)).reshape(
+            dim * n_nodes, -1
+        )
+        right = np.ascontiguousarray(weighted.transpose(2, 0, 1)).reshape(dim * n_nodes, -1)
+        gamma = left.T @ right
         return torch.from_numpy(
             np.ascontiguousarray(gamma.reshape(n_loads, dim, n_loads, dim).transpose(0, 2, 1, 3))
         )
@@ -139,7 +147,9 @@ def load_load_data(
             )
         )
     if not columns:
-        raise SoftprintError(f"{truth.path}: none of the {len(samples)} samples asked for touches the reduced body")
+        raise SoftprintError(
+            f"{truth.path}: none of the {len(samples)} samples asked for touches the reduced body"
+        )
     names = list(LoadData.__dataclass_fields__)
     whole = {"shared", "squared", "volume_squared"}
     stacked = (

@@ -28,8 +28,8 @@ def contact_loss(model: ContactModel, batch: Batch, edge_weight: float) -> Tenso
 class FieldError:
     """Errors of a set of samples, relative to the displacement (0: perfect; 1: no better than no correction).
 
-    rms = sqrt(sum w |u_pred - u|^2 / sum w |u|^2) over samples and nodes, w the node volumes; worst: the largest of
-    this over single samples; samples: how many.
+    rms = sqrt(sum w |u_pred - u|^2 / sum w |u|^2) over samples and nodes, w the node volumes; worst: the
+    largest of this over single samples; samples: how many.
     """
 
     rms: float

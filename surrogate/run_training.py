@@ -18,8 +18,7 @@ from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.corrections.compliance import Compliance, compute_compliance
 from runtime.corrections.correction_file import read_header, save_correction
-from runtime.corrections.load_model import LoadModelOptions
-from runtime.corrections.model import ModelOptions
+from runtime.corrections.options import load_model_options, model_options
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
 from runtime.experiment.training_schema import ModelSpec, TrainingSpec
@@ -29,29 +28,6 @@ from surrogate.dataset import ContactDataset, PoolSize, Split, load_dataset, spl
 from surrogate.load_task import LoadMetric, LoadTask, load_load_data
 from surrogate.tasks import FieldTask, LearningTask, ModelT
 from surrogate.train import TrainingResult, TrainingSettings, train
-
-
-def model_options(spec: ModelSpec) -> ModelOptions:
-    """The architecture that a [[training.models]] table of form "field" asks for."""
-    return ModelOptions(
-        encoding=spec.encoding,
-        patch_inputs=spec.patch_inputs,
-        widths=spec.hidden,
-        activation=spec.activation,
-        fade=spec.fade,
-        fade_depth=spec.fade_depth,
-    )
-
-
-def load_model_options(spec: ModelSpec, stiffness: float) -> LoadModelOptions:
-    """The architecture that a [[training.models]] table of form "loads" asks for; stiffness of contact [N/m^4]."""
-    return LoadModelOptions(
-        widths=spec.hidden,
-        activation=spec.activation,
-        fade_depth=spec.fade_depth,
-        band=spec.band,
-        stiffness=stiffness,
-    )
 
 
 def training_settings(spec: TrainingSpec, seed: int) -> TrainingSettings:
@@ -93,8 +69,12 @@ class Lessons:
         size = PoolSize(spec.nodes, spec.edges)
         count = len(self.split.train) + len(self.held_out)
         with self._context.progress(count, "sample", "reading fields") as bar:
-            training = load_dataset(self.truth, self.body, self.collider, self.split.train, size, rng, bar.update)
-            validation = load_dataset(self.truth, self.body, self.collider, self.held_out, None, rng, bar.update)
+            training = load_dataset(
+                self.truth, self.body, self.collider, self.split.train, size, rng, bar.update
+            )
+            validation = load_dataset(
+                self.truth, self.body, self.collider, self.held_out, None, rng, bar.update
+            )
         return training.to(self._device), validation.to(self._device)
 
     def compliance(self, loads: int) -> Compliance:
@@ -124,7 +104,8 @@ class Lessons:
 
 
 def train_models(context: Context, only: str | None) -> None:
-    """Train every model of the experiment, or the one named, unless it is there for this truth and these settings."""
+    """Train every model of the experiment, or the one named, unless it is there for this truth and these
+    settings."""
     experiment = context.experiment
     specs = [model for model in experiment.training.models if only in (None, model.name)]
     if not specs:
@@ -137,7 +118,9 @@ def train_models(context: Context, only: str | None) -> None:
         wanted = [
             spec
             for spec in specs
-            if not (context.resume and _is_done(context, spec.name, _recipe(experiment, spec, truth.content_hash)))
+            if not (
+                context.resume and _is_done(context, spec.name, _recipe(experiment, spec, truth.content_hash))
+            )
         ]
         if not wanted:
             context.say("all corrections are up to date.")
@@ -145,7 +128,8 @@ def train_models(context: Context, only: str | None) -> None:
         lessons = Lessons(truth, body, collider, experiment.training, context)
         context.say(
             f"{len(lessons.split.train)} samples to learn from, {len(lessons.held_out)} of held-out states; "
-            f"{lessons.split.left_out} not converged or after a jump; label-noise floor {truth.noise_floor:.3g}"
+            f"{lessons.split.left_out} not converged or after a jump; "
+            f"label-noise floor {truth.noise_floor:.3g}"
         )
         for spec in wanted:
             _train_one(context, spec, lessons)

@@ -1,4 +1,5 @@
-"""What `train.py` needs of a kind of model: fresh weights, a loss on some samples, the error on held-out states."""
+"""What `train.py` needs of a kind of model: fresh weights, a loss on some samples, the error on held-out
+states."""
 
 from __future__ import annotations
 

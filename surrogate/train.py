@@ -29,8 +29,8 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """steps: of the optimiser; batch: samples a step; learning_rate: at the start, falling to zero along a cosine;
-    weight_decay: decoupled (AdamW); validations: how often along the run
+    """steps: of the optimiser; batch: samples a step; learning_rate: at the start, falling to zero along a
+    cosine; weight_decay: decoupled (AdamW); validations: how often along the run
     the held-out error is measured and a checkpoint written; seed."""
 
     steps: int
@@ -43,8 +43,8 @@ class TrainingSettings:
 
 @dataclass(frozen=True, eq=False)
 class TrainingResult(Generic[ModelT]):
-    """model: with its best weights; held_out: their error on the validation states; history: the curves, one entry a
-    validation (step, loss, learning_rate, validation_rms)."""
+    """model: with its best weights; held_out: their error on the validation states; history: the curves, one
+    entry a validation (step, loss, learning_rate, validation_rms)."""
 
     model: ModelT
     held_out: FieldError
@@ -95,7 +95,9 @@ def train(
             if error.rms < lowest:
                 lowest, best = error.rms, copy.deepcopy(model.state_dict())
             if checkpoint is not None:
-                save_checkpoint(checkpoint, Checkpoint(fingerprint, step + 1, history, pack(model, best, optimiser)))
+                save_checkpoint(
+                    checkpoint, Checkpoint(fingerprint, step + 1, history, pack(model, best, optimiser))
+                )
     model.load_state_dict(best)
     return TrainingResult(model, task.held_out_error(model), history)
 

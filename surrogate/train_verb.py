@@ -16,7 +16,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, context: Context) -> int:
-    """Train the models of the experiment that are not there yet; corrections/NAME.safetensors and NAME.json."""
+    """Train the models of the experiment that are not there yet; corrections/NAME.safetensors and
+    NAME.json."""
     from surrogate.run_training import train_models
 
     if context.rank == 0:

@@ -1,6 +1,7 @@
 """Unit normals of the body's surface, carried along by its deformation (Nanson's relation).
 
-A rest normal N becomes n = cof(F) N / |cof(F) N|. The cofactor is polynomial in F, so nothing is divided by det F:
+A rest normal N becomes n = cof(F) N / |cof(F) N|. The cofactor is polynomial in F, so nothing is divided by
+det F:
 
     c_i = 1/2 e_ijk e_lmn F_jm F_kn N_l   (3D),      c_i = e_ij e_lm F_jm N_l   (2D).
 """

@@ -1,19 +1,20 @@
 """How the body gives way, at rest, to forces on its surface that the subspace cannot feel.
 
-The contact displacement of the truth is an equilibrium in the null space of U (thesis 5.3.3). Linearised at rest, it is
+The contact displacement of the truth is an equilibrium in the null space of U (thesis 5.3.3). Linearised at
+rest, it is
 
     u = G f,    G = A - A Q (Q^T A Q)^-1 Q^T A,    A = K^-1,
 
-K being the elastic stiffness of the nodes outside rigid frames, Q a basis of the columns of U there, and f the nodal
-forces. G is symmetric, U^T G = 0, and it belongs to the body alone: it is computed once. At a deformed state it is
-carried along by the local deformation F,
+K being the elastic stiffness of the nodes outside rigid frames, Q a basis of the columns of U there, and f
+the nodal forces. G is symmetric, U^T G = 0, and it belongs to the body alone: it is computed once. At a
+deformed state it is carried along by the local deformation F,
 
     u_X = F_X sum_j G_Xj F_j^T f_j,
 
 which keeps it symmetric (forces do the work that displacements receive) and turns with the body.
 
-Columns are kept for *loads*: at most so many points of the surface, each standing for the area nearest to it, over which
-its force is spread.
+Columns are kept for *loads*: at most so many points of the surface, each standing for the area nearest to it,
+over which its force is spread.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ from runtime.errors import SoftprintError
 
 # Columns solved at a time, to bound memory.
 _COLUMNS = 240
-# Keeps K invertible for a body without rigid frames, relative to its mean diagonal; rigid motions are then taken
-# out by the constraint. Far below the accuracy of the float32 in which G is kept.
+# Keeps K invertible for a body without rigid frames, relative to its mean diagonal; rigid motions are then
+# taken out by the constraint. Far below the accuracy of the float32 in which G is kept.
 _SHIFT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """G of a body. nodes: (n_loads,) load nodes; areas: (n_loads,) [m^(dim-1)]; operator: (n_loads, dim, n_nodes, dim)
-    float32 [m/N], displacement of every node per unit force on a load, in rest coordinates."""
+    """G of a body. nodes: (n_loads,) load nodes; areas: (n_loads,) [m^(dim-1)]; operator: (n_loads, dim,
+    n_nodes, dim) float32 [m/N], displacement of every node per unit force on a load, in rest coordinates."""
 
     nodes: IntArray
     areas: Array
@@ -52,7 +53,8 @@ class Compliance:
 def compute_compliance(
     body: ReducedBody, at_most: int, progress: Callable[[int], None] | None = None
 ) -> Compliance:
-    """G for at most so many loads, chosen by farthest point. progress: called with the number of loads done."""
+    """G for at most so many loads, chosen by farthest point. progress: called with the number of loads
+    done."""
     nodes, areas, spread = _loads(body, at_most)
     free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
     dim, n_loads = body.dim, len(nodes)
@@ -89,7 +91,9 @@ def rest_stiffness(body: ReducedBody) -> sp.csr_matrix:
     rest = np.broadcast_to(np.eye(dim), (mesh.n_cells, dim, dim)).copy()
     tangent = body.material.tangent(rest)
     gradients = mesh.cell_gradients
-    cells = np.einsum("c,caj,cijkl,cbl->caibk", mesh.cell_volumes, gradients, tangent, gradients, optimize=True)
+    cells = np.einsum(
+        "c,caj,cijkl,cbl->caibk", mesh.cell_volumes, gradients, tangent, gradients, optimize=True
+    )
     size = (dim + 1) * dim
     dofs = (mesh.cells[:, :, None] * dim + np.arange(dim)).reshape(-1, size)
     entries = (np.repeat(dofs, size, axis=1).ravel(), np.tile(dofs, (1, size)).ravel())
@@ -103,7 +107,9 @@ def _loads(body: ReducedBody, at_most: int) -> tuple[IntArray, Array, sp.csr_mat
     outside = ~np.isin(mesh.surface_nodes, body.handles.frame_nodes)
     candidates, areas = mesh.surface_nodes[outside], mesh.surface_areas[outside]
     if not len(candidates):
-        raise SoftprintError(f"body {body.name!r}: all of its surface lies in rigid frames, where nothing gives way")
+        raise SoftprintError(
+            f"body {body.name!r}: all of its surface lies in rigid frames, where nothing gives way"
+        )
     nodes = candidates
     if len(candidates) > at_most:
         nodes = candidates[np.sort(farthest_points(mesh.points[candidates], at_most))]

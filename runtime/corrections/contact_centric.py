@@ -1,4 +1,5 @@
-"""The contact-centric correction of thesis chapter 5 at run time: a trained `ContactModel` on a body and a collider."""
+"""The contact-centric correction of thesis chapter 5 at run time: a trained `ContactModel` on a body and a
+collider."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from runtime.corrections.contact_patch import ContactProbe, Patch
 from runtime.corrections.correction import CorrectionField
 from runtime.corrections.model import ContactModel
 from runtime.corrections.points import PointStates, PointTensors
+from runtime.corrections.reach import Reach
 from runtime.errors import SoftprintError
 
 
@@ -26,7 +28,7 @@ class ContactCentric:
     The model may be float32, as trained, or float64 (`model.double()`), for finite differences.
     """
 
-    support = np.inf
+    support: float = np.inf
 
     def __init__(self, name: str, model: ContactModel, body: ReducedBody, collider: Collider) -> None:
         if (model.dim, model.n_rows) != (body.dim, body.n_rows):
@@ -58,9 +60,7 @@ class BoundContactCentric:
 
     def __init__(self, correction: ContactCentric, points: MaterialPoints, reach: float | Array) -> None:
         self._model, self._probe = correction.model, correction.probe
-        self._basis = points.basis
-        self._reach = np.broadcast_to(np.asarray(reach, dtype=float), len(points))
-        self._everywhere = not np.isfinite(self._reach).any()
+        self._basis, self._reach = points.basis, Reach(points, reach)
         self._points = PointTensors.of(points, self._model.output_scale)
 
     def displacement(self, rows: Array, pose: RigidPose) -> Array:
@@ -94,14 +94,10 @@ class BoundContactCentric:
             return None
         local_rows = self._probe.collider_rows(rows, pose)
         z = self._basis @ local_rows
-        index = np.arange(len(z))
-        points = self._points
-        if not self._everywhere:
-            collider, margin = self._probe.collider, self._reach[:, None]
-            active = ((z > collider.lower - margin) & (z < collider.upper + margin)).all(axis=1)
-            limited = np.flatnonzero(active & np.isfinite(self._reach))
-            active[limited] = collider.sdf(z[limited]) < self._reach[limited]
-            index = np.flatnonzero(active)
+        index, points = self._reach.select(z, self._probe.collider), self._points
+        if index is None:
+            index = np.arange(len(z))
+        else:
             points, z = points.take(torch.from_numpy(index)), z[index]
         state = PointStates.at(points, local_rows, z, self._probe.collider)
         return _Contact(patch, index, state, torch.from_numpy(pose.rotation.copy()).to(points.basis))

@@ -1,7 +1,8 @@
 """The forces of a contact as far as mechanics alone gives them: the state that a load model corrects.
 
-For a reduced state and a pose: the contact patch, the loads near the collider, and the solution of the small problem of
-`load_solve.py` for them. The last answer is kept, because dynamics asks for the same state at several sets of points.
+For a reduced state and a pose: the contact patch, the loads near the collider, and the solution of the small
+problem of `load_solve.py` for them. The last answer is kept, because dynamics asks for the same state at
+several sets of points.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ class LoadSlopes:
 
 @dataclass(frozen=True, eq=False)
 class ContactLoads:
-    """index: (m,) active loads; state: of their points; weight: (m,) [m^(dim-1)], area that fades out with distance;
-    solution: of the load problem. All float64."""
+    """index: (m,) active loads; state: of their points; weight: (m,) [m^(dim-1)], area that fades out with
+    distance; solution: of the load problem. All float64."""
 
     patch: Patch
     index: IntArray

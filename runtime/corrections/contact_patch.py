@@ -1,15 +1,16 @@
 """The contact as a whole: what every point is told about where, how deep and how wide the collider presses.
 
-Measured on the reduced positions of the body's surface samples, over those that penetrate, weighted as the penalty
-pressure would (w_i = a_i depth_i^2, so that a sample enters and leaves smoothly):
+Measured on the reduced positions of the body's surface samples, over those that penetrate, weighted as the
+penalty pressure would (w_i = a_i depth_i^2, so that a sample enters and leaves smoothly):
 
     depth  D = sum w_i depth_i / sum w_i          [m]
     size   s = (sum w_i / D^2)^(1/(dim-1))        [m], the width of the patch
-    means over the patch of z, carried surface normal, gradient of the distance, rest position; covariance of z
+    means over the patch of z, carried surface normal, gradient of the distance, rest position; covariance of
+    z
 
-All but the means of rest positions are in collider space. These numbers are the *shared inputs* of a contact model and
-D is the measure by which its displacement fades as contact opens. Their derivative costs one small tensor for the
-whole body, so the global part of the model is nearly free.
+All but the means of rest positions are in collider space. These numbers are the *shared inputs* of a contact
+model and D is the measure by which its displacement fades as contact opens. Their derivative costs one small
+tensor for the whole body, so the global part of the model is nearly free.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from runtime.errors import SoftprintError
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """depth: D [m]; shared: (n_shared,); and their derivatives with respect to the world rows, (n_rows, dim) and
-    (n_shared, n_rows, dim)."""
+    """depth: D [m]; shared: (n_shared,); and their derivatives with respect to the world rows, (n_rows, dim)
+    and (n_shared, n_rows, dim)."""
 
     depth: float
     shared: Tensor
@@ -101,7 +102,8 @@ class _Touching:
     curvature: Tensor
 
     def features(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """D, shared inputs (f,), and d(shared)/dz_i (f, m, dim), d(shared)/dF_i (f, m, dim, dim); D is shared[0]."""
+        """D, shared inputs (f,), and d(shared)/dz_i (f, m, dim), d(shared)/dF_i (f, m, dim, dim); D is
+        shared[0]."""
         m, dim = self.z.shape
         depth = -self.sdf
         weight = self.areas * depth**2
@@ -124,7 +126,10 @@ class _Touching:
         upper = torch.triu_indices(dim, dim)
         # The covariance does not change to first order with the centre, so only z_i itself is differentiated.
         product = offset[:, upper[0]] * offset[:, upper[1]]
-        product_slope = offset[:, upper[0], None] * identity[:, upper[1]] + offset[:, upper[1], None] * identity[:, upper[0]]
+        product_slope = (
+            offset[:, upper[0], None] * identity[:, upper[1]]
+            + offset[:, upper[1], None] * identity[:, upper[0]]
+        )
 
         exponent = 1.0 / (dim - 1)
         size = (total / D**2) ** exponent

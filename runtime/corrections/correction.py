@@ -39,7 +39,8 @@ class BoundCorrection(Protocol):
     """A correction at n fixed material points."""
 
     def displacement(self, rows: Array, pose: RigidPose) -> Array:
-        """u (n, dim) [m] in the world frame at handle rows (n_rows, dim); zero where the correction is inactive."""
+        """u (n, dim) [m] in the world frame at handle rows (n_rows, dim); zero where the correction is
+        inactive."""
         ...
 
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
@@ -48,15 +49,15 @@ class BoundCorrection(Protocol):
 
 
 class Correction(Protocol):
-    """A learned displacement field. `collider` names the collider it was learned for; beyond the signed distance
-    `support` [m] from that collider it is exactly zero (inf: no such distance)."""
+    """A learned displacement field. `collider` names the collider it was learned for; beyond the signed
+    distance `support` [m] from that collider it is exactly zero (inf: no such distance)."""
 
     name: str
     collider: str
     support: float
 
     def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundCorrection:
-        """The correction at these points, prepared once. Points whose *reduced* position is farther than `reach` [m]
-        from the collider (one number, or (n,) one a point) count as inactive: contact points need the correction only
-        where they could touch."""
+        """The correction at these points, prepared once. Points whose *reduced* position is farther than
+        `reach` [m] from the collider (one number, or (n,) one a point) count as inactive: contact points need
+        the correction only where they could touch."""
         ...

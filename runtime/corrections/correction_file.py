@@ -1,7 +1,7 @@
 """Correction files: safetensors with a JSON header, never pickle.
 
-The header says what the correction is (architecture, dimension), what it belongs to (hash of the body, name of the
-collider, hash of the truth it was learned from) and how good it is on states it has never seen.
+The header says what the correction is (architecture, dimension), what it belongs to (hash of the body, name
+of the collider, hash of the truth it was learned from) and how good it is on states it has never seen.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ FIELD, LOADS = "field", "loads"  # forms: a `ContactModel`, a `LoadModel` with i
 class CorrectionHeader:
     """What a correction file says about itself.
 
-    held_out_rms: relative error on the held-out states (see `surrogate.losses`); training: how it was trained, free form.
+    held_out_rms: relative error on the held-out states (see `surrogate.losses`); training: how it was
+    trained, free form.
     """
 
     name: str
@@ -64,7 +65,8 @@ def save_correction(
     training: Mapping[str, object],
     compliance: Compliance | None = None,
 ) -> None:
-    """Write a trained model with what it belongs to; atomic. A load model comes with its body's compliance."""
+    """Write a trained model with what it belongs to; atomic. A load model comes with its body's
+    compliance."""
     header = CorrectionHeader(
         name=name,
         collider=collider,
@@ -91,7 +93,8 @@ def save_correction(
 
 
 def read_header(path: Path) -> CorrectionHeader:
-    """The header alone. Raises SoftprintError where the file is missing, damaged, foreign or of another version."""
+    """The header alone. Raises SoftprintError where the file is missing, damaged, foreign or of another
+    version."""
     return _read(path)[0]
 
 
@@ -159,8 +162,8 @@ def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:
         raise SoftprintError(f"{path}: a safetensors file, but not a correction of Softprint's")
     if metadata.get("softprint_version") != str(VERSION):
         raise SoftprintError(
-            f"{path}: correction of version {metadata.get('softprint_version')}, but this program reads version "
-            f"{VERSION}: train it again"
+            f"{path}: correction of version {metadata.get('softprint_version')}, but this program reads "
+            f"version {VERSION}: train it again"
         )
     try:
         header = CorrectionHeader(**json.loads(metadata["header"]))

@@ -1,7 +1,9 @@
-"""The contact correction by learned loads: u_X = F_X sum_j G_Xj phi_j (see `load_model.py` and `compliance.py`).
+"""The contact correction by learned loads: u_X = F_X sum_j G_Xj phi_j (see `load_model.py` and
+`compliance.py`).
 
-The network runs on the loads in contact, some tens; what they do to the body is one matrix product. So the field has
-the tail that the constraint demands at no extra cost, and its whole Jacobian costs about as much as the field.
+The network runs on the loads in contact, some tens; what they do to the body is one matrix product. So the
+field has the tail that the constraint demands at no extra cost, and its whole Jacobian costs about as much as
+the field.
 """
 
 from __future__ import annotations
@@ -20,13 +22,14 @@ from runtime.corrections.compliance import Compliance
 from runtime.corrections.contact_loads import ContactLoads, LoadProbe
 from runtime.corrections.correction import CorrectionField
 from runtime.corrections.load_model import LoadModel
+from runtime.corrections.reach import Reach
 from runtime.errors import SoftprintError
 
 
 class ElasticContact:
     """Zero unless some surface sample of the reduced body penetrates. float32 as trained, or float64."""
 
-    support = np.inf
+    support: float = np.inf
 
     def __init__(
         self, name: str, model: LoadModel, body: ReducedBody, collider: Collider, compliance: Compliance
@@ -42,7 +45,7 @@ class ElasticContact:
         self.probe = LoadProbe(body, collider, compliance, model.options.stiffness, model.options.band)
         self._nodes = cKDTree(body.mesh.points)
 
-    def bind(self, points: MaterialPoints, reach: float = np.inf) -> BoundElasticContact:
+    def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundElasticContact:
         """See `Correction.bind`. The points must be nodes of the body."""
         distance, nodes = self._nodes.query(points.rest)
         if len(points) and distance.max() > 0.0:
@@ -54,9 +57,10 @@ class BoundElasticContact:
     """An elastic contact correction at n nodes."""
 
     def __init__(
-        self, correction: ElasticContact, points: MaterialPoints, nodes: IntArray, reach: float
+        self, correction: ElasticContact, points: MaterialPoints, nodes: IntArray, reach: float | Array
     ) -> None:
-        self._model, self._probe, self._reach = correction.model, correction.probe, reach
+        self._model, self._probe = correction.model, correction.probe
+        self._reach = Reach(points, reach)
         self._basis, self._points = points.basis, points
         like = self._model.local_mean
         self._gradient = torch.from_numpy(points.basis_gradient).to(like)
@@ -107,17 +111,14 @@ class BoundElasticContact:
         return (rows.T @ phi.reshape(m * dim, k)).reshape(len(index), dim, k)
 
     def _gradient_at(self, index: IntArray) -> Tensor:
-        return self._gradient if len(index) == len(self._gradient) else self._gradient[torch.from_numpy(index)]
+        return (
+            self._gradient if len(index) == len(self._gradient) else self._gradient[torch.from_numpy(index)]
+        )
 
     def _deformation(self, rows: Array, index: IntArray) -> Tensor:
         """F (n, dim, dim) in the world frame."""
         return torch.matmul(torch.from_numpy(rows).to(self._gradient).T, self._gradient_at(index))
 
     def _within_reach(self, rows: Array, pose: RigidPose) -> IntArray:
-        if not np.isfinite(self._reach):
-            return self._everywhere
-        collider = self._probe.collider
-        z = self._basis @ self._probe.collider_rows(rows, pose)
-        box = ((z > collider.lower - self._reach) & (z < collider.upper + self._reach)).all(axis=1)
-        index = np.flatnonzero(box)
-        return index[collider.sdf(z[index]) < self._reach] if index.size else index
+        index = self._reach.select(self._basis @ self._probe.collider_rows(rows, pose), self._probe.collider)
+        return self._everywhere if index is None else index

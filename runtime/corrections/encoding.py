@@ -1,7 +1,8 @@
-"""What the network is told about a point: two encodings of the relative configuration, with their derivatives.
+"""What the network is told about a point: two encodings of the relative configuration, with their
+derivatives.
 
-An encoding turns the state of points into local inputs, and pulls a Jacobian dy/d(inputs) back to the collider rows
-T^-1 q by the chain rule, written out by hand.
+An encoding turns the state of points into local inputs, and pulls a Jacobian dy/d(inputs) back to the
+collider rows T^-1 q by the chain rule, written out by hand.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class Encoding(Protocol):
 
 
 class WeightedRows:
-    """The thesis's inputs (eq. 5.4): z and W(X) T^-1 q with W = diag(U(X)), all handle rows weighted by the basis."""
+    """The thesis's inputs (eq. 5.4): z and W(X) T^-1 q with W = diag(U(X)), all handle rows weighted by the
+    basis."""
 
     def n_inputs(self, dim: int, n_rows: int) -> int:
         return dim + n_rows * dim
@@ -50,10 +52,12 @@ class WeightedRows:
 
 
 class LocalGeometry:
-    """Where the collider is, as the material point sees it: what decides a contact wherever on the body it happens.
+    """Where the collider is, as the material point sees it: what decides a contact wherever on the body it
+    happens.
 
-    Inputs: z, signed distance and its gradient there, F, the carried outward normal of the nearest surface point, the
-    rest distance to that surface, and the rest position (for what differs from place to place: thickness, handles).
+    Inputs: z, signed distance and its gradient there, F, the carried outward normal of the nearest surface
+    point, the rest distance to that surface, and the rest position (for what differs from place to place:
+    thickness, handles).
     """
 
     def n_inputs(self, dim: int, n_rows: int) -> int:
@@ -78,7 +82,9 @@ class LocalGeometry:
     def pull_back(self, state: PointStates, jacobian: Tensor, rotation: Tensor) -> Tensor:
         n, n_out, _ = jacobian.shape
         dim = state.z.shape[-1]
-        to_z, to_sdf, to_slope, to_F, to_normal, _ = jacobian.split([dim, 1, dim, dim * dim, dim, 1 + dim], dim=-1)
+        to_z, to_sdf, to_slope, to_F, to_normal, _ = jacobian.split(
+            [dim, 1, dim, dim * dim, dim, 1 + dim], dim=-1
+        )
         _, normal_slope = carried_normal_derivative(state.F, state.points.surface_normal)
         to_z = to_z + to_sdf * state.slope[:, None, :] + to_slope @ state.curvature
         to_F = to_F + to_normal @ normal_slope.reshape(n, dim, dim * dim)

@@ -1,4 +1,5 @@
-"""How a learned field fades as contact opens, which the thesis leaves open (its network does not vanish there).
+"""How a learned field fades as contact opens, which the thesis leaves open (its network does not vanish
+there).
 
 phi(D) of the depth D of the contact patch is C1, and zero with zero slope at D = 0:
 

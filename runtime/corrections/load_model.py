@@ -2,10 +2,11 @@
 
     phi_j = (1 + y_0) nu_j p_j + w_j c F_j^T (y_1, ..., y_dim),        u_X = F_X sum_j G_Xj phi_j
 
-p, nu from the load problem, w_j [m^(dim-1)] an area that fades with distance and with the depth D of the contact, c
-[N/m^(dim-1)] a scale, and y(a_j, b) a network that runs on the few loads in contact and not on all points of the body.
-Its inputs a_j are the geometry of the contact at the load, what penetration the load problem leaves, and how far it moves
-the load; b is the contact patch. With y = 0 the field is that of linear elasticity.
+p, nu from the load problem, w_j [m^(dim-1)] an area that fades with distance and with the depth D of the
+contact, c [N/m^(dim-1)] a scale, and y(a_j, b) a network that runs on the few loads in contact and not on all
+points of the body. Its inputs a_j are the geometry of the contact at the load, what penetration the load
+problem leaves, and how far it moves the load; b is the contact patch. With y = 0 the field is that of linear
+elasticity.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from runtime.corrections.network import Mlp, spread
 
 @dataclass(frozen=True)
 class LoadModelOptions:
-    """widths, activation: of the network; fade_depth [m]: its share fades out below; band [m]: how far outside the
-    collider loads take part; stiffness: of the penalty contact [N/m^4]."""
+    """widths, activation: of the network; fade_depth [m]: its share fades out below; band [m]: how far
+    outside the collider loads take part; stiffness: of the penalty contact [N/m^4]."""
 
     widths: tuple[int, ...]
     activation: Literal["tanh", "silu", "softplus"]
@@ -73,13 +74,16 @@ class LoadModel(nn.Module):
 
     @torch.no_grad()
     def normalise(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> None:
-        """Set the normalisation from inputs (n, n_local) and (samples, n_shared), and from loads (n, dim) with their
-        levers (n, dim, dim) at unit traction scale, so that outputs of order one correct the loads by their size."""
+        """Set the normalisation from inputs (n, n_local) and (samples, n_shared), and from loads (n, dim)
+        with their levers (n, dim, dim) at unit traction scale, so that outputs of order one correct the loads
+        by their size."""
         self.local_mean.copy_(local.mean(0))
         self.local_scale.copy_(spread(local))
         self.shared_mean.copy_(shared.mean(0))
         self.shared_scale.copy_(spread(shared))
-        self.traction_scale.copy_(load.square().sum(-1).mean().sqrt() / lever.square().sum((-1, -2)).mean().sqrt())
+        self.traction_scale.copy_(
+            load.square().sum(-1).mean().sqrt() / lever.square().sum((-1, -2)).mean().sqrt()
+        )
 
     def local_inputs(self, loads: ContactLoads) -> Tensor:
         """a (m, n_local), not normalised."""
@@ -87,15 +91,17 @@ class LoadModel(nn.Module):
         return torch.cat([self.encoding.encode(loads.state), extra], dim=1).to(self.local_mean)
 
     def forward(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> Tensor:
-        """phi (..., m, dim) [N] from inputs a and b, load = nu p (..., m, dim) and lever = w F^T (..., m, dim, dim), w
-        with the fade."""
+        """phi (..., m, dim) [N] from inputs a and b, load = nu p (..., m, dim) and lever = w F^T (..., m,
+        dim, dim), w with the fade."""
         y = self.network(self._local(local), self._shared(shared))
         return load * (1.0 + y[..., :1]) + torch.einsum("...ij,...j->...i", lever, y[..., 1:])
 
     def lever(self, loads: ContactLoads) -> Tensor:
         """w_j c phi(D) F_j^T (m, dim, dim)."""
         weight = loads.weight * self.fade.value(loads.patch.depth)
-        return (weight[:, None, None] * loads.state.F.transpose(1, 2)).to(self.local_mean) * self.traction_scale
+        return (weight[:, None, None] * loads.state.F.transpose(1, 2)).to(
+            self.local_mean
+        ) * self.traction_scale
 
     def loads(self, contact: ContactLoads) -> Tensor:
         """phi (m, dim) [N] of one contact."""
@@ -135,9 +141,14 @@ class LoadModel(nn.Module):
         depth = contact.patch.depth
         pulled = torch.einsum("mbj,mb->mj", state.F.to(like), y) * self.traction_scale
         weight_slope = contact.slopes.weight * self.fade.value(depth)
-        weight_slope = weight_slope + (contact.weight * self.fade.slope(depth))[:, None] * contact.patch.depth_slope.flatten()
-        turned = y @ contact.rotation.to(like).T * (
-            self.traction_scale * (contact.weight * self.fade.value(depth)).to(like)[:, None]
+        weight_slope = (
+            weight_slope
+            + (contact.weight * self.fade.slope(depth))[:, None] * contact.patch.depth_slope.flatten()
+        )
+        turned = (
+            y
+            @ contact.rotation.to(like).T
+            * (self.traction_scale * (contact.weight * self.fade.value(depth)).to(like)[:, None])
         )
         by_F = torch.einsum("mrj,mc->mjrc", state.points.basis_gradient.to(like), turned)
         return pulled[:, :, None] * weight_slope.to(like)[:, None, :] + by_F.flatten(2)

@@ -1,14 +1,15 @@
 """Contact pressure from the body's compliance: a small convex problem in place of the full-space solve.
 
-At the m loads near the collider, with signed distance s_j, gradient g_j and compliance G (see `compliance.py`), the
-distance after the body has given way is s_j + g_j . v_j to first order. With the penalty law of the truth,
-f_j = p_j g_j and p_j = a_j k max(0, e_j)^2 (thesis 5.4), the penetration e_j that is left satisfies
+At the m loads near the collider, with signed distance s_j, gradient g_j and compliance G (see
+`compliance.py`), the distance after the body has given way is s_j + g_j . v_j to first order. With the
+penalty law of the truth, f_j = p_j g_j and p_j = a_j k max(0, e_j)^2 (thesis 5.4), the penetration e_j that
+is left satisfies
 
     e + A p(e) = -s,      A_ij = nu_i . G_ij nu_j,      nu_j = F_j^T g_j.
 
-A is symmetric positive semidefinite and p does not decrease: there is exactly one solution, it depends on the state
-continuously, and Newton's method finds it in a few steps. Nothing here is learned; the network corrects what the
-linearisation misses.
+A is symmetric positive semidefinite and p does not decrease: there is exactly one solution, it depends on the
+state continuously, and Newton's method finds it in a few steps. Nothing here is learned; the network corrects
+what the linearisation misses.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ _ITERATIONS = 60
 
 @dataclass(frozen=True, eq=False)
 class LoadSolution:
-    """left: e (m,) [m], penetration left (negative: a gap); pressure: p (m,) [N]; load: nu_j p_j (m, dim) [N] in rest
-    coordinates; given: sum_j G_ij nu_j p_j (m, dim) [m], displacement in rest coordinates."""
+    """left: e (m,) [m], penetration left (negative: a gap); pressure: p (m,) [N]; load: nu_j p_j (m, dim) [N]
+    in rest coordinates; given: sum_j G_ij nu_j p_j (m, dim) [m], displacement in rest coordinates."""
 
     left: Tensor
     pressure: Tensor
@@ -82,8 +83,8 @@ class LoadProblem:
     def differentiate(
         self, solution: LoadSolution, sdf_slope: Tensor, normal_slope: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Derivatives of left (m, R), pressure (m, R), load (m, dim, R) and given (m, dim, R), from those of the
-        distance (m, R) and of nu (m, dim, R), by the implicit function theorem."""
+        """Derivatives of left (m, R), pressure (m, R), load (m, dim, R) and given (m, dim, R), from those of
+        the distance (m, R) and of nu (m, dim, R), by the implicit function theorem."""
         A, slope = self._coupling, self._slope(solution.left)
         pressed = normal_slope * solution.pressure[:, None, None]
         # d(A p) at fixed p: through the normal at i and through the normals at all j.

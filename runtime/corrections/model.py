@@ -1,9 +1,10 @@
-"""The contact model: encoding, normalisation, network and fade in one module, used by training and by inference.
+"""The contact model: encoding, normalisation, network and fade in one module, used by training and by
+inference.
 
     r = s phi(D) N(a, b),        u = R r        (thesis eqs. 5.2 to 5.4; r in collider space)
 
-with local inputs a of a point, shared inputs b of the contact (both normalised), s [m] the output scale and D the
-depth of the contact patch. The fade phi takes the field to zero as contact opens, see `fade.py`.
+with local inputs a of a point, shared inputs b of the contact (both normalised), s [m] the output scale and D
+the depth of the contact patch. The fade phi takes the field to zero as contact opens, see `fade.py`.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from runtime.corrections.points import PointStates
 class ModelOptions:
     """Architecture of a contact model; kept in the header of its file.
 
-    encoding: local inputs, see `encoding.py`; patch_inputs: give the network the shared inputs of the contact patch;
-    widths: neurons of each hidden layer; fade, fade_depth [m]: see the module.
+    encoding: local inputs, see `encoding.py`; patch_inputs: give the network the shared inputs of the contact
+    patch; widths: neurons of each hidden layer; fade, fade_depth [m]: see the module.
     """
 
     encoding: Literal["weighted_rows", "local_geometry"]
@@ -72,8 +73,8 @@ class ContactModel(nn.Module):
 
     @torch.no_grad()
     def normalise(self, local: Tensor, shared: Tensor, depth: Tensor, displacement: Tensor) -> None:
-        """Set the normalisation from inputs (n, n_local), (samples, n_shared), patch depths (samples,) and the
-        displacements (n, dim) in collider space."""
+        """Set the normalisation from inputs (n, n_local), (samples, n_shared), patch depths (samples,) and
+        the displacements (n, dim) in collider space."""
         self.local_mean.copy_(local.mean(0))
         self.local_scale.copy_(spread(local))
         if self.shared_mean.numel():
@@ -114,4 +115,3 @@ class ContactModel(nn.Module):
             to_shared, shared_slope = by_depth[..., None], shared_slope[:1]
         jacobian = jacobian + torch.tensordot(to_shared, shared_slope, dims=1)
         return factor * y.value, jacobian
-

@@ -1,13 +1,13 @@
 """A multilayer perceptron whose Jacobian is formed by hand, in one backward sweep of matrix products.
 
-The network has only dim outputs, so all of its Jacobian costs dim backward passes. They run together as one stack of
-dim rows a point, without automatic differentiation and its bookkeeping:
+The network has only dim outputs, so all of its Jacobian costs dim backward passes. They run together as one
+stack of dim rows a point, without automatic differentiation and its bookkeeping:
 
     h_0 = act(A a + B b + c),   h_k = act(W_k h_{k-1} + c_k),   y = V h_L + d
     dy/da = V D_L W_L D_{L-1} ... W_1 D_0 A,   D_k = diag(act'(.))
 
-with a the *local* inputs of a point and b the *shared* inputs of the whole contact, whose product B b is formed once.
-The hidden layers, the cost of it all, see chunks small enough for the cache (DESIGN.md, part 9).
+with a the *local* inputs of a point and b the *shared* inputs of the whole contact, whose product B b is
+formed once. The hidden layers, the cost of it all, see chunks small enough for the cache (DESIGN.md, part 9).
 """
 
 from __future__ import annotations
@@ -85,7 +85,9 @@ class Mlp(nn.Module):
         parts = [self._chunk(part, offset, head, bias) for part in local.split(CHUNK)]
         return NetworkDerivatives(*(torch.cat(columns) for columns in zip(*parts, strict=True)))
 
-    def _chunk(self, local: Tensor, offset: Tensor, head: Tensor, bias: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _chunk(
+        self, local: Tensor, offset: Tensor, head: Tensor, bias: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
         x = torch.addmm(offset, local, self.local.weight.T)
         y = self.activation.value(x)
         slopes = [self.activation.slope(x, y)]
@@ -106,6 +108,7 @@ class Mlp(nn.Module):
         else:
             to_shared = (flat @ self.shared.weight).view(n, n_out, -1)
         return torch.addmm(bias, y, head.T), to_local, to_shared
+
 
 def spread(values: Tensor) -> Tensor:
     """Standard deviation of every column; 1 for a column that never changes."""

@@ -1,12 +1,13 @@
 """Material points as tensors, and what they are at a reduced state seen from the collider.
 
-*Collider rows* are the handle rows taken to collider space, T^-1 q of thesis eq. 5.3: points and the translation rows
-of frames are moved by the inverse pose, the linear rows of frames only rotated. Since U reproduces affine maps,
+*Collider rows* are the handle rows taken to collider space, T^-1 q of thesis eq. 5.3: points and the
+translation rows of frames are moved by the inverse pose, the linear rows of frames only rotated. Since U
+reproduces affine maps,
 
     z = U rows = T^-1 x_reduced,      F_ij = sum_r rows_ri dU_r/dX_j = (R^T dx/dX)_ij.
 
-Everything a contact-centric model knows of the state are functions of these rows: it cannot tell a moved body from a
-body that was moved together with its collider.
+Everything a contact-centric model knows of the state are functions of these rows: it cannot tell a moved body
+from a body that was moved together with its collider.
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ from runtime.colliders.pose import RigidPose
 
 
 def collider_rows(rows: Array, affine_part: Array, pose: RigidPose) -> Array:
-    """T^-1 q: handle rows (n_rows, dim) in collider space; affine_part: (n_rows,), see :func:`affine_part`."""
+    """T^-1 q: handle rows (n_rows, dim) in collider space; affine_part: (n_rows,), see
+    :func:`affine_part`."""
     return (rows - affine_part[:, None] * pose.translation) @ pose.rotation
 
 
 def affine_part(handles: Handles) -> Array:
-    """(n_rows,) 1 for rows that are positions (points, frame translations), 0 for the linear rows of frames."""
+    """(n_rows,) 1 for rows that are positions (points, frame translations), 0 for the linear rows of
+    frames."""
     frame = np.append(np.zeros(handles.dim), 1.0)
     return np.concatenate([np.ones(handles.n_points), *([frame] * len(handles.frames))])
 
@@ -80,8 +83,9 @@ class PointTensors:
 class PointStates:
     """n points at a reduced state, in collider space.
 
-    rows: (..., n_rows, dim) collider rows [m]; z: (..., n, dim) [m]; F: (..., n, dim, dim); sdf: (..., n) [m], slope:
-    (..., n, dim) and, for derivatives only, curvature: (n, dim, dim) [1/m] of the collider's signed distance at z.
+    rows: (..., n_rows, dim) collider rows [m]; z: (..., n, dim) [m]; F: (..., n, dim, dim); sdf: (..., n)
+    [m], slope: (..., n, dim) and, for derivatives only, curvature: (n, dim, dim) [1/m] of the collider's
+    signed distance at z.
     """
 
     points: PointTensors
@@ -106,7 +110,8 @@ class PointStates:
 
     @classmethod
     def at(cls, points: PointTensors, rows: Array, z: Array, collider: Collider) -> PointStates:
-        """All of it for points at z = basis @ rows (n, dim); rows and z in float64, the distance is taken there."""
+        """All of it for points at z = basis @ rows (n, dim); rows and z in float64, the distance is taken
+        there."""
         like = points.basis
         tensor_rows = torch.from_numpy(rows).to(like)
         F = torch.matmul(tensor_rows.T, points.basis_gradient)

@@ -18,24 +18,28 @@ class ModelSpec(Section):
     name: Name = Field(description="file name of the correction and its name in simulations and reports")
     form: Literal["loads", "field"] = Field(
         "loads",
-        description="loads: a network corrects the contact forces of the body's linear compliance; field: a network is "
-        "the displacement field (thesis, eq. 5.4)",
+        description="loads: a network corrects the contact forces of the body's linear compliance; field: a "
+        "network is the displacement field (thesis, eq. 5.4)",
     )
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
         (96, 96), description="neurons of each hidden layer"
     )
     activation: Literal["tanh", "silu", "softplus"] = Field("silu", description="of every hidden layer")
-    fade_depth: Positive = Field(5e-4, description="depth of contact below which what is learned fades out [m]")
+    fade_depth: Positive = Field(
+        5e-4, description="depth of contact below which what is learned fades out [m]"
+    )
     loads: Count = Field(1000, description="form loads: at most so many surface points that bear forces")
     band: Positive = Field(2e-3, description="form loads: loads this far outside the collider take part [m]")
     encoding: Literal["weighted_rows", "local_geometry"] = Field(
         "weighted_rows",
-        description="form field: local inputs, the thesis's weighted handle rows or the geometry of the contact",
+        description="form field: the thesis's weighted handle rows, or the geometry of the contact",
     )
-    patch_inputs: bool = Field(False, description="form field: tell the network about the contact patch as a whole")
+    patch_inputs: bool = Field(
+        False, description="form field: tell the network about the contact patch as a whole"
+    )
     fade: Literal["saturating", "proportional"] = Field(
         "saturating",
-        description="form field: the field only vanishes as contact opens, or grows with the depth of contact",
+        description="form field: the field only vanishes as contact opens, or grows with its depth",
     )
 
 
@@ -43,11 +47,11 @@ class TrainingSpec(Section):
     """`[training]`: settings shared by all models."""
 
     collider: str = Field("", description="name of the collider; may be left out where there is only one")
-    steps: Count = Field(4000, description="optimiser steps for each model")
-    batch: Count = Field(16, description="samples of one optimiser step")
-    nodes: Count = Field(256, description="nodes kept of each sample")
-    edges: Count = Field(64, description="surface edges kept of each sample, for the edge term of the loss")
-    learning_rate: Positive = Field(2e-3, description="at the start; falls to zero along a cosine")
+    steps: Count = Field(2500, description="optimiser steps for each model")
+    batch: Count = Field(32, description="samples of one optimiser step")
+    nodes: Count = Field(128, description="form field: nodes kept of each sample")
+    edges: Count = Field(32, description="form field: surface edges kept of each sample")
+    learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(1e-3, description="decoupled weight decay (AdamW)")
     edge_weight: NotNegative = Field(
         0.3, description="weight of the surface-edge term beside the volume term"

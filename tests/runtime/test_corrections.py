@@ -24,8 +24,8 @@ from runtime.corrections.model import ContactModel, ModelOptions
 from runtime.errors import SoftprintError
 
 STIFFNESS = 1e9
-# Central differences in float64 with a step of 1e-6 leave about (1e-6)^2 of curvature over millimetres and 1e-16 / 1e-6
-# of round-off: 1e-6 relative covers both.
+# Central differences in float64 with a step of 1e-6 leave about (1e-6)^2 of curvature over millimetres and
+# 1e-16 / 1e-6 of round-off: 1e-6 relative covers both.
 DIFFERENCES = 1e-6
 
 FORMS = ("thesis", "geometry", "loads")
@@ -99,7 +99,9 @@ def test_jacobian_is_the_derivative(form, jelly_body, compliances):
     )
     assert np.abs(field.displacement).max() > 1e-5
     direction, step = np.random.default_rng(4).standard_normal(rows.shape), 1e-6
-    difference = bound.displacement(rows + step * direction, pose) - bound.displacement(rows - step * direction, pose)
+    difference = bound.displacement(rows + step * direction, pose) - bound.displacement(
+        rows - step * direction, pose
+    )
     by_hand = np.einsum("narb,rb->na", field.jacobian, direction)
     scale = np.abs(by_hand).max()
     assert np.abs(difference[field.index] / (2 * step) - by_hand).max() < DIFFERENCES * max(scale, 1.0)
@@ -110,7 +112,9 @@ def test_turns_with_body_and_collider(form, jelly_body, compliances):
     body, dim = jelly_body, jelly_body.dim
     bound = make_correction(form, body, compliances).bind(body.node_points())
     rows, pose = bent_rows(body), pressed_pose(body)
-    motion = RigidPose.from_rotation_vector([1.1] if dim == 2 else [0.8, -0.3, 0.5], np.linspace(0.1, 0.3, dim))
+    motion = RigidPose.from_rotation_vector(
+        [1.1] if dim == 2 else [0.8, -0.3, 0.5], np.linspace(0.1, 0.3, dim)
+    )
     # Rows are [points; R^T; t]: points and t move with the motion, the linear rows are only rotated.
     positions = np.ones(body.n_rows)
     positions[body.handles.n_points : -1] = 0.0
@@ -152,7 +156,9 @@ def test_patch_depth_is_the_depth_of_a_flat_press(jelly_body):
     centre[-1] = 0.06 + 0.2 - 0.003
     patch = ContactProbe(jelly_body, plate).measure(jelly_body.rest_rows, RigidPose(np.eye(dim), centre))
     assert patch is not None
-    assert patch.depth == pytest.approx(0.003, rel=1e-6)  # the plate's distance is exact here, up to its rounding
+    assert patch.depth == pytest.approx(
+        0.003, rel=1e-6
+    )  # the plate's distance is exact here, up to its rounding
 
 
 def test_points_out_of_reach_are_inactive(jelly_body, compliances):
@@ -173,8 +179,8 @@ def test_compliance_is_symmetric_and_invisible_to_the_subspace(jelly_body, compl
     size = np.abs(among).max()
     free = np.setdiff1d(np.arange(jelly_body.n_nodes), jelly_body.handles.frame_nodes)
     seen = np.einsum("nr,lanb->larb", jelly_body.basis[free], compliance.operator[:, :, free])
-    # float32 storage; loads are spread over areas where there are fewer of them than surface nodes, which is symmetric
-    # only where they are not.
+    # float32 storage; loads are spread over areas where there are fewer of them than surface nodes, which is
+    # symmetric only where they are not.
     assert np.abs(seen).max() < 1e-4 * size
     if len(compliance.nodes) == compliance.areas.size and len(compliance.nodes) < 60:
         assert np.abs(among - among.transpose(2, 3, 0, 1)).max() < 1e-5 * size
@@ -188,7 +194,10 @@ def test_pressure_left_by_one_load_is_the_known_root():
     normal = torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64)
     compliance = A * torch.eye(3, dtype=torch.float64).reshape(1, 3, 1, 3)
     problem = LoadProblem(
-        compliance, torch.tensor([stiffness], dtype=torch.float64), torch.tensor([-depth], dtype=torch.float64), normal
+        compliance,
+        torch.tensor([stiffness], dtype=torch.float64),
+        torch.tensor([-depth], dtype=torch.float64),
+        normal,
     )
     product = A * stiffness
     root = (np.sqrt(1 + 4 * product * depth) - 1) / (2 * product)
@@ -209,7 +218,11 @@ def test_file_round_trip(form, jelly2d_body, compliances, tmp_path):
     path = written(tmp_path, form, body, compliances)
     loaded = load_correction(path, body, Sphere(0.02, 2, name="ball"))
     rows, pose = bent_rows(body), pressed_pose(body)
-    before = make_correction(form, body, compliances, double=False).bind(body.node_points()).displacement(rows, pose)
+    before = (
+        make_correction(form, body, compliances, double=False)
+        .bind(body.node_points())
+        .displacement(rows, pose)
+    )
     after = loaded.bind(body.node_points()).displacement(rows, pose)
     # Weights come back exactly; the compliance is kept in half precision, 2^-11.
     assert np.abs(after - before).max() <= (1e-3 if form == "loads" else 0.0) * np.abs(before).max()

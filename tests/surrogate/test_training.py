@@ -1,0 +1,256 @@
+"""Learning from a truth file: splits, exact load metric, determinism, resume, and a field that can be
+learned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from runtime.body import ReducedBody
+from runtime.colliders import RigidPose, Sphere
+from runtime.corrections.compliance import compute_compliance
+from runtime.corrections.contact_loads import LoadProbe
+from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.load_model import LoadModel, LoadModelOptions
+from runtime.corrections.model import ModelOptions
+from runtime.errors import SoftprintError
+from runtime.truth_file import TruthData, TruthHeader, create_truth, load_truth
+from runtime.truth_schema import TABLES
+from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from surrogate.dataset import PoolSize, load_dataset, split_by_state
+from surrogate.load_task import LoadMetric, LoadTask, load_load_data
+from surrogate.tasks import FieldTask
+from surrogate.train import TrainingSettings, train
+
+BALL = Sphere(0.02, 2, name="ball")
+OPTIONS = LoadModelOptions((12, 12), "silu", 5e-4, 3e-3, 1e9)
+FIELD = ModelOptions("local_geometry", True, (24, 24), "silu", "proportional", 5e-4)
+STATES, CONTACTS, DEPTHS = 3, 8, 2
+
+
+@pytest.fixture(scope="module")
+def compliance(jelly2d_body):
+    return compute_compliance(jelly2d_body, 60)
+
+
+@pytest.fixture(scope="module")
+def truth_path(jelly2d_body: ReducedBody, compliance, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A truth file whose field is a smooth function of contact: linear elasticity with loads 1.3 times too
+    large, and some more to the side. Sample 3 failed, and the last of contact 5 jumped."""
+    body, rng = jelly2d_body, np.random.default_rng(0)
+    top = float(body.mesh.points[:, -1].max())
+    probe = LoadProbe(body, BALL, compliance, OPTIONS.stiffness, OPTIONS.band)
+    correction = ElasticContact("truth", LoadModel(OPTIONS, 2, body.n_rows), body, BALL, compliance)
+    teacher = correction.model
+    teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0])
+    load_scale = 50.0
+    teacher.traction_scale.fill_(load_scale)
+    bound = correction.bind(body.node_points())
+    states, contacts, samples = [], [], []
+    for _ in range(STATES):
+        rows = body.rest_rows.copy()
+        rows[: body.handles.n_points] += 0.001 * rng.standard_normal((body.handles.n_points, 2))
+        states.append(rows)
+    for contact in range(STATES * CONTACTS):
+        state, turn, place = contact % STATES, rng.uniform(0, 6), rng.uniform(-0.03, 0.03)
+        contacts.append(state)
+        for depth in range(DEPTHS):
+            pose = RigidPose.from_rotation_vector([turn], [place, top + 0.018 - 0.002 * depth])
+            assert probe.measure(states[state], pose) is not None
+            samples.append((contact, depth, pose, bound.displacement(states[state], pose)))
+    path = tmp_path_factory.mktemp("truth") / "truth.h5"
+    count = len(samples)
+    status = np.zeros(count)
+    status[3] = 1
+    flags = np.zeros(count, dtype=bool)
+    flags[11] = True
+    sizes = {"nodes": body.n_nodes, "rows": body.n_rows, "dim": 2}
+    values = {
+        "states": (STATES, {"rows": np.array(states), "stable": np.ones(STATES, dtype=bool)}),
+        "contacts": (len(contacts), {"state": np.array(contacts), "unit": np.arange(len(contacts))}),
+        "samples": (
+            count,
+            {
+                "contact": np.array([sample[0] for sample in samples]),
+                "depth_index": np.array([sample[1] for sample in samples]),
+                "pose_rotation": np.array([sample[2].rotation for sample in samples]),
+                "pose_translation": np.array([sample[2].translation for sample in samples]),
+                "displacement": np.array([sample[3] for sample in samples], dtype=np.float32),
+                "status": status,
+                "branch_flag": flags,
+            },
+        ),
+    }
+    header = TruthHeader(
+        body_hash=body.content_hash,
+        experiment="",
+        seed=0,
+        colliders=("ball",),
+        planned_contacts=len(contacts),
+        made_from={},
+    )
+    with create_truth(path, header, body) as truth:
+        for table, (length, given) in values.items():
+            blank = {
+                name: np.full((length, *column.row_shape(sizes)), "" if column.dtype == "str" else 0)
+                for name, column in TABLES[table].items()
+            }
+            truth.append(table, {**blank, **given})
+    return path
+
+
+@pytest.fixture
+def truth(truth_path: Path, jelly2d_body: ReducedBody):
+    with load_truth(truth_path, jelly2d_body) as data:
+        yield data
+
+
+def load_task(truth: TruthData, body: ReducedBody, compliance, edge_weight: float = 0.3) -> LoadTask:
+    split = split_by_state(truth, "ball", 1)
+    metric = LoadMetric(body, compliance, edge_weight)
+    data = [
+        load_load_data(truth, body, BALL, compliance, OPTIONS, metric, part)
+        for part in (split.train, split.validation)
+    ]
+    return LoadTask(OPTIONS, metric, data[0], data[1], body.n_rows)
+
+
+def field_task(truth: TruthData, body: ReducedBody) -> FieldTask:
+    split = split_by_state(truth, "ball", 1)
+    rng = np.random.default_rng(0)
+    training = load_dataset(truth, body, BALL, split.train, PoolSize(64, 16), rng)
+    return FieldTask(FIELD, training, load_dataset(truth, body, BALL, split.validation, None, rng), 0.3)
+
+
+def test_split_holds_out_states_and_counts_what_is_left_out(truth):
+    split = split_by_state(truth, "ball", 1)
+    assert set(truth.sample_state[split.train]) == {0, 1}
+    assert set(truth.sample_state[split.validation]) == {2}
+    assert split.left_out == 2
+    assert not {3, 11} & {*split.train.tolist(), *split.validation.tolist()}
+    with pytest.raises(SoftprintError, match="leaves none to learn from"):
+        split_by_state(truth, "ball", STATES)
+    with pytest.raises(SoftprintError, match="no samples of collider 'cube'"):
+        split_by_state(truth, "cube", 1)
+
+
+def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, compliance):
+    """phi^T Gamma phi - 2 phi^T h + c against the fields themselves, at random loads."""
+    body, edge_weight = jelly2d_body, 0.7
+    metric = LoadMetric(body, compliance, edge_weight)
+    rng = np.random.default_rng(1)
+    loads = np.array([3, 7, 8])
+    phi, w = rng.standard_normal((3, 2)), 1e-3 * rng.standard_normal((body.n_nodes, 2))
+    h, c, volume_h, volume_c = metric.of_field(w, loads)
+    missed = np.einsum("lanb,la->nb", compliance.operator[loads], phi) - w
+    volumes, edges = body.mesh.node_volumes, body.mesh.surface_edges
+    volume_error = float(volumes @ (missed**2).sum(1) / volumes.sum())
+    edge_error = float(((missed[edges[:, 0]] - missed[edges[:, 1]]) ** 2).sum() / len(edges))
+    for gamma, linear, constant, expected in (
+        (metric.volume_gamma, volume_h, volume_c, volume_error),
+        (metric.gamma, h, c, volume_error + edge_weight * edge_error),
+    ):
+        block = gamma[loads][:, loads].double().numpy()
+        value = np.einsum("xi,xyij,yj->", phi, block, phi) - 2.0 * (phi * linear).sum() + constant
+        assert value == pytest.approx(expected, rel=1e-5)  # Gamma is float32
+
+
+def test_pool_weights_estimate_the_integral(truth, jelly2d_body):
+    """With many draws the weighted mean over the pool is the mean over the volume: 4000 draws, 5 %."""
+    data = load_dataset(
+        truth, jelly2d_body, BALL, np.array([0]), PoolSize(4000, 16), np.random.default_rng(2)
+    )
+    whole = load_dataset(truth, jelly2d_body, BALL, np.array([0]), None, np.random.default_rng(2))
+    pool, full = data.batch(torch.tensor([0])), whole.batch(torch.tensor([0]))
+    x = pool.state.points.rest[:, :4000, 0]
+    estimate = (pool.node_weight * (1.0 + 10.0 * x)).mean()
+    exact = (full.node_weight * (1.0 + 10.0 * full.state.points.rest[..., 0])).mean()
+    assert float(estimate) == pytest.approx(float(exact), rel=0.05)
+
+
+def test_loads_are_learned(truth, jelly2d_body, compliance):
+    """The teacher is a load model: the error on held-out states falls from that of plain elasticity to a few
+    per cent."""
+    task = load_task(truth, jelly2d_body, compliance)
+    before = task.held_out_error(task.fresh_model(0)).rms
+    result = train(task, TrainingSettings(400, 8, 1e-2, 0.0, 4, 0))
+    assert before > 0.15
+    assert result.held_out.rms < 0.06
+    assert [entry["step"] for entry in result.history] == [100, 200, 300, 400]
+
+
+def test_trained_loads_err_alike_at_run_time(truth, jelly2d_body, compliance):
+    """The error in the metric of training is that of the correction itself, up to the stretch of F."""
+    task = load_task(truth, jelly2d_body, compliance)
+    model = task.fresh_model(0)
+    bound = ElasticContact("x", model, jelly2d_body, BALL, compliance).bind(jelly2d_body.node_points())
+    missed = whole = 0.0
+    volumes = jelly2d_body.mesh.node_volumes
+    for sample in split_by_state(truth, "ball", 1).validation:
+        u = truth.displacement(int(sample))
+        found = bound.displacement(truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample)))
+        missed += volumes @ ((found - u) ** 2).sum(1)
+        whole += volumes @ (u**2).sum(1)
+    # States stretch the block by a few per cent.
+    assert task.held_out_error(model).rms == pytest.approx(np.sqrt(missed / whole), rel=0.1)
+
+
+def test_fields_are_learned(truth, jelly2d_body):
+    """Thirty samples do not teach a field network other states, but it must be able to fit them."""
+    task = field_task(truth, jelly2d_body)
+    everything = torch.arange(task.n_samples)
+    before = float(task.loss(task.fresh_model(0), everything))
+    settings = TrainingSettings(1000, 8, 5e-3, 0.0, 1, 0)
+    after = float(task.loss(train(task, settings).model, everything))
+    assert after < 0.25 * before
+
+
+@pytest.mark.parametrize("form", ["loads", "field"])
+def test_resumed_equals_uninterrupted(form, truth, jelly2d_body, compliance, tmp_path):
+    def task():
+        return (
+            load_task(truth, jelly2d_body, compliance) if form == "loads" else field_task(truth, jelly2d_body)
+        )
+
+    settings = TrainingSettings(20, 4, 5e-3, 1e-3, 4, 7)
+    straight = train(task(), settings)
+    again = train(task(), settings)
+
+    class Killed(Exception):
+        pass
+
+    def kill(steps: int, _note: str) -> None:
+        kill.done += steps
+        if kill.done == 13:
+            raise Killed
+
+    kill.done = 0
+    path = tmp_path / "run.checkpoint"
+    with pytest.raises(Killed):
+        train(task(), settings, path, progress=kill)
+    assert load_checkpoint(path).step == 10
+    resumed = train(task(), settings, path)
+    for name, weights in straight.model.state_dict().items():
+        assert torch.equal(weights, again.model.state_dict()[name]), name
+        assert torch.equal(weights, resumed.model.state_dict()[name]), name
+    assert [entry["step"] for entry in resumed.history] == [5, 10, 15, 20]
+    # Another run's checkpoint is left alone: this one starts afresh.
+    other = train(task(), TrainingSettings(4, 4, 5e-3, 1e-3, 1, 7), path)
+    assert [entry["step"] for entry in other.history] == [4]
+
+
+def test_damaged_checkpoints_are_refused(tmp_path):
+    path = tmp_path / "x.checkpoint"
+    save_checkpoint(path, Checkpoint("run", 3, [{"step": 3.0}], {"model.w": torch.ones(2)}))
+    assert load_checkpoint(path).history == [{"step": 3.0}]
+    path.write_bytes(path.read_bytes()[:-4])
+    with pytest.raises(SoftprintError, match="not a readable checkpoint"):
+        load_checkpoint(path)
+
+
+def test_truth_of_another_body_is_refused(truth_path, jelly3d_body):
+    with pytest.raises(SoftprintError, match="another body"):
+        load_truth(truth_path, jelly3d_body)
