@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import secrets
 import sys
 from collections.abc import Iterator, Mapping
@@ -20,12 +21,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
     import h5py
 
+# What h5py and the reading of what it gives raise where bytes of a file were altered.
+_DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)
 _PACKAGES = ("numpy", "scipy", "h5py", "libigl", "meshio", "torch", "fenics-dolfinx", "petsc4py", "mpi4py")
 
 
@@ -33,8 +37,9 @@ _PACKAGES = ("numpy", "scipy", "h5py", "libigl", "meshio", "torch", "fenics-dolf
 def atomic_path(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` (same suffix); on success it is synced and renamed to ``path``.
 
-    On any exception the temporary file is removed and ``path`` is left as it was. Missing parent folders
-    are made.
+    On any exception the temporary file is removed and ``path`` is left as it was; an OSError (no space, no
+    permission) becomes a SoftprintError. Missing parent folders are made. What killed processes left of
+    earlier attempts is removed.
     """
     target = Path(path)
     try:
@@ -45,14 +50,45 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         ) from error
     if target.is_dir():
         raise SoftprintError(f"cannot write {target}: a folder of that name is in the way")
-    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}")
+    _remove_left_overs(target)
+    attempt = f"{_machine()}-{os.getpid()}-{secrets.token_hex(6)}"
+    temporary = target.with_name(f".{target.stem}.{attempt}{target.suffix}")
     try:
         yield temporary
         _sync(temporary, os.O_RDWR)
         os.replace(temporary, target)
         _sync(target.parent, os.O_RDONLY)  # the rename itself must survive a power cut
+    except OSError as error:
+        ours = error.filename in (None, str(temporary), os.fspath(temporary))
+        reason = error.strerror if ours and error.strerror else error
+        raise SoftprintError(f"cannot write {target}: {reason}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _machine() -> str:
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def _remove_left_overs(target: Path) -> None:
+    """Temporary files of processes of this machine that are no more; of other machines we cannot tell."""
+    ours = re.compile(
+        rf"\.{re.escape(target.stem)}\.{_machine()}-(\d+)-[0-9a-f]{{12}}{re.escape(target.suffix)}"
+    )
+    for path in target.parent.iterdir():
+        match = ours.fullmatch(path.name)
+        if match and not _is_alive(int(match[1])):
+            path.unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # alive, and someone else's
+        return True
+    return True
 
 
 def _sync(path: Path, flags: int) -> None:
@@ -100,11 +136,25 @@ def create_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h
     """Write a whole HDF5 file, atomically, with its kind, version and provenance in the attributes."""
     import h5py
 
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["softprint_kind"] = kind
+    # HDF5's format of 1.10 has checksums in its metadata: a damaged file is refused, and cannot crash HDF5.
+    with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
+        file.attrs["softprint_kind"] = fixed_text(kind)
         file.attrs["softprint_version"] = version
-        file.attrs["provenance"] = json.dumps(provenance(), sort_keys=True)
+        file.attrs["provenance"] = fixed_text(json.dumps(provenance(), sort_keys=True))
         yield file
+
+
+def fixed_text(text: str) -> NDArray[np.bytes_]:
+    """Text for an attribute of an HDF5 file, of fixed length: h5py keeps a str in a part of the file that has
+    no checksum, and damage there can crash HDF5."""
+    data = text.encode()
+    return np.array(data, dtype=f"S{max(1, len(data))}")
+
+
+def read_text(attributes: h5py.AttributeManager, name: str) -> str:
+    """The text of an attribute, of fixed length or not."""
+    value = attributes[name]
+    return value.decode() if isinstance(value, bytes) else str(value)
 
 
 @contextmanager
@@ -126,23 +176,23 @@ def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5p
             f"{source}: not a readable {kind} file (truncated, damaged, or not HDF5): make it again"
         ) from error
     with file:
-        _check_kind(file, source, kind, version)
         try:
+            _check_kind(file, source, kind, version)
             yield file
         except KeyError as error:
             raise SoftprintError(
                 f"{source}: the {kind} file is incomplete ({error.args[0]}): make it again"
             ) from error
-        except OSError as error:
+        except _DAMAGE as error:
             raise SoftprintError(f"{source}: the {kind} file is damaged ({error}): make it again") from error
 
 
 def _check_kind(file: h5py.File, source: Path, kind: str, version: int) -> None:
-    found_kind = file.attrs.get("softprint_kind")
-    if found_kind is None:
+    if "softprint_kind" not in file.attrs:
         raise SoftprintError(
             f"{source}: an HDF5 file, but not one of Softprint's; a {kind} file was expected"
         )
+    found_kind = read_text(file.attrs, "softprint_kind")
     if found_kind != kind:
         raise SoftprintError(f"{source}: this is a {found_kind} file; a {kind} file was expected")
     found_version = int(file.attrs.get("softprint_version", -1))

@@ -26,9 +26,11 @@ from runtime.arrays import Array, BoolArray, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.pose import RigidPose
 from runtime.errors import SoftprintError
-from runtime.files import create_softprint_h5, open_softprint_h5
+from runtime.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
 from runtime.truth_schema import CONVERGED, KIND, STATUS_NAMES, TABLES, VERSION, checked_table
 from runtime.xdmf import Step, Values, write_xdmf
+
+TEXT_BYTES = 1024  # of a text in a table; compressed, so the room costs nothing
 
 
 @dataclass(frozen=True)
@@ -65,17 +67,19 @@ class TruthWriter:
                 # One row of a field is one chunk: a training batch reads the samples it wants and nothing
                 # else.
                 chunk = (1, *shape) if "nodes" in column.shape else (256, *shape)
-                dtype = h5py.string_dtype() if column.dtype == "str" else column.dtype
+                dtype = f"S{TEXT_BYTES}" if column.dtype == "str" else column.dtype
                 dataset = group.create_dataset(
                     key,
                     (0, *shape),
                     dtype,
                     maxshape=(None, *shape),
                     chunks=chunk,
-                    fletcher32=column.dtype != "str",
+                    fletcher32=True,
+                    compression="gzip" if column.dtype == "str" else None,
                 )
                 dataset.attrs["unit"], dataset.attrs["meaning"] = column.unit, column.meaning
-        file["mesh/points"], file["mesh/cells"] = body.mesh.points, body.mesh.cells
+        file.create_dataset("mesh/points", data=body.mesh.points, fletcher32=True)
+        file.create_dataset("mesh/cells", data=body.mesh.cells, fletcher32=True)
 
     def length(self, table: str) -> int:
         """Rows that the table has so far."""
@@ -89,7 +93,7 @@ class TruthWriter:
         for key, array in arrays.items():
             dataset = self._file[table][key]
             dataset.resize(start + len(array), axis=0)
-            dataset[start:] = array
+            dataset[start:] = _fixed(array, f"{table}/{key}") if array.dtype == object else array
             if not TABLES[table][key].measured:
                 self._digest.update(f"{table}/{key}:{len(array)}:".encode())
                 data = "\0".join(array).encode() if array.dtype == object else array.tobytes()
@@ -97,19 +101,30 @@ class TruthWriter:
 
     def _finish(self) -> None:
         attrs = self._file.attrs
-        attrs["body_hash"] = self._header.body_hash
-        attrs["experiment"] = self._header.experiment
+        attrs["body_hash"] = fixed_text(self._header.body_hash)
+        attrs["experiment"] = fixed_text(self._header.experiment)
         attrs["seed"] = self._header.seed
-        attrs["colliders"] = json.dumps(self._header.colliders)
+        attrs["colliders"] = fixed_text(json.dumps(self._header.colliders))
         attrs["planned_contacts"] = self._header.planned_contacts
-        attrs["made_from"] = json.dumps(dict(self._header.made_from), sort_keys=True)
-        attrs["status_codes"] = json.dumps(STATUS_NAMES)
+        made_from = json.dumps(dict(self._header.made_from), sort_keys=True)
+        attrs["made_from"] = fixed_text(made_from)
+        attrs["status_codes"] = fixed_text(json.dumps(STATUS_NAMES))
         attrs["complete"] = self.length("contacts") == self._header.planned_contacts
-        attrs["content_hash"] = self._digest.hexdigest()
+        attrs["content_hash"] = fixed_text(self._digest.hexdigest())
         # ParaView wants points as whole datasets: one for each state.
         basis = self._body.basis
         for state, rows in enumerate(self._file["states/rows"][()]):
-            self._file[f"view/points_{state}"] = basis @ rows + self._file["states/internal"][state]
+            points = basis @ rows + self._file["states/internal"][state]
+            self._file.create_dataset(f"view/points_{state}", data=points, fletcher32=True)
+
+
+def _fixed(texts: NDArray[Any], column: str) -> NDArray[np.bytes_]:
+    """Text in the fixed length of its column: of variable length it would have no checksum."""
+    encoded = [str(text).encode() for text in texts]
+    longest = max(map(len, encoded), default=0)
+    if longest > TEXT_BYTES:
+        raise ValueError(f"{column}: a text of {longest} bytes; a truth file holds at most {TEXT_BYTES}")
+    return np.array(encoded, dtype=f"S{TEXT_BYTES}")
 
 
 @contextmanager
@@ -164,7 +179,7 @@ class Table:
         if column not in self._kept:
             dataset = self._group[column]
             with self._damage_is_told(column):
-                values = dataset.asstr()[()] if self._columns[column].dtype == "str" else dataset[()]
+                values = dataset.asstr("utf-8")[()] if self._columns[column].dtype == "str" else dataset[()]
             if "nodes" in self._columns[column].shape:
                 return values
             self._kept[column] = values
@@ -208,15 +223,15 @@ class TruthData:
             file = stack.enter_context(open_softprint_h5(self.path, KIND, VERSION))
             attrs = file.attrs
             self.header = TruthHeader(
-                body_hash=str(attrs["body_hash"]),
-                experiment=str(attrs["experiment"]),
+                body_hash=read_text(attrs, "body_hash"),
+                experiment=read_text(attrs, "experiment"),
                 seed=int(attrs["seed"]),
                 colliders=tuple(json.loads(attrs["colliders"])),
                 planned_contacts=int(attrs["planned_contacts"]),
                 made_from=json.loads(attrs["made_from"]),
             )
             self.complete = bool(attrs["complete"])
-            self.content_hash = str(attrs["content_hash"])
+            self.content_hash = read_text(attrs, "content_hash")
             self.provenance: dict[str, str] = json.loads(attrs["provenance"])
             self._check_tables(file)
             self._check_body(file, body)

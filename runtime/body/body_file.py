@@ -25,7 +25,7 @@ from runtime.body.handles import FrameHandle, Handles
 from runtime.body.surface_samples import SurfaceSamples
 from runtime.elasticity.materials import make_material
 from runtime.errors import SoftprintError
-from runtime.files import content_hash, create_softprint_h5, open_softprint_h5
+from runtime.files import content_hash, create_softprint_h5, fixed_text, open_softprint_h5, read_text
 from runtime.mesh import Mesh
 
 KIND = "body"
@@ -40,20 +40,21 @@ def save_body(path: Path | str, body: ReducedBody, recipe: str = "") -> None:
             large = array.size > 1000
             file.create_dataset(name, data=array, compression="gzip" if large else None, shuffle=large)
         for index, frame in enumerate(body.handles.frames):
-            file[f"handles/frames/{index}"].attrs["name"] = frame.name
-        file["material"].attrs["model"] = body.material.model
+            file[f"handles/frames/{index}"].attrs["name"] = fixed_text(frame.name)
+        file["material"].attrs["model"] = fixed_text(body.material.model)
         file["cubature"].attrs["energy_error"] = body.cubature.energy_error
         file["cubature"].attrs["force_error"] = body.cubature.force_error
-        file.attrs["name"] = body.name
-        file.attrs["recipe"] = recipe
-        file.attrs["content_hash"] = body.content_hash
-        file.attrs["file_hash"] = content_hash({**arrays, "content_hash": body.content_hash})
+        file.attrs["name"] = fixed_text(body.name)
+        file.attrs["recipe"] = fixed_text(recipe)
+        file.attrs["content_hash"] = fixed_text(body.content_hash)
+        whole = content_hash({**arrays, "content_hash": body.content_hash})
+        file.attrs["file_hash"] = fixed_text(whole)
 
 
 def read_recipe(path: Path | str) -> str:
     """The recipe that was saved with a body; "" if there was none."""
     with open_softprint_h5(path, KIND, VERSION) as file:
-        return str(file.attrs["recipe"])
+        return read_text(file.attrs, "recipe")
 
 
 def load_body(path: Path | str) -> ReducedBody:
@@ -66,7 +67,9 @@ def load_body(path: Path | str) -> ReducedBody:
             int(file["mesh/points"].shape[1]),
             _indices(file, "handles/points"),
             tuple(
-                FrameHandle(str(group.attrs["name"]), _indices(group, "nodes"), _numbers(group, "pivot"))
+                FrameHandle(
+                    read_text(group.attrs, "name"), _indices(group, "nodes"), _numbers(group, "pivot")
+                )
                 for group in _frame_groups(file)
             ),
         )
@@ -75,7 +78,7 @@ def load_body(path: Path | str) -> ReducedBody:
             handles=handles,
             basis=_numbers(file, "basis"),
             material=make_material(
-                str(file["material"].attrs["model"]),
+                read_text(file["material"].attrs, "model"),
                 _numbers(file, "material/young"),
                 _numbers(file, "material/poisson"),
             ),
@@ -89,9 +92,9 @@ def load_body(path: Path | str) -> ReducedBody:
                 float(file["cubature"].attrs["force_error"]),
             ),
             surface=SurfaceSamples(_indices(file, "surface/nodes"), _numbers(file, "surface/areas")),
-            name=str(file.attrs["name"]),
+            name=read_text(file.attrs, "name"),
         )
-        recorded, file_hash = str(file.attrs["content_hash"]), str(file.attrs["file_hash"])
+        recorded, file_hash = read_text(file.attrs, "content_hash"), read_text(file.attrs, "file_hash")
     if (
         body.content_hash != recorded
         or content_hash({**_arrays(body), "content_hash": recorded}) != file_hash

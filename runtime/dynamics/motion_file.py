@@ -28,7 +28,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.pose import RigidPose
 from runtime.dynamics.state import StepResult
 from runtime.errors import SoftprintError
-from runtime.files import create_softprint_h5, open_softprint_h5
+from runtime.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
 from runtime.xdmf import Step, Values, write_xdmf
 
 KIND = "motion"
@@ -108,11 +108,13 @@ class MotionWriter:
         self._columns: dict[str, _Column] = {}
         self._status_names: dict[int, str] = {}
         self._frames = 0
-        # One frame a chunk: a reader takes a frame at a time, and ParaView can read it without filters.
+        # One frame a chunk, for a reader takes a frame at a time; checksums tell damage.
         shape = (n_frames, body.n_nodes, body.dim)
-        self._positions = file.create_dataset("positions", shape, dtype="f4", chunks=(1, *shape[1:]))
-        file["mesh/points"] = body.mesh.points
-        file["mesh/cells"] = body.mesh.cells
+        self._positions = file.create_dataset(
+            "positions", shape, dtype="f4", chunks=(1, *shape[1:]), fletcher32=True
+        )
+        file.create_dataset("mesh/points", data=body.mesh.points, fletcher32=True)
+        file.create_dataset("mesh/cells", data=body.mesh.cells, fletcher32=True)
 
     def add(self, result: StepResult[Any], rows: Array, positions: Array) -> None:
         """Append a frame: rows (n_rows, dim), positions (n_nodes, dim) at ``result.state``."""
@@ -145,8 +147,8 @@ class MotionWriter:
         for name, column in self._columns.items():
             if len(column.values) != self._frames:
                 raise ValueError(f"{name} was given for {len(column.values)} of {self._frames} frames")
-            self._file[name] = np.array(column.values)
-        self._file.attrs["status_names"] = json.dumps(self._status_names)
+            self._file.create_dataset(name, data=np.array(column.values), fletcher32=True)
+        self._file.attrs["status_names"] = fixed_text(json.dumps(self._status_names))
 
 
 @contextmanager
@@ -156,8 +158,8 @@ def write_motion(
     """Write a motion file and its side file, whole or not at all."""
     with create_softprint_h5(path, KIND, VERSION) as file:
         for name in ("model", "scene", "inputs_hash", "experiment"):
-            file.attrs[name] = getattr(header, name)
-        file.attrs["body_hash"] = body.content_hash
+            file.attrs[name] = fixed_text(getattr(header, name))
+        file.attrs["body_hash"] = fixed_text(body.content_hash)
         writer = MotionWriter(file, body, n_frames)
         yield writer
         writer.finish()
@@ -187,7 +189,7 @@ def _layout(dataset: h5py.Dataset) -> tuple[tuple[int, ...], np.dtype[Any]]:
 def motion_inputs_hash(path: Path) -> str:
     """What the motion in a file was computed from. SoftprintError where the file is missing or not whole."""
     with open_softprint_h5(path, KIND, VERSION) as file:
-        return str(file.attrs["inputs_hash"])
+        return read_text(file.attrs, "inputs_hash")
 
 
 def load_motion(path: Path | str) -> Motion:
@@ -196,10 +198,10 @@ def load_motion(path: Path | str) -> Motion:
         colliders = {name: _track(group) for name, group in file.get("colliders", {}).items()}
         return Motion(
             path=Path(path),
-            model=str(file.attrs["model"]),
-            scene=str(file.attrs["scene"]),
-            body_hash=str(file.attrs["body_hash"]),
-            inputs_hash=str(file.attrs["inputs_hash"]),
+            model=read_text(file.attrs, "model"),
+            scene=read_text(file.attrs, "scene"),
+            body_hash=read_text(file.attrs, "body_hash"),
+            inputs_hash=read_text(file.attrs, "inputs_hash"),
             times=file["times"][()],
             rows=file["rows"][()],
             status=file["status"][()],

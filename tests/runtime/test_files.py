@@ -1,11 +1,22 @@
 """Atomic writing, hashes, and the checks on opening a Softprint file."""
 
+import subprocess
+import sys
+
 import h5py
 import numpy as np
 import pytest
 
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path, content_hash, create_softprint_h5, open_softprint_h5, provenance
+from runtime.files import (
+    atomic_path,
+    content_hash,
+    create_softprint_h5,
+    fixed_text,
+    open_softprint_h5,
+    provenance,
+    read_text,
+)
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
@@ -82,3 +93,63 @@ def test_a_missing_dataset_is_named(tmp_path):
         open_softprint_h5(tmp_path / "a.h5", "body", 1) as file,
     ):
         file["x"]
+
+
+def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path):
+    code = (
+        "import os, signal, sys; from runtime.files import atomic_path\n"
+        "with atomic_path(sys.argv[1]) as path:\n"
+        "    path.write_text('half')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    target, other = tmp_path / "out.h5", tmp_path / "other.h5"
+    for path in (target, other):
+        subprocess.run([sys.executable, "-c", code, str(path)], check=False)
+    assert len(list(tmp_path.iterdir())) == 2
+    with atomic_path(target) as mine, atomic_path(target) as also_mine:  # of living writers nothing is taken
+        mine.write_text("one")
+        also_mine.write_text("two")
+    assert target.read_text() == "one"
+    left = [path.name for path in tmp_path.iterdir() if path != target]
+    assert len(left) == 1
+    assert left[0].startswith(".other.")
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
+    code = (
+        "import resource, sys; import numpy as np\n"
+        "from runtime.errors import SoftprintError; from runtime.files import create_softprint_h5\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
+        "try:\n"
+        "    with create_softprint_h5(sys.argv[1], 'body', 1) as file:\n"
+        "        file['x'] = np.arange(1e5)\n"
+        "except SoftprintError as error:\n"
+        "    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "x.h5")], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "cannot write" in done.stdout
+    assert str(tmp_path / "x.h5") in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_altered_byte_goes_unnoticed(tmp_path):
+    """Every byte of a small file in turn: it is refused, or what it holds is as it was."""
+    good, bad = tmp_path / "good.h5", tmp_path / "bad.h5"
+    with create_softprint_h5(good, "body", 1) as file:
+        file.create_dataset("x", data=np.arange(8.0), fletcher32=True)
+        file.attrs["name"] = fixed_text("jelly")
+    content = good.read_bytes()
+    refused = 0
+    for place in range(0, len(content), 7):
+        bad.write_bytes(content[:place] + bytes([content[place] ^ 0x10]) + content[place + 1 :])
+        try:
+            with open_softprint_h5(bad, "body", 1) as file:
+                found = read_text(file.attrs, "name"), file["x"][()].tolist()
+        except SoftprintError:
+            refused += 1
+        else:
+            assert found == ("jelly", list(range(8)))
+    assert refused > 10
