@@ -94,8 +94,8 @@ def _summary(done: Run, ranks: int) -> str:
 
 VERB = Verb(
     name="generate",
-    order=30,
-    summary="solve the ground truth of contact with finite elements, also under mpirun",
+    order=20,
+    summary="Solve the ground truth of contact with finite elements, also under mpirun.",
     example="OMP_NUM_THREADS=1 mpirun -n 2 softprint generate examples/jelly3d_small.toml",
     run=run,
     needs=("dolfinx", "mpi4py", "h5py"),

@@ -30,8 +30,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
 
 VERB = Verb(
     name="report",
-    order=60,
-    summary="judge the models on the held-out motions: report.html and report.json",
+    order=50,
+    summary="Judge the models on the held-out motions: report.html and report.json.",
     example="softprint report examples/jelly3d_small.toml",
     run=run,
     needs=("dolfinx", "h5py", "jinja2", "matplotlib", "pyvista"),

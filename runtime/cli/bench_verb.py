@@ -91,8 +91,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
 
 VERB = Verb(
     name="bench",
-    order=70,
-    summary="time a step with every model, side by side",
+    order=60,
+    summary="Time a step with every model, side by side.",
     example="softprint bench examples/jelly3d_small.toml --iterations 2",
     run=run,
     needs=("h5py",),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import sys
 import time
 import traceback
@@ -26,6 +27,20 @@ DESCRIPTION = "Press things into soft bodies: solve once with finite elements, l
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit status."""
+    try:
+        status = _main(arguments)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # whoever read our output, `head` for one, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except KeyboardInterrupt:
+        _refuse("Stopped. What was finished is kept: the same command goes on from there.", launched_rank())
+        end_all_ranks(130)
+        return 130
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     verbs = find_verbs()
     parser = build_parser(verbs)
     options = parser.parse_args(arguments)
@@ -122,11 +137,9 @@ def _run(verb: Verb, options: argparse.Namespace, rank: int) -> int:
         status = _refuse(str(error), rank)
         end_all_ranks(status)
         return status
-    except KeyboardInterrupt:
-        _refuse("Stopped. What was finished is kept: the same command goes on from there.", rank)
-        end_all_ranks(130)
-        return 130
-    except BaseException:
+    except BrokenPipeError:
+        raise
+    except Exception:
         # A bug: show it whole, then see that no rank waits for this one.
         traceback.print_exc()
         end_all_ranks(1)

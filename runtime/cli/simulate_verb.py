@@ -50,8 +50,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
 
 VERB = Verb(
     name="simulate",
-    order=50,
-    summary="play scenes with the bare subspace, with trained corrections, or in full space",
+    order=40,
+    summary="Play scenes with the bare subspace, with trained corrections, or in full space.",
     example="softprint simulate examples/jelly3d_small.toml --model bare --model ours",
     run=run,
     needs=("h5py",),
