@@ -10,7 +10,7 @@ from runtime.colliders.collider import Collider
 
 
 class Reach:
-    """Points whose reduced position is within `reach` [m] (one number, or (n,), one a point) of a collider."""
+    """Points whose reduced position is within `reach` [m] (a number, or (n,), one a point) of a collider."""
 
     def __init__(self, points: MaterialPoints, reach: float | Array) -> None:
         self._reach = np.broadcast_to(np.asarray(reach, dtype=float), len(points))
