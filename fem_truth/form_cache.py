@@ -1,8 +1,9 @@
-"""The folder of compiled forms. One process at a time compiles; what a killed one left half made is cleared away.
+"""The folder of compiled forms. One process at a time compiles; what a killed one left half made is removed.
 
-FFCx takes `NAME.c` for a form that is compiled or being compiled, and waits for `NAME.c.cached` to appear. After a
-kill between the two it would wait for a process that is no more. So the folder is Softprint's own, whoever compiles
-holds a lock that the system takes back from the dead, and the holder knows that every unfinished form is a left-over.
+FFCx takes `NAME.c` for a form that is compiled or being compiled, and waits for `NAME.c.cached` to appear.
+After a kill between the two it would wait for a process that is no more. So the folder is Softprint's own,
+whoever compiles holds a lock that the system takes back from the dead, and its holder knows every unfinished
+form for a left-over.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 # What h5py and the reading of what it gives raise where bytes of a file were altered.
 _DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)
+_MAKERS = {"body": "body", "truth": "generate", "motion": "simulate"}  # kind of file -> verb
 _PACKAGES = ("numpy", "scipy", "h5py", "libigl", "meshio", "torch", "fenics-dolfinx", "petsc4py", "mpi4py")
 
 
@@ -168,7 +169,8 @@ def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5p
 
     source = Path(path)
     if not source.is_file():
-        raise SoftprintError(f"{source}: there is no such {kind} file")
+        maker = f"; `softprint {_MAKERS[kind]}` makes one" if kind in _MAKERS else ""
+        raise SoftprintError(f"{source}: there is no such {kind} file{maker}")
     try:
         file = h5py.File(source, "r")
     except OSError as error:

@@ -142,10 +142,16 @@ def create_truth(path: Path, header: TruthHeader, body: ReducedBody) -> Iterator
         writer = TruthWriter(file, header, body)
         yield writer
         writer._finish()
-    _write_side_file(Path(path))
+    write_side_file(Path(path))
 
 
-def _write_side_file(path: Path) -> None:
+def side_file(path: Path) -> Path:
+    """The XDMF file beside a truth file."""
+    return path.with_suffix(".xdmf")
+
+
+def write_side_file(path: Path) -> None:
+    """Describe the truth to ParaView: one step a sample."""
     with open_softprint_h5(path, KIND, VERSION) as file:
         state_of = file["contacts/state"][()]
         cells, displacement = Values.of(file["mesh/cells"]), file["samples/displacement"]
@@ -159,7 +165,7 @@ def _write_side_file(path: Path) -> None:
             )
             for sample, contact in enumerate(file["samples/contact"][()])
         ]
-    write_xdmf(path.with_suffix(".xdmf"), steps)
+    write_xdmf(side_file(path), steps)
 
 
 class Table:

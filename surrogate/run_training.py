@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from dataclasses import asdict
 from functools import cached_property
@@ -28,6 +29,8 @@ from surrogate.dataset import ContactDataset, PoolSize, Split, load_dataset, spl
 from surrogate.load_task import LoadMetric, LoadTask, load_load_data
 from surrogate.tasks import FieldTask, LearningTask, ModelT
 from surrogate.train import TrainingResult, TrainingSettings, train
+
+log = logging.getLogger(__name__)
 
 
 def training_settings(spec: TrainingSpec, seed: int) -> TrainingSettings:
@@ -197,7 +200,11 @@ def _is_done(context: Context, name: str, recipe: dict[str, object]) -> bool:
     path = _path(context, name)
     if not path.is_file():
         return False
-    found = read_header(path).training
+    try:
+        found = read_header(path).training
+    except SoftprintError as error:
+        log.warning("%s; it is trained again now", error)
+        return False
     return {key: found.get(key) for key in recipe} == recipe
 
 

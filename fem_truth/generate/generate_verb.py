@@ -39,8 +39,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from runtime.errors import SoftprintError
 
     for name, value in (("--units", args.units), ("--time-budget", args.time_budget)):
-        if value is not None and value < 0:
-            raise SoftprintError(f"{name} {value}: must not be negative")
+        if value is not None and not value >= 0:  # nan is not, either
+            raise SoftprintError(f"{name} {value}: must be a number that is not negative")
     _warn_of_threads(context, MPI.COMM_WORLD.size)
     options = Options(
         units=args.units,

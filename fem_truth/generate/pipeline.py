@@ -35,7 +35,7 @@ from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
 from runtime.errors import SoftprintError
-from runtime.truth_file import TruthHeader, load_truth
+from runtime.truth_file import TruthHeader, load_truth, side_file, write_side_file
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment
@@ -79,6 +79,7 @@ def generate(
     made_from = on_first_rank(comm, lambda: fingerprint(experiment, body))
     with _only_generator(comm, out):
         if on_first_rank(comm, lambda: options.resume and _is_complete(truth, made_from)):
+            on_first_rank(comm, lambda: _tidy_up(truth, folder))
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
         problem = first_rank_first(comm, lambda: _problem(experiment, body))
@@ -144,9 +145,20 @@ def _is_complete(truth: Path, made_from: dict[str, str]) -> bool:
     else."""
     if not truth.exists():
         return False
-    with load_truth(truth) as data:
-        refuse_changes(truth, data.header.made_from, made_from)
-        return data.complete
+    try:
+        with load_truth(truth) as data:
+            before, complete = data.header.made_from, data.complete
+    except SoftprintError as error:
+        raise SoftprintError(f"{error}; `softprint generate --no-resume` starts it anew") from error
+    refuse_changes(truth, before, made_from)
+    return complete
+
+
+def _tidy_up(truth: Path, folder: Path) -> None:
+    """What a kill after the truth file was whole left to do."""
+    shutil.rmtree(folder, ignore_errors=True)
+    if not side_file(truth).is_file():
+        write_side_file(truth)
 
 
 def _prepare_folder(folder: Path, made_from: dict[str, str], resume: bool) -> None:
@@ -218,7 +230,11 @@ def _only_generator(comm: MPI.Intracomm, out: Path) -> Iterator[None]:
                 f"another `softprint generate` is at work in {out}: wait for it or end it"
             ) from error
 
-    with lock.open("a") as file:
+    try:
+        file = lock.open("a")
+    except OSError as error:
+        raise SoftprintError(f"cannot write {lock}: {error.strerror}") from error
+    with file:
         on_first_rank(comm, take)
         yield
         wait_idly(comm)

@@ -24,8 +24,8 @@ from fem_truth.report.renderings import make_renderer
 from fem_truth.report.report_json import json_text, write_text
 from fem_truth.report.run_files import FULL, RunFiles, find_run_files, load_motions, missing_notes, used_paths
 from fem_truth.report.solves import FrameSolves, SolveStore, solve_frame
-from runtime.body import load_body
 from runtime.body.body import ReducedBody
+from runtime.cli.run_body import body_of_run
 from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
 from runtime.corrections.correction import BoundCorrection
@@ -53,7 +53,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
     """Judge every scene of role `test` and write report.html and report.json into the run directory."""
     experiment, folder = context.experiment, context.out_dir
     files = find_run_files(folder, experiment)
-    body = load_body(files.body)
+    body = body_of_run(context)
     scenes = [_judge(context, files, body, scene) for scene in experiment.scenes_of_role("test")]
     with ExitStack() as stack:
         truth = None if files.truth is None else stack.enter_context(load_truth(files.truth, body))
@@ -81,7 +81,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
 def _judge(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpec) -> JudgedScene:
     """Compare all models on one test scene; full-space solves that an earlier run finished are read."""
     experiment = context.experiment
-    motions = load_motions(files, scene, body.content_hash)
+    motions = load_motions(files, experiment, scene, body)
     collider = _collider(experiment, scene)
     full = motions[FULL]
     # A frame is asked for by several models in a row: keep the last ones.

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from runtime.body.body import ReducedBody
 from runtime.dynamics.motion_file import Motion, load_motion
-from runtime.dynamics.simulate import motion_path
+from runtime.dynamics.simulate import inputs_hash, motion_path
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment, SceneSpec
 
@@ -72,17 +73,23 @@ def missing_notes(files: RunFiles, experiment: Experiment) -> list[str]:
     return notes
 
 
-def load_motions(files: RunFiles, scene: SceneSpec, body_hash: str) -> dict[str, Motion]:
-    """The motions of a scene by model, full space first; those of another body are refused."""
+def load_motions(
+    files: RunFiles, experiment: Experiment, scene: SceneSpec, body: ReducedBody
+) -> dict[str, Motion]:
+    """The motions of a scene by model, full space first; those of another body, or of what the experiment and
+    the corrections were before, are refused."""
+    again = _Commands(experiment, files.folder)
     motions: dict[str, Motion] = {}
     for name in files.models:
         path = motion_path(files.folder, scene.name, name)
         if not path.is_file():
             continue
         motion = load_motion(path)
-        if motion.body_hash != body_hash:
+        if motion.inputs_hash != inputs_hash(experiment, body, scene, files.folder, name):
+            before = "of another body" if motion.body_hash != body.content_hash else "from other inputs"
             raise SoftprintError(
-                f"{path}: a motion of another body than {files.body}: simulate the scene again"
+                f"{path}: was simulated {before} than there are now: simulate the scene again with "
+                f"{again('simulate', f'--scene {scene.name} --model {name}')}"
             )
         motions[name] = motion
     return motions

@@ -28,14 +28,18 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0) -> ReducedBody:
+def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0, dim: int | None = None) -> ReducedBody:
     """The body of an experiment's [body] table; paths in it are relative to base_dir.
 
-    ``seed`` draws only the states at which the cubature error is measured. Raises SoftprintError for all
-    that can be wrong with the mesh, the handles and the material.
+    ``seed`` draws only the states at which the cubature error is measured; ``dim``: that of the experiment,
+    which the mesh must share. SoftprintError for all that can be wrong with mesh, handles and material.
     """
     path = Path(base_dir) / spec.mesh
     mesh = read_mesh(path)
+    if dim not in (None, mesh.dim):
+        raise SoftprintError(
+            f"{path}: this mesh is {mesh.dim}D, but dynamics.gravity has {dim} numbers, as for {dim}D"
+        )
     frames = [frame_in_box(mesh, frame.name, frame.box) for frame in spec.handles.frames]
     handles = place_handles(mesh, spec.handles.points, frames)
     material, density = material_of_cells(mesh, spec.material)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import logging
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime.cli.context import Context
@@ -11,25 +13,40 @@ from runtime.cli.verb import Verb
 if TYPE_CHECKING:
     from runtime.body import ReducedBody
 
+log = logging.getLogger(__name__)
+
 
 def run(options: argparse.Namespace, context: Context) -> int:
     """Build body.h5 in the run directory, unless one made from the same table, mesh and seed is there."""
-    from runtime.body import body_recipe, build_body, load_body, read_recipe, save_body
+    from runtime.body import body_recipe, save_body
+    from runtime.cli.run_body import body_of_experiment
 
     if context.rank > 0:
         return 0
     experiment, path = context.experiment, context.out_dir / "body.h5"
     recipe = body_recipe(experiment.body, experiment.base_dir, experiment.seed)
-    if context.resume and path.is_file() and read_recipe(path) == recipe:
-        body = load_body(path)
+    body = _kept_body(path, recipe) if context.resume else None
+    if body is not None:
         context.say(f"{path} is up to date.")
     else:
-        body = build_body(experiment.body, experiment.base_dir, experiment.seed)
+        body = body_of_experiment(experiment)
         save_body(path, body, recipe)
         context.say(f"{path} written.")
     for label, value in describe(body):
         context.say(f"  {label:<12} {value}")
     return 0
+
+
+def _kept_body(path: Path, recipe: str) -> ReducedBody | None:
+    """The body that an earlier run made of the very same; None where there is none, or none that is whole."""
+    from runtime.body import load_body, read_recipe
+    from runtime.errors import SoftprintError
+
+    try:
+        return load_body(path) if path.is_file() and read_recipe(path) == recipe else None
+    except SoftprintError as error:
+        log.warning("%s; it is made again", error)
+        return None
 
 
 def describe(body: ReducedBody) -> list[tuple[str, str]]:

@@ -11,6 +11,17 @@ from runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
     from runtime.body import ReducedBody
+    from runtime.experiment import Experiment
+
+
+def body_of_experiment(experiment: Experiment) -> ReducedBody:
+    """The body that the experiment's [body] table describes, built now; complaints name the file."""
+    from runtime.body import build_body
+
+    try:
+        return build_body(experiment.body, experiment.base_dir, experiment.seed, experiment.dim)
+    except SoftprintError as error:
+        raise SoftprintError(f"{experiment.path}: [body] {error}") from error
 
 
 def body_of_run(context: Context) -> ReducedBody:
@@ -18,14 +29,14 @@ def body_of_run(context: Context) -> ReducedBody:
 
     Raises SoftprintError where the file holds another body than the experiment's [body] table describes.
     """
-    from runtime.body import build_body, load_body, save_body
+    from runtime.body import body_recipe, load_body, save_body
 
     path = context.out_dir / "body.h5"
     if not path.is_file():
         context.say("building the body")
         experiment = context.experiment
-        body = build_body(experiment.body, experiment.base_dir, experiment.seed)
-        save_body(path, body)
+        body = body_of_experiment(experiment)
+        save_body(path, body, body_recipe(experiment.body, experiment.base_dir, experiment.seed))
         return body
     body = load_body(path)
     difference = _difference(context, body)

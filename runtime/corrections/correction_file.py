@@ -24,7 +24,7 @@ from runtime.corrections.elastic_contact import ElasticContact
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.model import ContactModel, ModelOptions
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path, provenance
+from runtime.files import atomic_path, content_hash, provenance
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -80,14 +80,16 @@ def save_correction(
         training=dict(training),
         provenance=provenance(),
     )
-    metadata = {
-        "softprint_kind": KIND,
-        "softprint_version": str(VERSION),
-        "header": json.dumps({field.name: getattr(header, field.name) for field in fields(header)}),
-    }
+    text = json.dumps({field.name: getattr(header, field.name) for field in fields(header)})
     tensors = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
     if compliance is not None:
         tensors |= _compliance_tensors(compliance)
+    metadata = {
+        "softprint_kind": KIND,
+        "softprint_version": str(VERSION),
+        "header": text,
+        "digest": _digest(text, tensors),
+    }
     with atomic_path(path) as temporary:
         save_file(tensors, temporary, metadata=metadata)
 
@@ -147,6 +149,13 @@ def _compliance(tensors: dict[str, Tensor]) -> Compliance:
     return Compliance(own["nodes"].numpy(), own["areas"].numpy(), operator.numpy())
 
 
+def _digest(header: str, tensors: Mapping[str, Tensor]) -> str:
+    """Tells whether anything was altered: safetensors itself keeps no checksum."""
+    return content_hash(
+        {"header": header, **{f"tensor {name}": value.numpy() for name, value in tensors.items()}}
+    )
+
+
 def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:
     if not path.is_file():
         raise SoftprintError(f"{path}: there is no such correction file; `softprint train` makes one")
@@ -169,4 +178,8 @@ def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:
         header = CorrectionHeader(**json.loads(metadata["header"]))
     except (KeyError, TypeError, ValueError) as error:
         raise SoftprintError(f"{path}: the header is incomplete ({error}): train it again") from error
+    if metadata.get("digest") != _digest(metadata["header"], tensors):
+        raise SoftprintError(
+            f"{path}: weights and header do not fit together (their digest is another): train it again"
+        )
     return header, tensors

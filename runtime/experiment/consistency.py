@@ -83,6 +83,14 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
 
 def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
     names = [spec.name for spec in experiment.colliders]
+    for spec in experiment.colliders:
+        if spec.name == experiment.sampling.collider and spec.shape == "plane":
+            yield Problem(
+                "sampling.collider",
+                "is a plane",
+                "a contact needs a collider that can come from outside, such as a box or a mesh",
+                spec.name,
+            )
     for key, name in (
         ("sampling.collider", experiment.sampling.collider),
         ("training.collider", experiment.training.collider),

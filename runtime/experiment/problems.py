@@ -91,6 +91,10 @@ def _problem(details: ErrorDetails, model: type[BaseModel], data: Any) -> Proble
         return Problem(key_of([*location, "shape"]), "is not a known shape", remedy, context.get("tag"))
     wrong = details["msg"].removeprefix("Value error, ").removeprefix("Input ").removeprefix("should ")
     wrong = f"should {wrong}" if details["msg"].startswith("Input should") else wrong
+    wrong = wrong.replace("be an object", "be a table").replace("a valid array", "a list")
+    wrong = wrong.replace("List should", "should").replace(" after validation", "")
+    if kind == "string_pattern_mismatch":
+        wrong = "should hold only letters, digits, '_', '-' and '.', and begin with a letter or a digit"
     value = details["input"]
     return Problem(key, wrong, _described(model, details["loc"]), value)
 

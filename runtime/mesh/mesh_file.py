@@ -78,8 +78,7 @@ def _read(source: Path) -> tuple[Array, dict[str, IntArray]]:
             raw = meshio.read(source)
     except (SystemExit, Exception) as error:
         raise SoftprintError(
-            f"{source}: cannot be read as a mesh ({type(error).__name__}): truncated, or of a format that "
-            f"meshio does not know"
+            f"{source}: cannot be read as a mesh: empty, truncated, or of a format that meshio does not know"
         ) from error
     blocks: dict[str, list[IntArray]] = {}
     for block in raw.cells:

@@ -29,7 +29,9 @@ print(FullSpaceElasticity(body).energy(1.1 * mesh.points))
 def compiler(cache: Path) -> subprocess.Popen[str]:
     """A process that compiles three forms."""
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "XDG_CACHE_HOME": str(cache)}
-    return subprocess.Popen([sys.executable, "-c", COMPILE], env=environment, stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", COMPILE], env=environment, stdout=subprocess.PIPE, text=True
+    )
 
 
 def test_killed_while_compiling(tmp_path):
@@ -46,7 +48,7 @@ def test_killed_while_compiling(tmp_path):
     assert len(unfinished) == 1, "killed too late to leave anything"
 
     again = compiler(tmp_path)
-    # FFCx on its own would wait ten seconds for the dead, and then fail; a minute leaves room on a busy machine.
+    # FFCx on its own would wait for the dead, and then fail; a minute leaves room on a busy machine.
     out, _ = again.communicate(timeout=60)
     assert again.returncode == 0
     assert float(out) > 0

@@ -127,7 +127,7 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
         ("scenes.press.colliders.ball.keyframes[1].time=0.0", ["keyframes[1].time", "later than 0 s"]),
         ("scenes.press.colliders.ball.keyframes[0].rotation=1.0", ["keyframes[0].rotation", "three numbers"]),
         ("scenes.press.colliders.ball.keyframes=[]", ["keyframes]", "at least 1"]),
-        ("experiment.name='../up'", ["[experiment.name]", "pattern"]),
+        ("experiment.name='../up'", ["[experiment.name]", "letters"]),
         ("body=3", ["[body]"]),
     ],
 )
