@@ -15,7 +15,7 @@ from runtime.body.material_points import MaterialPoints
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.contact_patch import ContactProbe, Patch
-from runtime.corrections.correction import CorrectionField
+from runtime.corrections.correction import CorrectionField, Potential
 from runtime.corrections.model import ContactModel
 from runtime.corrections.points import PointStates, PointTensors
 from runtime.corrections.reach import Reach
@@ -29,6 +29,7 @@ class ContactCentric:
     """
 
     support: float = np.inf
+    potential: Potential | None = None
 
     def __init__(self, name: str, model: ContactModel, body: ReducedBody, collider: Collider) -> None:
         if (model.dim, model.n_rows) != (body.dim, body.n_rows):

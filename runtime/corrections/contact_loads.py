@@ -87,6 +87,83 @@ class ContactLoads:
         return LoadSlopes(weight, load, left, moved)
 
 
+@dataclass(frozen=True, eq=False)
+class LoadPress:
+    """The load problem of a state, solved. index: (m,) the loads near the collider; state: of their points.
+
+    As arrays of the m loads, in collider space where they have a frame: pressure p [N], left e [m], position z, slope and
+    curvature of the signed distance, F, given = sum_j G_ij nu_j p_j [m] in rest coordinates.
+    """
+
+    index: IntArray
+    state: PointStates
+    problem: LoadProblem
+    solution: LoadSolution
+
+    @property
+    def touching(self) -> IntArray:
+        """Which of the loads bear pressure."""
+        return np.flatnonzero(self.left > 0.0)
+
+    @property
+    def pressure(self) -> Array:
+        return np.asarray(self.solution.pressure.numpy())
+
+    @property
+    def left(self) -> Array:
+        return np.asarray(self.solution.left.numpy())
+
+    @property
+    def given(self) -> Array:
+        return np.asarray(self.solution.given.numpy())
+
+    @property
+    def position(self) -> Array:
+        return np.asarray(self.state.z.numpy())
+
+    @property
+    def slope(self) -> Array:
+        return np.asarray(self.state.slope.numpy())
+
+    @property
+    def curvature(self) -> Array:
+        assert self.state.curvature is not None, "PointStates.at takes it"
+        return np.asarray(self.state.curvature.numpy())
+
+    @property
+    def F(self) -> Array:
+        return np.asarray(self.state.F.numpy())
+
+    @property
+    def stiffening(self) -> Array:
+        """S = dp/de = 2 a k max(0, e) (m,) [N/m]."""
+        return np.asarray((2.0 * self.problem.stiffness * self.solution.left.clamp(min=0.0)).numpy())
+
+    @property
+    def energy(self) -> float:
+        """sum_j (a_j k / 3) max(0, e_j)^3 + 1/2 p . A p [J]; A p = -s - e."""
+        left, pressure = self.left, self.pressure
+        dent = -self.state.sdf.numpy() - left
+        return float(pressure @ (np.maximum(left, 0.0) / 3.0 + 0.5 * dent))
+
+    @cached_property
+    def coupling(self) -> Array:
+        """A (m, m) [m/N]."""
+        return np.asarray(self.problem.coupling.numpy())
+
+    def lever(self, at: IntArray) -> Array:
+        """nu_j . G_ji (k, k*dim) [m/N] between the k loads `at`: what a force on one gives way at another."""
+        nu = self.problem.normal.numpy()[at]
+        m, dim = nu.shape
+        return np.matmul(nu[:, None, :], self.compliance(at).reshape(m, dim, -1))[:, 0]
+
+    def compliance(self, at: IntArray) -> Array:
+        """G (k*dim, k*dim) [m/N] between the k loads `at`."""
+        G = self.problem.compliance.numpy()
+        dim = G.shape[1]
+        return np.asarray(G[at][:, :, at].reshape(len(at) * dim, -1))
+
+
 class LoadProbe:
     """Measures `ContactLoads` for one body and one collider.
 
@@ -103,8 +180,12 @@ class LoadProbe:
         self._points = PointTensors.of(points, torch.zeros((), dtype=torch.float64))
         self._areas = torch.from_numpy(compliance.areas)
         self._stiffness = stiffness
-        self._among_loads = np.ascontiguousarray(compliance.operator[:, :, compliance.nodes])
+        # Forces are spread over the areas of loads, displacements taken at their nodes: between loads G is symmetric
+        # only up to that, and made so, for only then do forces derive from an energy.
+        among = compliance.operator[:, :, compliance.nodes]
+        self._among_loads = 0.5 * (among + among.transpose(2, 3, 0, 1))
         self._last: tuple[Array, RigidPose, ContactLoads | None] | None = None
+        self._last_press: tuple[Array, RigidPose, LoadPress | None] | None = None
 
     def measure(self, rows: Array, pose: RigidPose) -> ContactLoads | None:
         """The loads at handle rows (n_rows, dim), or None where no surface sample penetrates."""
@@ -116,14 +197,21 @@ class LoadProbe:
         self._last = (rows.copy(), pose, loads)
         return loads
 
+    def press(self, rows: Array, pose: RigidPose) -> LoadPress | None:
+        """The load problem and its solution alone, or None where no load is near enough to be pressed."""
+        if self._last_press is not None:
+            last_rows, last_pose, press = self._last_press
+            if last_pose is pose and np.array_equal(last_rows, rows):
+                return press
+        press = self._press(rows, pose)
+        self._last_press = (rows.copy(), pose, press)
+        return press
+
     def collider_rows(self, rows: Array, pose: RigidPose) -> Array:
         """T^-1 q (n_rows, dim)."""
         return self._patch_probe.collider_rows(rows, pose)
 
-    def _measure(self, rows: Array, pose: RigidPose) -> ContactLoads | None:
-        patch = self._patch_probe.measure(rows, pose)
-        if patch is None:
-            return None
+    def _press(self, rows: Array, pose: RigidPose) -> LoadPress | None:
         collider, local_rows = self.collider, self.collider_rows(rows, pose)
         z = self._basis @ local_rows
         near = ((z > collider.lower - self.band) & (z < collider.upper + self.band)).all(axis=1)
@@ -132,15 +220,28 @@ class LoadProbe:
         if index.size == 0:
             return None
         state = PointStates.at(self._points.take(torch.from_numpy(index)), local_rows, z[index], collider)
-        dim = z.shape[1]
         among = self._among_loads[index][:, :, index].astype(np.float64)
         problem = LoadProblem(
-            torch.from_numpy(among).reshape(len(index), dim, len(index), dim),
+            torch.from_numpy(among),
             self._stiffness * self._areas[index],
             state.sdf,
             torch.einsum("mbj,mb->mj", state.F, state.slope),
         )
+        return LoadPress(index, state, problem, problem.solve())
+
+    def _measure(self, rows: Array, pose: RigidPose) -> ContactLoads | None:
+        patch = self._patch_probe.measure(rows, pose)
+        press = None if patch is None else self.press(rows, pose)
+        if patch is None or press is None:
+            return None
         rotation = torch.from_numpy(pose.rotation.copy())
         return ContactLoads(
-            patch, index, state, problem, problem.solve(), self._areas[index], self.band, rotation
+            patch,
+            press.index,
+            press.state,
+            press.problem,
+            press.solution,
+            self._areas[press.index],
+            self.band,
+            rotation,
         )

@@ -48,13 +48,43 @@ class BoundCorrection(Protocol):
         ...
 
 
+class Potential(Protocol):
+    """The energy of contact of one body with one collider, the detail condensed out: a function of the reduced
+    state alone. Dynamics minimises it in place of penalty contact at corrected points."""
+
+    def energy(self, rows: Array, pose: RigidPose) -> float:
+        """W [J] at handle rows (n_rows, dim)."""
+        ...
+
+    def linearise(self, rows: Array, pose: RigidPose) -> tuple[float, Array, Array | None]:
+        """W [J], dW/drows (n_rows, dim) [N], Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian out of contact."""
+        ...
+
+    def pressed(self, rows: Array, pose: RigidPose) -> PressedLoads:
+        """What pushes on the collider."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PressedLoads:
+    """The m points that bear pressure. position, normal: (m, dim) where they are and the gradient of the signed
+    distance there, world frame; pressure: p (m,) [N]; left: penetration that is left (m,) > 0 [m]."""
+
+    position: Array
+    normal: Array
+    pressure: Array
+    left: Array
+
+
 class Correction(Protocol):
     """A learned displacement field. `collider` names the collider it was learned for; beyond the signed
-    distance `support` [m] from that collider it is exactly zero (inf: no such distance)."""
+    distance `support` [m] from that collider it is exactly zero (inf: no such distance). potential: the energy of
+    contact that goes with the field, None where contact is penalty at corrected points (thesis 5.4)."""
 
     name: str
     collider: str
     support: float
+    potential: Potential | None
 
     def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundCorrection:
         """The correction at these points, prepared once. Points whose *reduced* position is farther than

@@ -20,7 +20,8 @@ from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.compliance import Compliance
 from runtime.corrections.contact_loads import ContactLoads, LoadProbe
-from runtime.corrections.correction import CorrectionField
+from runtime.corrections.contact_potential import ContactPotential
+from runtime.corrections.correction import CorrectionField, Potential
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.reach import Reach
 from runtime.errors import SoftprintError
@@ -44,6 +45,8 @@ class ElasticContact:
         self.compliance = compliance
         self.probe = LoadProbe(body, collider, compliance, model.options.stiffness, model.options.band)
         self._nodes = cKDTree(body.mesh.points)
+        loads = body.node_points(compliance.nodes)
+        self.potential: Potential | None = ContactPotential(self.probe, loads.basis, loads.basis_gradient)
 
     def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundElasticContact:
         """See `Correction.bind`. The points must be nodes of the body."""

@@ -15,6 +15,7 @@ what the linearisation misses.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -48,14 +49,14 @@ class LoadProblem:
     sdf: Tensor
     normal: Tensor
 
-    @property
-    def _coupling(self) -> Tensor:
+    @cached_property
+    def coupling(self) -> Tensor:
         """A (m, m) [m/N]."""
         return torch.einsum("ia,iajb,jb->ij", self.normal, self.compliance, self.normal)
 
     def solve(self) -> LoadSolution:
         """Newton's method with step halving, from the penetration of the rigid collider made small."""
-        A, depth = self._coupling, -self.sdf
+        A, depth = self.coupling, -self.sdf
         m = len(depth)
         identity = torch.eye(m, dtype=depth.dtype)
         tolerance = _TOLERANCE * float(depth.abs().max())
@@ -85,7 +86,7 @@ class LoadProblem:
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Derivatives of left (m, R), pressure (m, R), load (m, dim, R) and given (m, dim, R), from those of
         the distance (m, R) and of nu (m, dim, R), by the implicit function theorem."""
-        A, slope = self._coupling, self._slope(solution.left)
+        A, slope = self.coupling, self._slope(solution.left)
         pressed = normal_slope * solution.pressure[:, None, None]
         # d(A p) at fixed p: through the normal at i and through the normals at all j.
         through_j = torch.einsum("ia,iajb,jbr->ir", self.normal, self.compliance, pressed)

@@ -22,6 +22,7 @@ from runtime.colliders.path import KeyframedPath
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.corrections.correction import BoundCorrection, Correction
+from runtime.dynamics.condensed_contact import CondensedContact
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.elastic import ElasticEnergy
 from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
@@ -102,10 +103,19 @@ class Simulator:
         )
         shapes = {placed.name: placed.collider for placed in self.colliders}
         self._corrections = [(p.name, p.correction) for p in self.colliders if p.correction is not None]
-        sizes = [shapes[name].size for name, _ in self._corrections if np.isfinite(shapes[name].size)]
-        self._points = CorrectedPoints(body, self._corrections, _REACH * max(sizes, default=np.inf))
+        # Friction acts at corrected points: with it, the condensed form of contact has to stand back.
+        potentials = {
+            name: correction.potential
+            for name, correction in self._corrections
+            if correction.potential is not None and friction is None
+        }
+        self._condensed = CondensedContact(potentials)
+        at_points = [(name, correction) for name, correction in self._corrections if name not in potentials]
+        penalised = {name: shape for name, shape in shapes.items() if name not in potentials}
+        sizes = [shapes[name].size for name, _ in at_points if np.isfinite(shapes[name].size)]
+        self._points = CorrectedPoints(body, at_points, _REACH * max(sizes, default=np.inf))
         self._elastic = ElasticEnergy(body, self._points)
-        self._surface = SurfaceEnergy(body, self._points, shapes, contact, friction)
+        self._surface = SurfaceEnergy(body, self._points, penalised, contact, friction)
         self._friction = friction
         self._last: tuple[ReducedState, Array] | None = None  # the surface at the end of the last step
 
@@ -226,6 +236,7 @@ class Simulator:
             points=self._points,
             elastic=self._elastic,
             surface=self._surface,
+            condensed=self._condensed,
             poses=poses,
             step=contact,
             friction_updates=self.settings.friction_updates,
@@ -275,6 +286,19 @@ class Simulator:
         return self._surface.positions(state.rows, displacement)
 
     @cached_property
+    def _sample_corrections(self) -> list[tuple[str, BoundCorrection]]:
+        points = self.body.node_points(self.body.surface.nodes)
+        return [(collider, correction.bind(points)) for collider, correction in self._corrections]
+
+    def surface_positions(self, state: ReducedState) -> Array:
+        """(s, dim) [m]: the body's surface samples, corrections included: what a hand feels and an eye sees, at a
+        cost that does not grow with the mesh."""
+        x = self.body.basis[self.body.surface.nodes] @ state.rows
+        for collider, correction in self._sample_corrections:
+            x = x + correction.displacement(state.rows, state.poses[collider])
+        return x
+
+    @cached_property
     def _node_corrections(self) -> list[tuple[str, BoundCorrection]]:
         points = self.body.node_points()
         return [(collider, correction.bind(points)) for collider, correction in self._corrections]
@@ -289,7 +313,8 @@ class Simulator:
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
-        return self._surface.forces(self._surface_of(state, Timings()), state.poses, None)[2]
+        at_points = self._surface.forces(self._surface_of(state, Timings()), state.poses, None)[2]
+        return {**at_points, **self._condensed.forces(state.rows, state.poses)}
 
     def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Generic, TypeVar
+
+import numpy as np
 
 from runtime.arrays import Array
 from runtime.colliders.pose import RigidPose
@@ -37,6 +39,20 @@ class ContactForce:
     torque: Array
     penetration: float
     points: int
+
+
+def resultant(loads: Sequence[tuple[Array, Array]], origin: Array) -> tuple[Array, Array]:
+    """Force (dim,) and torque about ``origin`` of forces (m, dim) at points (m, dim), given as (points, forces)."""
+    dim = len(origin)
+    force, torque = np.zeros(dim), np.zeros(1 if dim == 2 else 3)
+    for points, forces in loads:
+        arm = points - origin
+        force += forces.sum(axis=0)
+        if dim == 2:
+            torque += (arm[:, 0] * forces[:, 1] - arm[:, 1] * forces[:, 0]).sum()
+        else:
+            torque += np.cross(arm, forces).sum(axis=0)
+    return force, torque
 
 
 @dataclass(frozen=True, eq=False)

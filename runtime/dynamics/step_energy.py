@@ -17,6 +17,7 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.body.handles import Handles
+from runtime.dynamics.condensed_contact import CondensedContact
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.elastic import ElasticEnergy
 from runtime.dynamics.newton import Linearisation
@@ -57,6 +58,7 @@ class StepEnergy:
         points: CorrectedPoints,
         elastic: ElasticEnergy,
         surface: SurfaceEnergy,
+        condensed: CondensedContact,
         poses: Poses,
         step: StepContact | None,
         friction_updates: int,
@@ -70,6 +72,7 @@ class StepEnergy:
         self._points = points
         self._elastic = elastic
         self._surface = surface
+        self._condensed = condensed
         self._poses = poses
         self._step = step
         self._relags_left = friction_updates
@@ -90,6 +93,7 @@ class StepEnergy:
         found = self.evaluate(rows)
         with self._timings.contact:
             contact = self._surface.energy(found.surface, self._poses, self._step)
+            contact += self._condensed.energy(rows, self._poses)
         return self._quadratic.energy(rows) + found.elastic + contact
 
     def evaluate(self, rows: Array) -> Evaluation:
@@ -109,7 +113,9 @@ class StepEnergy:
     def contacts(self, at: Evaluation) -> tuple[float, float, dict[str, ContactForce]]:
         """Contact energy, friction energy [J] and the force on each collider."""
         with self._timings.contact:
-            return self._surface.forces(at.surface, self._poses, self._step)
+            normal, friction, forces = self._surface.forces(at.surface, self._poses, self._step)
+            normal += self._condensed.energy(at.rows, self._poses)
+            return normal, friction, {**forces, **self._condensed.forces(at.rows, self._poses)}
 
     def linearise(self, rows: Array) -> Linearisation:
         """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one
@@ -123,11 +129,15 @@ class StepEnergy:
             contact, contact_gradient, contact_hessian = self._surface.linearise(
                 surface, field, self._poses, self._step, relag=self._relags_left > 0
             )
+            condensed, condensed_gradient, condensed_hessian = self._condensed.linearise(rows, self._poses)
+            contact, contact_gradient = contact + condensed, contact_gradient + condensed_gradient
         self._relags_left -= 1
         self._latest = Evaluation(rows, surface, elastic)
         with self._timings.solve:
             if contact_hessian is not None:
                 hessian = hessian + contact_hessian
+            if condensed_hessian is not None:
+                hessian = hessian + condensed_hessian
             quadratic_gradient = self._quadratic.gradient(rows)
             tangent = self._handles.tangent(rows)[:, self._free] * self._units
             parts: list[Array] = [

@@ -11,7 +11,6 @@ product.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +21,7 @@ from runtime.colliders.collider import Collider
 from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
 from runtime.corrections.correction import CorrectionField
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
-from runtime.dynamics.state import ContactForce
+from runtime.dynamics.state import ContactForce, resultant
 
 
 @dataclass
@@ -127,7 +126,10 @@ class SurfaceEnergy:
                 friction = self._friction.terms(x, step.lagged[name], step.time_step)
                 friction_energy += friction.energy
                 loads.append((x[friction.index], friction.gradient))
-            forces[name] = _resultant(loads, poses[name].translation, contact)
+            force, torque = resultant(loads, poses[name].translation)
+            forces[name] = ContactForce(
+                force, torque, float(contact.depth.max(initial=0.0)), len(contact.index)
+            )
         return normal_energy, friction_energy, forces
 
 
@@ -145,18 +147,3 @@ def _through_jacobian(jacobian: Array, gradient: Array, hessian: Array) -> tuple
     count, dim = gradient.shape
     right = (hessian @ jacobian.reshape(count, dim, -1)).reshape(jacobian.shape)
     return (jacobian.T @ gradient.ravel()).reshape(-1, dim), jacobian.T @ right
-
-
-def _resultant(loads: Sequence[tuple[Array, Array]], origin: Array, contact: ContactTerms) -> ContactForce:
-    """Force and torque on the collider: the gradient at a point of the body is the force that the body
-    exerts."""
-    dim = len(origin)
-    force, torque = np.zeros(dim), np.zeros(1 if dim == 2 else 3)
-    for points, gradient in loads:
-        arm = points - origin
-        force += gradient.sum(axis=0)
-        if dim == 2:
-            torque += (arm[:, 0] * gradient[:, 1] - arm[:, 1] * gradient[:, 0]).sum()
-        else:
-            torque += np.cross(arm, gradient).sum(axis=0)
-    return ContactForce(force, torque, float(contact.depth.max(initial=0.0)), len(contact.index))

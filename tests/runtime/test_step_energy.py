@@ -25,7 +25,7 @@ class WavyCorrection:
     r_a = amplitude sin(k_a . z + c (U rows at the first handle)_a).
     """
 
-    name, collider, support = "wavy", "ball", np.inf
+    name, collider, support, potential = "wavy", "ball", np.inf, None
 
     def __init__(self, amplitude):
         self.amplitude = amplitude
