@@ -70,7 +70,8 @@ class BoundElasticContact:
         n, dim = points.rest.shape
         operator = correction.compliance.operator
         if not np.array_equal(nodes, np.arange(operator.shape[2])):
-            operator = operator[:, :, nodes]
+            # Load by load in memory: an evaluation reads whole loads.
+            operator = np.ascontiguousarray(operator[:, :, nodes])
         self._operator = torch.from_numpy(operator).reshape(len(operator), dim, n, dim)
         self._everywhere = np.arange(n)
 
