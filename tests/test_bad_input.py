@@ -84,7 +84,7 @@ def finished_run(tmp_path_factory) -> Path:
     """A toy run in 2D that has everything."""
     folder = tmp_path_factory.mktemp("finished")
     experiment = write_experiment(folder, 2)
-    experiment.write_text(experiment.read_text().replace("steps = 40", "steps = 3"))
+    experiment.write_text(experiment.read_text().replace("steps = 20", "steps = 3"))
     for verb, *options in (["body"], ["generate"], ["train"], ["simulate", "--model=bare", "--model=full"]):
         assert main.main([verb, str(experiment), "--out", str(folder / "run"), "--quiet", *options]) == 0
     return folder

@@ -31,7 +31,7 @@ max_depth = 0.006
 frame_clearance = 0.0
 repeat_share = 0.2
 [training]
-steps = 40
+steps = 20
 [report]
 frames = 2
 [[training.models]]
@@ -101,7 +101,7 @@ def write_experiment(folder: Path, dim: int) -> Path:
     if dim == 3:
         import trimesh
 
-        write_mesh(folder / "box.vtu", box_mesh([-0.05, -0.05, 0.0], [0.05, 0.05, 0.06], [6, 6, 4]))
+        write_mesh(folder / "box.vtu", box_mesh([-0.05, -0.05, 0.0], [0.05, 0.05, 0.06], [5, 5, 4]))
         trimesh.creation.icosphere(subdivisions=3, radius=0.02).export(folder / "ball.stl")
     else:
         write_mesh(folder / "box.vtu", box_mesh([-0.05, 0.0], [0.05, 0.06], [15, 10]))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import signal
 import sys
 import time
 import traceback
@@ -27,6 +28,8 @@ DESCRIPTION = "Press things into soft bodies: solve once with finite elements, l
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit status."""
+    if arguments is None:  # the process is ours: mpirun and batch systems stop it with SIGTERM
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         status = _main(arguments)
         sys.stdout.flush()
