@@ -16,7 +16,7 @@ OPTIONS ?=
 VERB_OPTIONS = $(EXPERIMENT) --out $(OUT) $(OPTIONS)
 MODELS := full bare thesis5 ours
 
-# One thread for each rank, and one for everything else: small matrices gain nothing from more.
+# One thread for each rank, and one for steps of simulations: small matrices gain nothing from more. Training does.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 # Open MPI refuses to run as root, as in a container, unless it is told twice that this is meant.
@@ -35,7 +35,7 @@ install:
 demo: install
 	$(SOFTPRINT) body $(VERB_OPTIONS)
 	$(MPIRUN) -n $(RANKS) $(SOFTPRINT) generate $(VERB_OPTIONS)
-	$(SOFTPRINT) train $(VERB_OPTIONS)
+	OMP_NUM_THREADS=$(shell nproc) $(SOFTPRINT) train $(VERB_OPTIONS)
 	$(SOFTPRINT) simulate $(VERB_OPTIONS) $(foreach model,$(MODELS),--model $(model))
 	$(SOFTPRINT) report $(VERB_OPTIONS)
 

@@ -35,6 +35,10 @@ class FullSpaceModel:
         """(n_nodes, dim) [m]."""
         return state.x
 
+    def surface_positions(self, state: FullSpaceState) -> Array:
+        """(s, dim) [m] the surface nodes."""
+        return state.x[self._simulator.body.mesh.surface_nodes]
+
     def rows(self, state: FullSpaceState) -> Array:
         """(n_rows, dim) of the nearest reduced state; its frames are affine where the full body strains their
         regions."""

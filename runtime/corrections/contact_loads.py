@@ -91,8 +91,8 @@ class ContactLoads:
 class LoadPress:
     """The load problem of a state, solved. index: (m,) the loads near the collider; state: of their points.
 
-    As arrays of the m loads, in collider space where they have a frame: pressure p [N], left e [m], position z, slope and
-    curvature of the signed distance, F, given = sum_j G_ij nu_j p_j [m] in rest coordinates.
+    As arrays of the m loads, in collider space where they have a frame: pressure p [N], left e [m], position z,
+    slope and curvature of the signed distance, F, given = sum_j G_ij nu_j p_j [m] in rest coordinates.
     """
 
     index: IntArray

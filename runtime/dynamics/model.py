@@ -41,6 +41,10 @@ class SceneModel(Protocol):
         """(n_nodes, dim) [m] in the node order of the body's mesh."""
         ...
 
+    def surface_positions(self, state: Any) -> Array:
+        """(s, dim) [m]: what a frame shows of the body's surface, corrections included."""
+        ...
+
     def rows(self, state: Any) -> Array:
         """(n_rows, dim) of the nearest reduced state (`ReducedBody.project` for full positions)."""
         ...
@@ -72,6 +76,10 @@ class ReducedModel:
     def positions(self, state: ReducedState) -> Array:
         """(n_nodes, dim) [m], corrections included."""
         return self._simulator.positions(state)
+
+    def surface_positions(self, state: ReducedState) -> Array:
+        """(s, dim) [m] the surface samples, corrections included."""
+        return self._simulator.surface_positions(state)
 
     def rows(self, state: ReducedState) -> Array:
         """(n_rows, dim) the handle rows themselves."""

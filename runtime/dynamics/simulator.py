@@ -293,7 +293,7 @@ class Simulator:
     def surface_positions(self, state: ReducedState) -> Array:
         """(s, dim) [m]: the body's surface samples, corrections included: what a hand feels and an eye sees, at a
         cost that does not grow with the mesh."""
-        x = self.body.basis[self.body.surface.nodes] @ state.rows
+        x = self._surface.positions(state.rows, None)
         for collider, correction in self._sample_corrections:
             x = x + correction.displacement(state.rows, state.poses[collider])
         return x

@@ -1,7 +1,8 @@
 """How fast models play a scene: the measurement behind `softprint bench` and `benchmarks/runtime_speed.py`.
 
 Every model plays the same scene in the same process with the same time step and the same number of Newton
-iterations. Only steps with contact count. The median is over steps, so that another program on the machine
+iterations. A frame is a step and the positions of the surface at its end, with all detail. Only frames with contact
+count. The median is over steps, so that another program on the machine
 does not spoil it; CPU seconds are of all threads of this process.
 """
 
@@ -57,6 +58,9 @@ def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed |
     for _ in range(n_steps):
         began, cpu_began = time.perf_counter(), time.process_time()
         result = model.step(state)
+        stepped = time.perf_counter()
+        model.surface_positions(result.state)
+        detail = time.perf_counter() - stepped
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu_began
         state = result.state
         if result.penetration <= 0:
@@ -67,6 +71,7 @@ def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed |
         for phase in PHASES:
             if phase in result.timings:
                 phases.setdefault(phase, []).append(result.timings[phase])
+        phases.setdefault("surface", []).append(detail)
         if len(walls) == at_most:
             break
     if not walls:
