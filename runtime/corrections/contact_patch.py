@@ -16,6 +16,7 @@ tensor for the whole body, so the global part of the model is nearly free.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -25,20 +26,34 @@ from runtime.arrays import Array
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.carried_normal import carried_normal_derivative
+from runtime.corrections.carried_normal import carried_normal, carried_normal_derivative
 from runtime.corrections.points import PointTensors, affine_part, collider_rows
 from runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """depth: D [m]; shared: (n_shared,); and their derivatives with respect to the world rows, (n_rows, dim)
-    and (n_shared, n_rows, dim)."""
+    """depth: D [m]; shared: (n_shared,); and, taken when first asked for, their derivatives with respect to the
+    world rows. rotation: (dim, dim) of the collider's pose."""
 
     depth: float
     shared: Tensor
-    depth_slope: Tensor
-    shared_slope: Tensor
+    touching: Touching
+    rotation: Tensor
+
+    @cached_property
+    def shared_slope(self) -> Tensor:
+        """(n_shared, n_rows, dim)."""
+        points = self.touching.points
+        to_z, to_F = self.touching.derivatives()
+        slope = torch.einsum("mr,fmb->frb", points.basis, to_z)
+        slope += torch.einsum("mrj,fmbj->frb", points.basis_gradient, to_F)
+        return slope @ self.rotation.T
+
+    @property
+    def depth_slope(self) -> Tensor:
+        """(n_rows, dim)."""
+        return self.shared_slope[0]
 
 
 def n_shared_inputs(dim: int) -> int:
@@ -75,22 +90,19 @@ class ContactProbe:
         if inside.size == 0:
             return None
         distance = self.collider.sdf_derivatives(z[inside])
-        touching = _Touching(
+        touching = Touching(
             self._points.take(torch.from_numpy(inside)),
             torch.from_numpy(self._areas[inside]),
             torch.from_numpy(local_rows),
             torch.from_numpy(z[inside]),
             *(torch.from_numpy(part) for part in distance),
         )
-        depth, shared, to_z, to_F = touching.features()
-        slope = torch.einsum("mr,fmb->frb", touching.points.basis, to_z)
-        slope += torch.einsum("mrj,fmbj->frb", touching.points.basis_gradient, to_F)
-        slope = slope @ torch.from_numpy(pose.rotation.T.copy())
-        return Patch(float(depth), shared, slope[0], slope)
+        shared = touching.features()
+        return Patch(float(shared[0]), shared, touching, torch.from_numpy(pose.rotation.copy()))
 
 
 @dataclass(frozen=True, eq=False)
-class _Touching:
+class Touching:
     """The m penetrating samples: areas (m,), collider rows, z (m, dim), and the signed distance there."""
 
     points: PointTensors
@@ -101,15 +113,39 @@ class _Touching:
     slope: Tensor
     curvature: Tensor
 
-    def features(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """D, shared inputs (f,), and d(shared)/dz_i (f, m, dim), d(shared)/dF_i (f, m, dim, dim); D is
-        shared[0]."""
+    @cached_property
+    def _weight(self) -> Tensor:
+        return self.areas * self.sdf**2
+
+    @cached_property
+    def _F(self) -> Tensor:
+        return torch.matmul(self.rows.T, self.points.basis_gradient)
+
+    def features(self) -> Tensor:
+        """Shared inputs (f,); the first is D."""
+        weight = self._weight
+        total = weight.sum()
+        share = weight / total
+        depth = share @ -self.sdf
+        size = (total / depth**2) ** (1.0 / (self.z.shape[1] - 1))
+        centre = share @ self.z
+        normal = carried_normal(self._F, self.points.surface_normal)
+        means = torch.cat([normal, self.slope, self.points.rest, self._products(centre)], dim=1)
+        return torch.cat([depth[None], size[None], centre, share @ means])
+
+    def _products(self, centre: Tensor) -> Tensor:
+        """(m, dim(dim+1)/2) products of offsets from the centre, whose mean is the covariance."""
+        offset = self.z - centre
+        upper = torch.triu_indices(offset.shape[1], offset.shape[1])
+        return offset[:, upper[0]] * offset[:, upper[1]]
+
+    def derivatives(self) -> tuple[Tensor, Tensor]:
+        """d(shared)/dz_i (f, m, dim) and d(shared)/dF_i (f, m, dim, dim)."""
         m, dim = self.z.shape
         depth = -self.sdf
-        weight = self.areas * depth**2
+        total = self._weight.sum()
         weight_slope = -2.0 * (self.areas * depth)[:, None] * self.slope  # dw_i/dz_i
-        total = weight.sum()
-        share, share_slope = weight / total, weight_slope / total
+        share, share_slope = self._weight / total, weight_slope / total
 
         def mean(values: Tensor, to_z: Tensor) -> tuple[Tensor, Tensor]:
             """Weighted mean of values (m, k) and its slope (k, m, dim), from dvalues/dz (m, k, dim)."""
@@ -119,13 +155,11 @@ class _Touching:
 
         zero, identity = self.z.new_zeros(m, dim, dim), torch.eye(dim, dtype=self.z.dtype).expand(m, dim, dim)
         D, D_slope = mean(depth[:, None], -self.slope[:, None, :])
-        F = torch.einsum("rb,mrj->mbj", self.rows, self.points.basis_gradient)
-        normal, normal_slope = carried_normal_derivative(F, self.points.surface_normal)
+        normal, normal_slope = carried_normal_derivative(self._F, self.points.surface_normal)
         centre, centre_slope = mean(self.z, identity)
         offset = self.z - centre
         upper = torch.triu_indices(dim, dim)
         # The covariance does not change to first order with the centre, so only z_i itself is differentiated.
-        product = offset[:, upper[0]] * offset[:, upper[1]]
         product_slope = (
             offset[:, upper[0], None] * identity[:, upper[1]]
             + offset[:, upper[1], None] * identity[:, upper[0]]
@@ -134,18 +168,17 @@ class _Touching:
         exponent = 1.0 / (dim - 1)
         size = (total / D**2) ** exponent
         size_slope = size * exponent * (share_slope - 2.0 * D_slope / D)
-        parts = [
-            (D, D_slope),
-            (size, size_slope),
-            (centre, centre_slope),
-            mean(normal, zero),
-            mean(self.slope, self.curvature),
-            mean(self.points.rest, zero),
-            mean(product, product_slope),
+        slopes = [
+            D_slope,
+            size_slope,
+            centre_slope,
+            mean(normal, zero)[1],
+            mean(self.slope, self.curvature)[1],
+            mean(self.points.rest, zero)[1],
+            mean(self._products(centre), product_slope)[1],
         ]
-        shared = torch.cat([value for value, _ in parts])
-        to_z = torch.cat([slope for _, slope in parts])
-        to_F = self.z.new_zeros(len(shared), m, dim, dim)
+        to_z = torch.cat(slopes)
+        to_F = self.z.new_zeros(len(to_z), m, dim, dim)
         start = 2 + dim
         to_F[start : start + dim] = (share[:, None, None, None] * normal_slope).transpose(0, 1)
-        return D[0], shared, to_z, to_F
+        return to_z, to_F
