@@ -183,7 +183,8 @@ class LoadProbe:
         # Forces are spread over the areas of loads, displacements taken at their nodes: between loads G is symmetric
         # only up to that, and made so, for only then do forces derive from an energy.
         among = compliance.operator[:, :, compliance.nodes]
-        self._among_loads = 0.5 * (among + among.transpose(2, 3, 0, 1))
+        pairs = 0.5 * (among + among.transpose(2, 3, 0, 1)).transpose(0, 2, 1, 3)
+        self._among_loads = np.ascontiguousarray(pairs)  # [i, j]: (dim, dim), so that few of them are gathered fast
         self._last: tuple[Array, RigidPose, ContactLoads | None] | None = None
         self._last_press: tuple[Array, RigidPose, LoadPress | None] | None = None
 
@@ -220,7 +221,7 @@ class LoadProbe:
         if index.size == 0:
             return None
         state = PointStates.at(self._points.take(torch.from_numpy(index)), local_rows, z[index], collider)
-        among = self._among_loads[index][:, :, index].astype(np.float64)
+        among = self._among_loads[np.ix_(index, index)].transpose(0, 2, 1, 3).astype(np.float64, order="C")
         problem = LoadProblem(
             torch.from_numpy(among),
             self._stiffness * self._areas[index],
