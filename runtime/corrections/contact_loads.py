@@ -184,7 +184,9 @@ class LoadProbe:
         # only up to that, and made so, for only then do forces derive from an energy.
         among = compliance.operator[:, :, compliance.nodes]
         pairs = 0.5 * (among + among.transpose(2, 3, 0, 1)).transpose(0, 2, 1, 3)
-        self._among_loads = np.ascontiguousarray(pairs)  # [i, j]: (dim, dim), so that few of them are gathered fast
+        self._among_loads = np.ascontiguousarray(
+            pairs
+        )  # [i, j]: (dim, dim), so that few of them are gathered fast
         self._last: tuple[Array, RigidPose, ContactLoads | None] | None = None
         self._last_press: tuple[Array, RigidPose, LoadPress | None] | None = None
 
