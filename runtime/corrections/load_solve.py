@@ -14,12 +14,15 @@ what the linearisation misses.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import torch
 from torch import Tensor
+
+log = logging.getLogger(__name__)
 
 # |e + A p + s| below this share of the deepest penetration: far below what float32 networks resolve.
 _TOLERANCE = 1e-10
@@ -83,6 +86,8 @@ class LoadProblem:
                     break
                 length *= 0.5
             left, pressure, residual = trial, trial_pressure, trial_residual
+        else:
+            log.warning("contact loads not in balance after %d iterations: residual %.1e m", _ITERATIONS, size)
         load = self.normal * torch.from_numpy(pressure)[:, None]
         m, dim = load.shape
         given = (self.compliance.reshape(m * dim, m * dim) @ load.reshape(-1)).reshape(m, dim)
