@@ -87,7 +87,9 @@ class LoadProblem:
                 length *= 0.5
             left, pressure, residual = trial, trial_pressure, trial_residual
         else:
-            log.warning("contact loads not in balance after %d iterations: residual %.1e m", _ITERATIONS, size)
+            log.warning(
+                "contact loads not in balance after %d iterations: residual %.1e m", _ITERATIONS, size
+            )
         load = self.normal * torch.from_numpy(pressure)[:, None]
         m, dim = load.shape
         given = (self.compliance.reshape(m * dim, m * dim) @ load.reshape(-1)).reshape(m, dim)
