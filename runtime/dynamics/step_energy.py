@@ -4,7 +4,8 @@
             + W_elastic(rows) + W_contact(rows) + friction(rows),   rows* = rows_old + h rows_velocity_old,
 
 M = U^T diag(node_mass) U. W_contact is penalty at the (corrected) surface samples, or, for a collider
-whose correction brings it, the energy with the detail condensed out (`condensed_contact.py`). Corrections are quasi-static: they carry neither inertia nor weight. Newton's
+whose correction brings it, the energy with the detail condensed out (`condensed_contact.py`).
+Corrections are quasi-static: they carry neither inertia nor weight. Newton's
 unknowns are the free minimal coordinates v of `Handles.retract`; with T = d rows/dv the chain rule is
 
     gradient = T^T dE/drows,    Hessian = T^T (d2E/drows2) T + curvature of the retraction.
