@@ -21,9 +21,11 @@ from scipy.sparse.linalg import splu
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 
-# Keeps K invertible for a body without rigid frames, relative to its mean diagonal; rigid motions are then
-# taken out by the constraint. Far below the accuracy of the float32 in which answers are kept.
-_SHIFT = 1e-9
+# Keeps K invertible for a body without rigid frames, relative to its mean diagonal; rigid motions are then taken
+# out by the constraint, and what the shift does to the rest by so many steps of iterative refinement. Smaller, and
+# the rigid motions drown the answer in round-off.
+_SHIFT = 1e-5
+_REFINEMENTS = 2
 # Nodes that are no longer halved; larger or smaller by a factor of two makes no difference.
 _LEAF = 60
 
@@ -38,10 +40,11 @@ class RestResponse:
         adjacent = _adjacency(body)[free][:, free]
         self._free = free[dissection_order(body.mesh.points[free], adjacent)]
         unknowns = (self._free[:, None] * body.dim + np.arange(body.dim)).ravel()
-        among = stiffness[unknowns][:, unknowns]
-        shift = _SHIFT * among.diagonal().mean()
+        self._stiffness = stiffness[unknowns][:, unknowns]
+        self._floating = not body.handles.frames
+        shift = _SHIFT * self._stiffness.diagonal().mean() if self._floating else 0.0
         self._factor = splu(
-            (among + shift * sp.identity(len(unknowns))).tocsc(),
+            (self._stiffness + shift * sp.identity(len(unknowns))).tocsc(),
             permc_spec="NATURAL",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
@@ -54,11 +57,19 @@ class RestResponse:
     def solve(self, forces: Array) -> Array:
         """u = G f (n_nodes, dim, k) [m] for k sets of nodal forces (n_nodes, dim, k) [N]."""
         n_sets = forces.shape[2]
-        response = self._factor.solve(np.ascontiguousarray(forces[self._free]).reshape(-1, n_sets))
-        response -= self._deflected @ (self._lagrange @ (self._constraint.T @ response))
+        among = np.ascontiguousarray(forces[self._free]).reshape(-1, n_sets)
+        response = self._constrained(among)
+        for _ in range(_REFINEMENTS if self._floating else 0):
+            response += self._constrained(among - self._stiffness @ response)
         displacement = np.zeros((*self._shape, n_sets))
         displacement[self._free] = response.reshape(len(self._free), -1, n_sets)
         return displacement
+
+    def _constrained(self, forces: Array) -> Array:
+        """Of forces (n_unknowns, k), with the factors at hand."""
+        response: Array = self._factor.solve(forces)
+        response -= self._deflected @ (self._lagrange @ (self._constraint.T @ response))
+        return response
 
 
 def rest_stiffness(body: ReducedBody) -> sp.csr_matrix:
