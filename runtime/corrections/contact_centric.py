@@ -16,6 +16,7 @@ from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.contact_patch import ContactProbe, Patch
 from runtime.corrections.correction import CorrectionField, Potential
+from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.model import ContactModel
 from runtime.corrections.points import PointStates, PointTensors
 from runtime.corrections.reach import Reach
@@ -30,6 +31,7 @@ class ContactCentric:
 
     support: float = np.inf
     potential: Potential | None = None
+    internal: InternalResponse | None = None
 
     def __init__(self, name: str, model: ContactModel, body: ReducedBody, collider: Collider) -> None:
         if (model.dim, model.n_rows) != (body.dim, body.n_rows):

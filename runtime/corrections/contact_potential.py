@@ -38,12 +38,12 @@ class ContactPotential:
         """basis (n_loads, n_rows) and basis_gradient (n_loads, n_rows, dim): at the loads of the probe."""
         self._probe, self._basis, self._gradient = probe, basis, basis_gradient
 
-    def energy(self, rows: Array, pose: RigidPose) -> float:
+    def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:
         """W [J]."""
         press = self._probe.press(rows, pose)
         return 0.0 if press is None else press.energy
 
-    def pressed(self, rows: Array, pose: RigidPose) -> PressedLoads:
+    def pressed(self, rows: Array, pose: RigidPose, turn: Array) -> PressedLoads:
         """The loads that push on the collider, for resultants."""
         press = self._probe.press(rows, pose)
         if press is None:
@@ -57,7 +57,7 @@ class ContactPotential:
             pose.apply(press.position[at] + u), pose.rotate(normal), press.pressure[at], press.left[at]
         )
 
-    def linearise(self, rows: Array, pose: RigidPose) -> tuple[float, Array, Array | None]:
+    def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, Array | None]:
         """W [J], dW/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where
         nothing is pressed."""
         press = self._probe.press(rows, pose)

@@ -22,6 +22,7 @@ from runtime.corrections.compliance import Compliance
 from runtime.corrections.contact_loads import ContactLoads, LoadProbe
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.correction import CorrectionField, Potential
+from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.reach import Reach
 from runtime.errors import SoftprintError
@@ -31,6 +32,7 @@ class ElasticContact:
     """Zero unless some surface sample of the reduced body penetrates. float32 as trained, or float64."""
 
     support: float = np.inf
+    internal: InternalResponse | None = None
 
     def __init__(
         self, name: str, model: LoadModel, body: ReducedBody, collider: Collider, compliance: Compliance

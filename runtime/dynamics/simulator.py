@@ -238,6 +238,7 @@ class Simulator:
             surface=self._surface,
             condensed=self._condensed,
             poses=poses,
+            turn=np.eye(self.body.dim),
             step=contact,
             friction_updates=self.settings.friction_updates,
             force_floor=self._force_floor,
@@ -314,7 +315,7 @@ class Simulator:
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
         at_points = self._surface.forces(self._surface_of(state, Timings()), state.poses, None)[2]
-        return {**at_points, **self._condensed.forces(state.rows, state.poses)}
+        return {**at_points, **self._condensed.forces(state.rows, state.poses, np.eye(self.body.dim))}
 
     def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""

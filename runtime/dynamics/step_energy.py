@@ -62,6 +62,7 @@ class StepEnergy:
         surface: SurfaceEnergy,
         condensed: CondensedContact,
         poses: Poses,
+        turn: Array,
         step: StepContact | None,
         friction_updates: int,
         force_floor: float,
@@ -76,6 +77,7 @@ class StepEnergy:
         self._surface = surface
         self._condensed = condensed
         self._poses = poses
+        self._turn = turn
         self._step = step
         self._relags_left = friction_updates
         self._force_floor = force_floor
@@ -95,7 +97,7 @@ class StepEnergy:
         found = self.evaluate(rows)
         with self._timings.contact:
             contact = self._surface.energy(found.surface, self._poses, self._step)
-            contact += self._condensed.energy(rows, self._poses)
+            contact += self._condensed.energy(rows, self._poses, self._turn)
         return self._quadratic.energy(rows) + found.elastic + contact
 
     def evaluate(self, rows: Array) -> Evaluation:
@@ -116,8 +118,8 @@ class StepEnergy:
         """Contact energy, friction energy [J] and the force on each collider."""
         with self._timings.contact:
             normal, friction, forces = self._surface.forces(at.surface, self._poses, self._step)
-            normal += self._condensed.energy(at.rows, self._poses)
-            return normal, friction, {**forces, **self._condensed.forces(at.rows, self._poses)}
+            normal += self._condensed.energy(at.rows, self._poses, self._turn)
+            return normal, friction, {**forces, **self._condensed.forces(at.rows, self._poses, self._turn)}
 
     def linearise(self, rows: Array) -> Linearisation:
         """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one
@@ -131,7 +133,9 @@ class StepEnergy:
             contact, contact_gradient, contact_hessian = self._surface.linearise(
                 surface, field, self._poses, self._step, relag=self._relags_left > 0
             )
-            condensed, condensed_gradient, condensed_hessian = self._condensed.linearise(rows, self._poses)
+            condensed, condensed_gradient, condensed_hessian = self._condensed.linearise(
+                rows, self._poses, self._turn
+            )
             contact, contact_gradient = contact + condensed, contact_gradient + condensed_gradient
         self._relags_left -= 1
         self._latest = Evaluation(rows, surface, elastic)

@@ -25,7 +25,7 @@ class WavyCorrection:
     r_a = amplitude sin(k_a . z + c (U rows at the first handle)_a).
     """
 
-    name, collider, support, potential = "wavy", "ball", np.inf, None
+    name, collider, support, potential, internal = "wavy", "ball", np.inf, None, None
 
     def __init__(self, amplitude):
         self.amplitude = amplitude
