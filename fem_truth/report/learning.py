@@ -42,12 +42,13 @@ class Learning:
 
     def _held_out(self, name: str) -> dict[str, Any]:
         header, curves = self.headers[name], self.curves.get(name, {})
+        held_out = curves.get("held_out", {})
         return {
             "rms": header.held_out_rms,
             "squared": header.held_out_rms**2,
-            "worst": curves.get("held_out_worst"),
-            "samples": curves.get("samples"),
-            "validation_samples": curves.get("validation_samples"),
+            "worst": held_out.get("worst"),
+            "samples": header.training.get("samples"),
+            "validation_samples": held_out.get("samples"),
             "seconds": header.training.get("seconds"),
         }
 
