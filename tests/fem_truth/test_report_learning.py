@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from fem_truth.report.learning import Learning, load_learning, read_table
+from fem_truth.report.learning import Learning, load_learning, read_curves, read_table
 from runtime.corrections.correction_file import CorrectionHeader
 from runtime.errors import SoftprintError
 
@@ -60,6 +60,24 @@ def test_held_out_states_are_told_from_header_and_curves():
     without_curves = Learning({"ours": header}).summary()["held_out_states"]["ours"]
     assert without_curves["samples"] == 80
     assert without_curves["worst"] is None
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "[]",
+        "{}",
+        '{"history": 3}',
+        '{"history": [{"step": 1}]}',
+        '{"history": [{"step": 1, "loss": "low", "validation_rms": 1}]}',
+        '{"history": [], "held_out": 3}',
+    ],
+)
+def test_what_are_no_curves_is_refused_by_name(tmp_path, content):
+    path = tmp_path / "ours.json"
+    path.write_text(content)
+    with pytest.raises(SoftprintError, match=r"ours\.json: not the curves"):
+        read_curves(path)
 
 
 def test_an_empty_run_has_learned_nothing(tmp_path):
