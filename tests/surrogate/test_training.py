@@ -251,6 +251,19 @@ def test_damaged_checkpoints_are_refused(tmp_path):
         load_checkpoint(path)
 
 
+def test_no_byte_of_a_checkpoint_is_altered_silently(tmp_path):
+    path = tmp_path / "x.checkpoint"
+    tensors = {"model.w": torch.arange(3.0), "adam.0.step": torch.tensor(3.0)}
+    save_checkpoint(path, Checkpoint("run", 3, [{"step": 3.0}], tensors))
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << (place % 8)
+        path.write_bytes(damaged)
+        with pytest.raises(SoftprintError, match=r"x\.checkpoint: .*remove it and train again"):
+            load_checkpoint(path)
+
+
 def test_truth_of_another_body_is_refused(truth_path, jelly3d_body):
     with pytest.raises(SoftprintError, match="another body"):
         load_truth(truth_path, jelly3d_body)
