@@ -8,6 +8,11 @@ linearised at rest)
 K being the elastic stiffness of the nodes outside rigid frames and Q an orthonormal basis of the columns of U there.
 G is symmetric, U^T G = 0, and it belongs to the body alone.
 
+Which columns: all of them is the constraint of the thesis. But the columns of a frame are affine modes, of which a
+rigid frame can follow only rigid motions; to keep u out of all of them forbids deformations that neither u nor the
+reduced state then has. With the columns of point handles alone (`point_columns`) nothing is lost: frames are where they
+are, points are free, and U q + u is any displacement of the body, once.
+
 K is factorised in an order of nested dissection by coordinates: on solids it leaves a quarter less fill than minimum
 degree and, above all, wide supernodes, so that factorisation and solves are three to four times as fast.
 """
@@ -31,9 +36,9 @@ _LEAF = 60
 
 
 class RestResponse:
-    """G of a body, factorised."""
+    """G of a body, factorised. columns: of U that must not feel u, all by default."""
 
-    def __init__(self, body: ReducedBody) -> None:
+    def __init__(self, body: ReducedBody, columns: IntArray | None = None) -> None:
         self._shape = body.mesh.points.shape
         free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
         stiffness = rest_stiffness(body)
@@ -49,7 +54,9 @@ class RestResponse:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        left, singular, _ = np.linalg.svd(body.basis[self._free], full_matrices=False)
+        basis = body.basis[self._free]
+        kept = basis if columns is None else basis[:, columns]
+        left, singular, _ = np.linalg.svd(kept, full_matrices=False)
         self._constraint = np.kron(left[:, singular > 1e-10 * singular[0]], np.eye(body.dim))
         self._deflected = self._factor.solve(self._constraint)
         self._lagrange = np.linalg.inv(self._constraint.T @ self._deflected)
@@ -72,17 +79,20 @@ class RestResponse:
         return response
 
 
-def rest_stiffness(body: ReducedBody) -> sp.csr_matrix:
-    """(n_nodes dim, n_nodes dim) K = d2W_elastic/dx2 at rest [N/m]."""
+def point_columns(body: ReducedBody) -> IntArray:
+    """The columns of U that belong to point handles."""
+    return np.arange(body.handles.n_points)
+
+
+def rest_stiffness(body: ReducedBody, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
+    """(n_nodes dim, n_nodes dim) K = d2W_elastic/dx2 at rest [N/m], of all cells or some of them."""
     mesh, dim = body.mesh, body.dim
-    rest = np.broadcast_to(np.eye(dim), (mesh.n_cells, dim, dim)).copy()
-    tangent = body.material.tangent(rest)
-    gradients = mesh.cell_gradients
-    cells = np.einsum(
-        "c,caj,cijkl,cbl->caibk", mesh.cell_volumes, gradients, tangent, gradients, optimize=True
-    )
+    corners, gradients, volumes = mesh.cells[among], mesh.cell_gradients[among], mesh.cell_volumes[among]
+    rest = np.broadcast_to(np.eye(dim), (len(corners), dim, dim)).copy()
+    tangent = body.material.at(among).tangent(rest)
+    cells = np.einsum("c,caj,cijkl,cbl->caibk", volumes, gradients, tangent, gradients, optimize=True)
     size = (dim + 1) * dim
-    dofs = (mesh.cells[:, :, None] * dim + np.arange(dim)).reshape(-1, size)
+    dofs = (corners[:, :, None] * dim + np.arange(dim)).reshape(-1, size)
     entries = (np.repeat(dofs, size, axis=1).ravel(), np.tile(dofs, (1, size)).ravel())
     shape = (mesh.n_nodes * dim, mesh.n_nodes * dim)
     return sp.coo_matrix((cells.ravel(), entries), shape=shape).tocsr()
