@@ -36,16 +36,13 @@ class InternalElasticEnergy:
         """internal: of all nodes of the body."""
         self._points, self._internal = points, internal
         self._elasticity = watched_elasticity(body, points)
-        self._shape = body.rest_rows.shape
-        cells = body.mesh.cells[body.cubature.cells]
-        self._derivative = _derivative(self._elasticity, internal.at(cells.ravel()))
-        identity = np.broadcast_to(np.eye(body.dim), (len(cells), body.dim, body.dim)).copy()
-        self._rest = identity.ravel()
-        everywhere = _node_displacements(body, internal)
-        # Not of the cells inside frames: these turn by finite angles, which are no strain.
-        cells = elastic_cells(body.mesh, body.handles)
-        stiffness = everywhere.T @ (rest_stiffness(body, cells) @ everywhere)
-        self._missed = stiffness - self._stiffness(identity, self._derivative)
+        corners = internal.at(body.mesh.cells[body.cubature.cells].ravel())
+        self._by_strain, self._by_gravity = _derivatives(self._elasticity, corners)
+        shape = (self._elasticity.n_cells, body.dim, body.dim)
+        self._rest = np.broadcast_to(np.eye(body.dim), shape).copy()
+        self._missed = _stiffness_at_rest(body, internal) - _stiffness(
+            self._elasticity, self._rest, np.hstack([self._by_strain, self._by_gravity])
+        )
 
     def energy(self, rows: Array, turn: Array, displacement: Array | None) -> float:
         """See `Elastic`."""
@@ -57,15 +54,16 @@ class InternalElasticEnergy:
         self, rows: Array, turn: Array, field: CorrectionField | None
     ) -> tuple[float, Array, Array]:
         """See `Elastic`."""
-        z, B = self._unknowns(rows, turn), self._derivative
+        z, B = self._unknowns(rows, turn), self._by_strain
         if field is not None:
             field = _turned(field, turn)
-            B = self._with_field(field)
+            by_cell = B.reshape(*self._rest.shape, *rows.shape)
+            B = with_field(by_cell, self._elasticity, self._points, field).reshape(B.shape)
         F = self._gradients(z, self._points.scatter(field))
-        stress = self._elasticity.weights[:, None, None] * self._elasticity.material.first_piola(F)
-        size = self._shape[0] * self._shape[1]
-        slope = (stress.ravel() @ B + self._missed @ z)[:size].reshape(self._shape)
-        hessian = self._stiffness(F, B[:, :size]) + self._missed[:size, :size]
+        elasticity, missed = self._elasticity, self._missed[: rows.size]
+        stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(F)
+        slope = (stress.ravel() @ B + missed @ z).reshape(rows.shape)
+        hessian = _stiffness(elasticity, F, B) + missed[:, : rows.size]
         return self._energy(F, z), slope @ turn.T, turn_back(hessian, turn)
 
     def _unknowns(self, rows: Array, turn: Array) -> Array:
@@ -75,28 +73,13 @@ class InternalElasticEnergy:
 
     def _gradients(self, z: Array, displacement: Array | None) -> Array:
         """F (m, dim, dim) in the turned frame, and so is the displacement (n, dim) of the watched points."""
-        dim = self._shape[1]
-        F = (self._rest + self._derivative @ z).reshape(-1, dim, dim)
+        size = self._by_strain.shape[1]
+        stretched = self._by_strain @ z[:size] + self._by_gravity @ z[size:]
+        F = self._rest + stretched.reshape(self._rest.shape)
         return F if displacement is None else F + self._elasticity.correction_gradients(displacement)
 
     def _energy(self, F: Array, z: Array) -> float:
         return self._elasticity.energy(F) + 0.5 * float(z @ (self._missed @ z))
-
-    def _stiffness(self, F: Array, B: Array) -> Array:
-        """sum_c w_c B^T A B (k, k); B: (m*dim*dim, k)."""
-        size = F.shape[1] * F.shape[2]
-        tangent = self._elasticity.weights[:, None, None] * self._elasticity.material.tangent(F).reshape(
-            -1, size, size
-        )
-        return B.T @ (tangent @ B.reshape(len(F), size, -1)).reshape(len(B), -1)
-
-    def _with_field(self, field: CorrectionField) -> Array:
-        """B with the field's derivative added; the field does not depend on gravity."""
-        (n_rows, dim), count = self._shape, self._elasticity.n_cells
-        B = self._derivative.copy()
-        rows = B[:, : n_rows * dim].reshape(count, dim, dim, n_rows, dim)
-        B[:, : n_rows * dim] = with_field(rows, self._elasticity, self._points, field).reshape(len(B), -1)
-        return B
 
 
 def turn_back(hessian: Array, turn: Array) -> Array:
@@ -112,8 +95,27 @@ def _turned(field: CorrectionField, turn: Array) -> CorrectionField:
     return CorrectionField(field.index, field.displacement @ turn, jacobian)
 
 
-def _derivative(elasticity: ReducedElasticity, corners: InternalResponse) -> Array:
-    """B (m*dim*dim, n_rows*dim + dim) over (cell, i, j); corners: the response at the corners of the cells."""
+def _stiffness(elasticity: ReducedElasticity, F: Array, B: Array) -> Array:
+    """sum_c w_c B^T A B (k, k) of B (m*dim*dim, k)."""
+    size = F.shape[1] * F.shape[2]
+    tangent = elasticity.material.tangent(F).reshape(-1, size, size)
+    tangent *= elasticity.weights[:, None, None]
+    return B.T @ (tangent @ B.reshape(len(F), size, -1)).reshape(B.shape)
+
+
+def _stiffness_at_rest(body: ReducedBody, internal: InternalResponse) -> Array:
+    """K = V^T K_nodes V, with V (n_nodes*dim, n_rows*dim + dim): what z moves every node by."""
+    size = body.n_nodes * body.dim
+    modes, weight = _displacements(internal)
+    rows = np.einsum("nr,ab->narb", body.basis, np.eye(body.dim)) + modes
+    V = np.hstack([rows.reshape(size, -1), weight.reshape(size, -1)])
+    # Not of the cells inside frames: these turn by finite angles, which are no strain.
+    return V.T @ (rest_stiffness(body, elastic_cells(body.mesh, body.handles)) @ V)
+
+
+def _derivatives(elasticity: ReducedElasticity, corners: InternalResponse) -> tuple[Array, Array]:
+    """dF/dd (m*dim*dim, n_rows*dim) and dF/d(R^T g) (m*dim*dim, dim) over (cell, i, j); corners: the response at the
+    corners of the cells."""
     gradients = elasticity.hat_gradients
     m, n_corners, dim = gradients.shape
 
@@ -123,15 +125,7 @@ def _derivative(elasticity: ReducedElasticity, corners: InternalResponse) -> Arr
 
     modes, weight = _displacements(corners)
     rows = elasticity.basis_derivative().reshape(m * dim * dim, -1) + of_corners(modes)
-    return np.hstack([rows, of_corners(weight)])
-
-
-def _node_displacements(body: ReducedBody, internal: InternalResponse) -> Array:
-    """V (n_nodes*dim, n_rows*dim + dim): what z moves every node by."""
-    size = body.n_nodes * body.dim
-    modes, weight = _displacements(internal)
-    rows = np.einsum("nr,ab->narb", body.basis, np.eye(body.dim)) + modes
-    return np.hstack([rows.reshape(size, -1), weight.reshape(size, -1)])
+    return rows, of_corners(weight)
 
 
 def _displacements(internal: InternalResponse) -> tuple[Array, Array]:
