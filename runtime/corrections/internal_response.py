@@ -18,7 +18,7 @@ in the *strain* d = R^T q - q_rest. All of this belongs to the body and to gravi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -82,14 +82,12 @@ class InternalResponse:
 
     def at(self, nodes: IntArray) -> InternalResponse:
         """The response of some of the nodes, by their numbers here."""
-        return InternalResponse(
-            np.ascontiguousarray(self.modes[nodes]),
-            np.ascontiguousarray(self.weight[nodes]),
-            self.gravity,
-            self.rest_rows,
-            self.mean_gradient,
-            self.positions,
-        )
+        modes, weight = np.ascontiguousarray(self.modes[nodes]), np.ascontiguousarray(self.weight[nodes])
+        return replace(self, modes=modes, weight=weight)
+
+    def under(self, gravity: Array) -> InternalResponse:
+        """The same body under another gravity (dim,) [m/s^2]."""
+        return replace(self, gravity=gravity)
 
     @cached_property
     def _mean(self) -> Array:

@@ -147,10 +147,11 @@ class Simulator:
                     f"the internal response is of {len(self._internal)} nodes, but the body has {self.body.n_nodes}: "
                     "give that of all of them"
                 )
-            if not np.array_equal(self._internal.gravity, gravity):
+            if not np.allclose(self._internal.gravity, gravity, rtol=1e-12):
                 raise SoftprintError(
                     f"the internal response is for the gravity {self._internal.gravity.tolist()}, not for "
-                    f"{gravity.tolist()}: compute it for the gravity of the scene"
+                    f"{gravity.tolist()}: train the correction for the gravity of the scene, or take "
+                    "`InternalResponse.under` it"
                 )
         names = [placed.name for placed in self.colliders]
         if len(set(names)) != len(names):

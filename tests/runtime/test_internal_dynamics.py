@@ -193,5 +193,6 @@ def test_another_gravity_or_body_is_refused():
     internal = respond(body, down(2))
     with pytest.raises(SoftprintError, match="gravity"):
         Simulator(body, contact=CONTACT, internal=internal)
+    Simulator(body, contact=CONTACT, internal=internal.under(np.zeros(2)))
     with pytest.raises(SoftprintError, match="all of them"):
         Simulator(body, contact=CONTACT, gravity=down(2), internal=internal.at(np.arange(3)))
