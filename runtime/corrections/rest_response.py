@@ -1,12 +1,12 @@
 """How the body gives way, at rest, where the subspace cannot: the operator that every correction of ours rests on.
 
-A displacement that the reduced state does not feel, U^T u = 0, balances forces f on the nodes when (thesis 5.3.3,
-linearised at rest)
+A displacement that the reduced state does not feel, C^T u = 0 (see `ReducedBody.constraint_basis`), balances forces f
+on the nodes when (thesis 5.3.3, linearised at rest)
 
     u = G f,    G = A - A Q (Q^T A Q)^-1 Q^T A,    A = K^-1,
 
-K being the elastic stiffness of the nodes outside rigid frames and Q an orthonormal basis of the columns of U there.
-G is symmetric, U^T G = 0, and it belongs to the body alone.
+K being the elastic stiffness of the nodes outside rigid frames and Q an orthonormal basis of the columns of C there.
+G is symmetric, C^T G = 0, and it belongs to the body alone.
 
 K is factorised in an order of nested dissection by coordinates: on solids it leaves a quarter less fill than minimum
 degree and, above all, wide supernodes, so that factorisation and solves are three to four times as fast.
@@ -49,8 +49,8 @@ class RestResponse:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        left, singular, _ = np.linalg.svd(body.basis[self._free], full_matrices=False)
-        self._constraint = np.kron(left[:, singular > 1e-10 * singular[0]], np.eye(body.dim))
+        left, singular, _ = np.linalg.svd(body.constraint_basis[self._free], full_matrices=False)
+        self._constraint = np.kron(left[:, singular > 1e-10 * singular.max(initial=0.0)], np.eye(body.dim))
         self._deflected = self._factor.solve(self._constraint)
         self._lagrange = np.linalg.inv(self._constraint.T @ self._deflected)
 
@@ -72,17 +72,15 @@ class RestResponse:
         return response
 
 
-def rest_stiffness(body: ReducedBody) -> sp.csr_matrix:
-    """(n_nodes dim, n_nodes dim) K = d2W_elastic/dx2 at rest [N/m]."""
+def rest_stiffness(body: ReducedBody, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
+    """(n_nodes dim, n_nodes dim) K = d2W_elastic/dx2 at rest [N/m], of all cells or some of them."""
     mesh, dim = body.mesh, body.dim
-    rest = np.broadcast_to(np.eye(dim), (mesh.n_cells, dim, dim)).copy()
-    tangent = body.material.tangent(rest)
-    gradients = mesh.cell_gradients
-    cells = np.einsum(
-        "c,caj,cijkl,cbl->caibk", mesh.cell_volumes, gradients, tangent, gradients, optimize=True
-    )
+    corners, gradients, volumes = mesh.cells[among], mesh.cell_gradients[among], mesh.cell_volumes[among]
+    rest = np.broadcast_to(np.eye(dim), (len(corners), dim, dim)).copy()
+    tangent = body.material.at(among).tangent(rest)
+    cells = np.einsum("c,caj,cijkl,cbl->caibk", volumes, gradients, tangent, gradients, optimize=True)
     size = (dim + 1) * dim
-    dofs = (mesh.cells[:, :, None] * dim + np.arange(dim)).reshape(-1, size)
+    dofs = (corners[:, :, None] * dim + np.arange(dim)).reshape(-1, size)
     entries = (np.repeat(dofs, size, axis=1).ravel(), np.tile(dofs, (1, size)).ravel())
     shape = (mesh.n_nodes * dim, mesh.n_nodes * dim)
     return sp.coo_matrix((cells.ravel(), entries), shape=shape).tocsr()

@@ -89,7 +89,8 @@ def test_report_of_a_toy_run(toy, monkeypatch):
     assert errors["full"]["relative_rms"] == 0.0
     # Frictionless and slow, so what is left beside contact and internal deformation is a little inertia.
     assert errors["statics"]["relative_rms"] < 0.3
-    assert errors["statics"]["relative_rms"] < errors["truth"]["relative_rms"] < 1.0
+    # Exact contact without internal deformation is worse: on this coarse toy nearly all is internal.
+    assert errors["statics"]["relative_rms"] < errors["truth"]["relative_rms"]
     assert summary["contact_displacement"]["bare"] == 1.0
     assert summary["timings"]["bare"]["cost_of_bare"] == 1.0
     assert [note for note in summary["notes"] if "softprint generate" in note]

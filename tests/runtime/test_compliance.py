@@ -32,7 +32,7 @@ def test_symmetric_and_invisible_to_the_subspace(jelly_body, response):
     # float32.
     assert np.abs(among - among.transpose(2, 3, 0, 1)).max() < 1e-6 * size
     free = np.setdiff1d(np.arange(jelly_body.n_nodes), jelly_body.handles.frame_nodes)
-    seen = np.einsum("nr,lanb->larb", jelly_body.basis[free], columns[:, :, free])
+    seen = np.einsum("nr,lanb->larb", jelly_body.constraint_basis[free], columns[:, :, free])
     assert np.abs(seen).max() < 1e-4 * size
 
 
