@@ -87,7 +87,8 @@ class SolveStore:
                     seconds=float(kept["seconds"]),
                     problem=str(kept["problem"]),
                 )
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
+        # RuntimeError: where damage makes the archive look encrypted or of a kind that zipfile does not know.
+        except (OSError, ValueError, KeyError, BadZipFile, RuntimeError) as error:
             log.warning("%s: not readable (%s); the frame is solved again", path, error)
             return None
 

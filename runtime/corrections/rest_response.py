@@ -36,10 +36,10 @@ _LEAF = 60
 
 
 class RestResponse:
-    """G of a body, factorised. columns: of U that must not feel u, all by default."""
+    """G of a body, factorised. columns: of U that must not feel u, all by default; shape: (n_nodes, dim)."""
 
     def __init__(self, body: ReducedBody, columns: IntArray | None = None) -> None:
-        self._shape = body.mesh.points.shape
+        self.shape = body.mesh.points.shape
         free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
         stiffness = rest_stiffness(body)
         adjacent = _adjacency(body)[free][:, free]
@@ -68,7 +68,7 @@ class RestResponse:
         response = self._constrained(among)
         for _ in range(_REFINEMENTS if self._floating else 0):
             response += self._constrained(among - self._stiffness @ response)
-        displacement = np.zeros((*self._shape, n_sets))
+        displacement = np.zeros((*self.shape, n_sets))
         displacement[self._free] = response.reshape(len(self._free), -1, n_sets)
         return displacement
 

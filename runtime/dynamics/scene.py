@@ -23,6 +23,7 @@ from runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment, KeyframeSpec, SceneSpec
+    from runtime.experiment.scene_schema import KinematicEntry
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +80,23 @@ def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
                 _path(spring.keyframes, experiment.dim)
                 if spring.target is None
                 else KeyframedPath([0.0], [spring.target]),
+                spring.rotation_stiffness,
             )
             for spring in scene.springs
         ),
-        kinematic=tuple(KinematicHandle(name) for name in scene.kinematic),
+        kinematic=tuple(_kinematic(entry, experiment.dim) for entry in scene.kinematic),
         settings=DynamicsSettings(
             time_step=dynamics.time_step,
             newton=NewtonSettings(max_iterations=dynamics.max_iterations, tolerance=dynamics.tolerance),
         ),
     )
+
+
+def _kinematic(entry: KinematicEntry, dim: int) -> KinematicHandle:
+    """A handle that is held where only its name or number is given, or led along its keyframes."""
+    if isinstance(entry, int | str):
+        return KinematicHandle(entry)
+    return KinematicHandle(entry.handle, _path(entry.keyframes, dim))
 
 
 def _path(keyframes: Iterable[KeyframeSpec] | None, dim: int) -> KeyframedPath:
