@@ -57,8 +57,9 @@ class RestResponse:
         basis = body.basis[self._free]
         kept = basis if columns is None else basis[:, columns]
         left, singular, _ = np.linalg.svd(kept, full_matrices=False)
-        self._constraint = np.kron(left[:, singular > 1e-10 * singular[0]], np.eye(body.dim))
-        self._deflected = self._factor.solve(self._constraint)
+        self._constraint = np.kron(left[:, singular > 1e-10 * singular.max(initial=0.0)], np.eye(body.dim))
+        # A body of frames alone has no columns left, which SuperLU would not solve for.
+        self._deflected = self._factor.solve(self._constraint) if kept.size else self._constraint
         self._lagrange = np.linalg.inv(self._constraint.T @ self._deflected)
 
     def solve(self, forces: Array) -> Array:
