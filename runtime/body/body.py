@@ -111,7 +111,9 @@ class ReducedBody:
         rows = np.zeros((self.n_rows, self.dim))
         for frame in self.handles.frames:
             rest = np.column_stack([self.mesh.points[frame.nodes], np.ones(len(frame.nodes))])
-            rows[self.handles.rows_of(frame.name)] = np.linalg.lstsq(rest, positions[frame.nodes], rcond=None)[0]
+            rows[self.handles.rows_of(frame.name)] = np.linalg.lstsq(
+                rest, positions[frame.nodes], rcond=None
+            )[0]
         rows = self.handles.rigid(rows)
         if self.handles.n_points:
             left = (positions - self.reduced_positions(rows))[self._free]

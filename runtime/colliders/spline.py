@@ -86,8 +86,8 @@ class SplineGrid:
     def _fill(self, z: Array, out: SdfDerivatives) -> None:
         c, fractions = self._gather(z)
         basis = _polynomials(fractions)
-        # Sum the stencil axes from the last to the first, each into a front axis for the order of its derivative. Orders
-        # above two come along unused: cheaper than picking them out, for the few points that contact asks for.
+        # Sum the stencil axes from the last to the first, each into a front axis for the order of its derivative.
+        # Orders above two come along unused: cheaper than picking them out, for the few points that contact asks for.
         partial = c
         for axis in reversed(range(self.dim)):
             weights = basis[:, :, axis].reshape(3, *(1,) * (partial.ndim - 2), 4, -1)

@@ -118,9 +118,7 @@ def compute_compliance(
         operator = np.concatenate(list(_columns(response, spread, progress)))
         everyone = np.arange(len(nodes))
         nothing = sp.csr_matrix((len(nodes) * body.dim, rest.size), dtype=np.float32)
-        return Compliance(
-            nodes, areas, everyone, operator, sp.identity(len(nodes), format="csr"), nothing
-        )
+        return Compliance(nodes, areas, everyone, operator, sp.identity(len(nodes), format="csr"), nothing)
     anchors = np.sort(farthest_points(rest[nodes], _ANCHORS))
     operator = np.concatenate(list(_columns(response, spread[anchors], progress)))
     between, share = _interpolation(rest[nodes], anchors)
@@ -134,7 +132,9 @@ def compute_compliance(
             at, along = np.array(within[load]), operator[between[load]]
             far = np.setdiff1d(sample, at)
             share[load] = _fitted(share[load], along[:, :, far], column[:, far])
-            near.add(at, column[:, at] - np.tensordot(share[load].astype(np.float32), along[:, :, at], axes=1))
+            near.add(
+                at, column[:, at] - np.tensordot(share[load].astype(np.float32), along[:, :, at], axes=1)
+            )
     interpolation = sp.csr_matrix(
         (share.ravel(), (np.repeat(np.arange(len(nodes)), share.shape[1]), between.ravel())),
         shape=(len(nodes), len(anchors)),

@@ -2,11 +2,11 @@
 
     phi_j = l_j + fade(D) [ y_0 l_j + w_j c F_j^T (y_1, ..., y_dim) ],        u_X = F_X sum_j G_Xj phi_j
 
-l_j the load that balances a linearly elastic body (`load_press.py`), w_j [m^(dim-1)] an area that fades with distance, D
-the depth of the contact patch, c [N/m^(dim-1)] a scale, and y(a_j, b) a network that runs on the few loads in contact
-and not on all points of the body. Its inputs a_j are the geometry of the contact at the load, what penetration the
-linear body leaves there, and how far it moves the load; b is the contact patch. With y = 0 the field is that of linear
-elasticity.
+l_j the load that balances a linearly elastic body (`load_press.py`), w_j [m^(dim-1)] an area that fades with
+distance, D the depth of the contact patch, c [N/m^(dim-1)] a scale, and y(a_j, b) a network that runs on the few loads
+in contact and not on all points of the body. Its inputs a_j are the geometry of the contact at the load, what
+penetration the linear body leaves there, and how far it moves the load; b is the contact patch. With y = 0 the field is
+that of linear elasticity.
 """
 
 from __future__ import annotations

@@ -66,7 +66,9 @@ class LoadMotion:
     def turned(self, force: Array) -> Array:
         """dF^T f (k, dim, R) for f = force (k, dim)."""
         k, dim = force.shape
-        return (self.basis_gradient.transpose(0, 2, 1)[..., None] * force[:, None, None, :]).reshape(k, dim, -1)
+        return (self.basis_gradient.transpose(0, 2, 1)[..., None] * force[:, None, None, :]).reshape(
+            k, dim, -1
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +135,8 @@ class LoadPress:
         """C (k*dim, R)."""
         b, carried = self.bearing, self._carried
         turned = self._turned.reshape(-1, carried.shape[2])
-        return np.linalg.solve(self.problem.F[b], carried).reshape(turned.shape) + self._among @ turned
+        back: Array = np.linalg.solve(self.problem.F[b], carried)
+        return np.asarray(back.reshape(turned.shape) + self._among @ turned)
 
     @cached_property
     def _answer(self) -> Array:

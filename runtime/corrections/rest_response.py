@@ -49,9 +49,11 @@ class RestResponse:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        left, singular, _ = np.linalg.svd(body.constraint_basis[self._free], full_matrices=False)
+        kept = body.constraint_basis[self._free]
+        left, singular, _ = np.linalg.svd(kept, full_matrices=False)
         self._constraint = np.kron(left[:, singular > 1e-10 * singular.max(initial=0.0)], np.eye(body.dim))
-        self._deflected = self._factor.solve(self._constraint)
+        # A body of frames alone has no columns left, which SuperLU would not solve for.
+        self._deflected = self._factor.solve(self._constraint) if kept.size else self._constraint
         self._lagrange = np.linalg.inv(self._constraint.T @ self._deflected)
 
     def solve(self, forces: Array) -> Array:

@@ -128,7 +128,8 @@ def test_the_truth_is_whole_and_obeys_its_constraint(reference: Path) -> None:
             u, state = truth.displacement(sample).astype(float), truth.sample_state[sample]
             # U^T (x - U q) = 0 for the equilibria with and without contact; 1e-6 is what float32 keeps.
             assert (
-                np.abs(body.constraint_basis.T @ u).max() < 1e-6 * np.abs(u).max() * np.abs(body.basis).sum(axis=0).max()
+                np.abs(body.constraint_basis.T @ u).max()
+                < 1e-6 * np.abs(u).max() * np.abs(body.basis).sum(axis=0).max()
             )
             internal = body.reduced_positions(truth.states["rows"][state]) + truth.internal(state)
             depth = -_circle(truth.pose(sample).apply_inverse(internal[body.mesh.surface_nodes])).min()

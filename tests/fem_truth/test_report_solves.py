@@ -12,6 +12,7 @@ from runtime.colliders.pose import RigidPose
 from runtime.contact import PenaltyContact
 from runtime.errors import SoftprintError
 
+
 def test_a_full_space_equilibrium_is_its_own_constrained_equilibrium(jelly_body):
     """Without contact, the equilibrium at the projected state of a static full-space frame is that frame.
 

@@ -60,7 +60,9 @@ def test_projection_leaves_a_rest_that_points_do_not_feel(body):
     """Frames where their nodes are; elsewhere the rest is orthogonal to the columns of the points."""
     x = body.mesh.points + 0.003 * np.sin(40 * body.mesh.points[:, ::-1])
     region = body.handles.frame_nodes
-    turn = RigidPose.from_rotation_vector([0.3] if body.dim == 2 else [0.3, 0.1, -0.2], np.full(body.dim, 0.02))
+    turn = RigidPose.from_rotation_vector(
+        [0.3] if body.dim == 2 else [0.3, 0.1, -0.2], np.full(body.dim, 0.02)
+    )
     x[region] = turn.apply(body.mesh.points[region])
     rows = body.project(x)
     body.handles.check_rows(rows)

@@ -201,13 +201,14 @@ def test_file_round_trip(form, jelly2d_body, mechanics, tmp_path):
     loaded = load_correction(path, body, Sphere(0.02, 2, name="ball"))
     rows, pose = bent_rows(body), pressed_pose(body)
     before = (
-        make_correction(form, body, mechanics, double=False)
-        .bind(body.node_points())
-        .displacement(rows, pose)
+        make_correction(form, body, mechanics, double=False).bind(body.node_points()).displacement(rows, pose)
     )
     after = loaded.bind(body.node_points()).displacement(rows, pose)
     # Weights come back exactly; the compliance is kept in half precision, 2^-11.
-    assert np.abs(after - before).max() <= (1e-3 if form in ("loads", "internal") else 0.0) * np.abs(before).max()
+    assert (
+        np.abs(after - before).max()
+        <= (1e-3 if form in ("loads", "internal") else 0.0) * np.abs(before).max()
+    )
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
