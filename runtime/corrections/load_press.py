@@ -80,6 +80,14 @@ class LoadPress:
     solution: LoadSolution
     motion: LoadMotion
 
+    def carried_over(self, index: IntArray) -> tuple[Array, Array]:
+        """Penetrations and normals of other loads `index`, as far as these are among them: where another state may
+        start."""
+        _, there, here = np.intersect1d(index, self.index, assume_unique=True, return_indices=True)
+        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), self.problem.F.shape[1]))
+        left[there], normal[there] = self.solution.left[here], self.solution.normal[here]
+        return left, normal
+
     @cached_property
     def bearing(self) -> IntArray:
         """(k,) which of the m bear pressure."""
@@ -188,28 +196,35 @@ class LoadProbe:
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
         """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider. The last
         answer is kept: dynamics asks for energy, derivatives and forces of one state one after the other."""
+        near = None
         if self._last is not None:
-            last_rows, last_pose, last_turn, press = self._last
-            if last_pose is pose and last_turn is turn and np.array_equal(last_rows, rows):
-                return press
-        press = self._press(rows, pose, turn)
+            last_rows, last_pose, last_turn, near = self._last
+            same_place = last_pose is pose
+            if same_place and last_turn is turn and np.array_equal(last_rows, rows):
+                return near
+            # Between time steps it starts anew, so that the answer to a step is that of its state alone.
+            near = near if same_place else None
+        press = self._press(rows, pose, turn, near)
         self._last = (rows.copy(), pose, turn, press)
         return press
 
-    def _press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
+    def _press(self, rows: Array, pose: RigidPose, turn: Array, near: LoadPress | None) -> LoadPress | None:
         x = self.positions(rows, turn)
         index, distance = self.near(x, pose, 0.0)
         if not index.size:
             return None
-        index, distance = self.near(x, pose, -_ROOM * float(distance.min()))
+        depth = -float(distance.min())
+        index, _ = self.near(x, pose, _ROOM * depth)
         problem = LoadProblem(
             self.among(index, index),
             self._stiffness[index],
             x[index],
             self.deformation(rows, index),
+            depth,
             PosedDistance(self.collider, pose),
         )
-        return LoadPress(index, problem, problem.solve(), self.motion(index, turn))
+        start = None if near is None else near.carried_over(index)
+        return LoadPress(index, problem, problem.solve(start), self.motion(index, turn))
 
     def among(self, index: IntArray, loads: IntArray) -> Array:
         """G (len(index), dim, len(loads), dim) [m/N] at the loads `index` by forces on others."""
