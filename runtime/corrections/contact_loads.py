@@ -184,7 +184,7 @@ class ContactLoadsProbe:
         press = probe.press(rows, pose, turn)
         if press is None:
             return None
-        x = probe.positions(rows, turn)
+        x = press.positions
         index = np.union1d(probe.near(x, pose, self._band)[0], press.index)
         F = probe.deformation(rows, index)
         pressed = press.index[press.bearing]

@@ -83,9 +83,9 @@ class BoundElasticContact:
             return displacement
         with torch.no_grad():
             phi = self._model.loads(contact)
-        given = self._given(contact, phi[..., None])[..., 0]
-        index = self._within_reach(rows, pose)
-        displacement[index] = (self._deformation(rows, index) @ given[index, :, None])[..., 0]
+        given = self._given(contact, phi[..., None])
+        within = self._within_reach(rows, pose)
+        displacement[within] = (self._deformation(rows, within) @ given[within])[..., 0]
         return displacement
 
     def linearise(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> CorrectionField:
@@ -95,12 +95,13 @@ class BoundElasticContact:
         if contact is None:
             return CorrectionField.empty(dim, n_rows)
         phi, slope = self._model.linearise(contact)
-        index = self._within_reach(rows, pose)
-        given = self._given(contact, torch.cat([phi[..., None], slope], dim=2))[index]
-        carried = self._deformation(rows, index) @ given
+        within = self._within_reach(rows, pose)
+        index = np.arange(len(self._points))[within]
+        given = self._given(contact, torch.cat([phi[..., None], slope], dim=2))[within]
+        carried = self._deformation(rows, within) @ given
         jacobian = carried[..., 1:].reshape(len(index), dim, n_rows, dim)
         # What moves with F at the point itself: dF_aj = dU_rj, the row's own component a.
-        turned = (self._points.basis_gradient[index] @ given[..., :1])[..., 0]
+        turned = (self._points.basis_gradient[within] @ given[..., :1])[..., 0]
         for axis in range(dim):
             jacobian[:, axis, :, axis] += turned
         return CorrectionField(index, carried[..., 0], jacobian)
@@ -109,11 +110,13 @@ class BoundElasticContact:
         """sum_j G_Xj phi_j (n, dim, k) for k sets of loads phi (m, dim, k)."""
         return self._compliance.apply(contact.index, phi.numpy()).astype(np.float64)
 
-    def _deformation(self, rows: Array, index: IntArray) -> Array:
+    def _deformation(self, rows: Array, index: IntArray | slice) -> Array:
         """F (n, dim, dim) in the world frame."""
         return np.asarray(rows.T @ self._points.basis_gradient[index])
 
-    def _within_reach(self, rows: Array, pose: RigidPose) -> IntArray:
+    def _within_reach(self, rows: Array, pose: RigidPose) -> IntArray | slice:
+        """Of the points; all of them as a slice, so that nothing large is copied."""
+        if not self._reach.limited:
+            return slice(None)
         z = self._points.basis @ self._probe.collider_rows(rows, pose)
-        index = self._reach.select(z, self._probe.collider)
-        return np.arange(len(z)) if index is None else index
+        return self._reach.select(z, self._probe.collider)

@@ -73,8 +73,10 @@ class LoadMotion:
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """index: (m,) the loads that could bear pressure; at their positions the problem and its solution."""
+    """positions: x (n_loads, dim) [m] of all loads; index: (m,) those that could bear pressure; for them the problem
+    and its solution."""
 
+    positions: Array
     index: IntArray
     problem: LoadProblem
     solution: LoadSolution
@@ -224,7 +226,7 @@ class LoadProbe:
             PosedDistance(self.collider, pose),
         )
         start = None if near is None else near.carried_over(index)
-        return LoadPress(index, problem, problem.solve(start), self.motion(index, turn))
+        return LoadPress(x, index, problem, problem.solve(start), self.motion(index, turn))
 
     def among(self, index: IntArray, loads: IntArray) -> Array:
         """G (len(index), dim, len(loads), dim) [m/N] at the loads `index` by forces on others."""

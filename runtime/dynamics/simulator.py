@@ -211,7 +211,7 @@ class Simulator:
         solved = minimise(energy, start, self.settings.newton, timings.solve)
         velocity = (solved.x - state.rows) / h
         return self._result(
-            solved, ReducedState(end, solved.x, velocity, end_poses), energy, inertia, timings
+            solved, ReducedState(end, solved.x, velocity, end_poses, turn), energy, inertia, timings
         )
 
     def _carried_on(self, state: ReducedState) -> Array:
@@ -256,7 +256,7 @@ class Simulator:
     def _static_result(
         self, solved: NewtonResult, begin: ReducedState, energy: StepEnergy, timings: Timings
     ) -> StepResult[ReducedState]:
-        state = ReducedState(begin.time, solved.x, np.zeros_like(solved.x), begin.poses)
+        state = ReducedState(begin.time, solved.x, np.zeros_like(solved.x), begin.poses, energy.turn)
         return self._result(solved, state, energy, self._no_inertia, timings)
 
     @cached_property
@@ -351,7 +351,7 @@ class Simulator:
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
-        turn = self._turn(state.rows)
+        turn = self._turn(state.rows) if state.turn is None else state.turn
         at_points = self._surface.forces(self._surface_of(state, turn, Timings()), state.poses, None)[2]
         return {**at_points, **self._condensed.forces(state.rows, state.poses, turn)}
 
