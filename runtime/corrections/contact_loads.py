@@ -155,7 +155,7 @@ class ContactLoadsProbe:
         stiffness: float,
         band: float,
     ) -> None:
-        self.loads = LoadProbe(body, collider, mechanics, stiffness)
+        self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
         self._patch_probe = ContactProbe(body, collider)
         self._points = PointTensors.of(self.loads.points, torch.zeros((), dtype=torch.float64))
@@ -184,8 +184,7 @@ class ContactLoadsProbe:
         press = probe.press(rows, pose, turn)
         if press is None:
             return None
-        x = press.positions
-        index = np.union1d(probe.near(x, pose, self._band)[0], press.index)
+        x, index = press.positions, press.around
         F = probe.deformation(rows, index)
         pressed = press.index[press.bearing]
         bearing = np.searchsorted(index, pressed)

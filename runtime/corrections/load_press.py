@@ -73,21 +73,41 @@ class LoadMotion:
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """positions: x (n_loads, dim) [m] of all loads; index: (m,) those that could bear pressure; for them the problem
-    and its solution."""
+    """positions: x (n_loads, dim) [m] of all loads; around: those within the band around the collider; index: (m,) those
+    of them that could bear pressure; for these the problem and its solution. rows, pose: of the state."""
 
+    rows: Array
+    pose: RigidPose
     positions: Array
+    around: IntArray
     index: IntArray
     problem: LoadProblem
     solution: LoadSolution
     motion: LoadMotion
 
-    def carried_over(self, index: IntArray) -> tuple[Array, Array]:
-        """Penetrations and normals of other loads `index`, as far as these are among them: where another state may
-        start."""
-        _, there, here = np.intersect1d(index, self.index, assume_unique=True, return_indices=True)
-        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), self.problem.F.shape[1]))
-        left[there], normal[there] = self.solution.left[here], self.solution.normal[here]
+    def predict(self, rows: Array, pose: RigidPose, index: IntArray) -> tuple[Array, Array] | None:
+        """Penetrations (m,) and normals (m, dim) of the loads `index` at a state nearby, to first order, where they
+        bear pressure here; None for a state too far away. With dc what the collider carries a load along by,
+
+            dr = F (I + G D)^-1 [F^-1 (dxi - dc) + G dF^T f],    de = -g . dr,    dg = H dr, turned with the collider.
+        """
+        b, solution, F = self.bearing, self.solution, self.problem.F[self.bearing]
+        if not b.size:
+            return None
+        dq = (rows - self.rows).ravel()
+        y = self.problem.position[b] + solution.moved[b]
+        apart = self._carried @ dq - (pose.apply(self.pose.apply_inverse(y)) - y)
+        if np.abs(apart).max() > self.problem.depth:
+            return None
+        pull = np.linalg.solve(F, apart[..., None]).ravel() + self._among @ (self._turned @ dq).ravel()
+        dr = F @ np.linalg.solve(self._softening, pull).reshape(*apart.shape, 1)
+        g = solution.normal[b]
+        # A load that is about to let go keeps a little, so that Newton's method sees it.
+        e = np.maximum(solution.left[b] - (g * dr[..., 0]).sum(axis=1), 0.1 * solution.left[b])
+        turned = (g + (solution.curvature[b] @ dr)[..., 0]) @ (pose.rotation @ self.pose.rotation.T).T
+        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), len(turned[0])))
+        _, there, here = np.intersect1d(index, self.index[b], assume_unique=True, return_indices=True)
+        left[there], normal[there] = e[here], turned[here]
         return left, normal
 
     @cached_property
@@ -151,7 +171,12 @@ class LoadPress:
     @cached_property
     def _answer(self) -> Array:
         """w = F^-1 dy (k*dim, R)."""
-        return np.linalg.solve(self.problem.softening(self.bearing, self._blocks), self._pull)
+        return np.linalg.solve(self._softening, self._pull)
+
+    @cached_property
+    def _softening(self) -> Array:
+        """I + G D (k*dim, k*dim)."""
+        return self.problem.softening(self.bearing, self._blocks)
 
     @cached_property
     def _stiffened(self) -> Array:
@@ -161,10 +186,16 @@ class LoadPress:
 
 
 class LoadProbe:
-    """Presses the loads of one body against one collider. stiffness: of the penalty contact [N/m^4]."""
+    """Presses the loads of one body against one collider. stiffness: of the penalty contact [N/m^4]; band: [m], of
+    loads around the collider that others ask for."""
 
     def __init__(
-        self, body: ReducedBody, collider: Collider, mechanics: RestMechanics, stiffness: float
+        self,
+        body: ReducedBody,
+        collider: Collider,
+        mechanics: RestMechanics,
+        stiffness: float,
+        band: float = 0.0,
     ) -> None:
         compliance, internal = mechanics
         points = body.node_points(compliance.nodes)
@@ -172,7 +203,7 @@ class LoadProbe:
         self.among_loads = compliance.among_loads()
         self.points = points
         self.internal = None if internal is None else internal.at(compliance.nodes)
-        self._stiffness = stiffness * compliance.areas
+        self._stiffness, self._band = stiffness * compliance.areas, band
         self._last: tuple[Array, RigidPose, Array, LoadPress | None] | None = None
 
     def turn(self, rows: Array) -> Array:
@@ -184,7 +215,7 @@ class LoadProbe:
         x = self.points.basis @ rows
         return x if self.internal is None else x + self.internal.displacement(rows, turn)
 
-    def near(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array]:
+    def _near(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array]:
         """The loads at positions x (n_loads, dim) that are closer to the collider than `distance` [m], and their
         signed distance."""
         z = pose.apply_inverse(x)
@@ -201,22 +232,21 @@ class LoadProbe:
         near = None
         if self._last is not None:
             last_rows, last_pose, last_turn, near = self._last
-            same_place = last_pose is pose
-            if same_place and last_turn is turn and np.array_equal(last_rows, rows):
+            if last_pose is pose and last_turn is turn and np.array_equal(last_rows, rows):
                 return near
-            # Between time steps it starts anew, so that the answer to a step is that of its state alone.
-            near = near if same_place else None
         press = self._press(rows, pose, turn, near)
         self._last = (rows.copy(), pose, turn, press)
         return press
 
     def _press(self, rows: Array, pose: RigidPose, turn: Array, near: LoadPress | None) -> LoadPress | None:
         x = self.positions(rows, turn)
-        index, distance = self.near(x, pose, 0.0)
-        if not index.size:
+        around, distance = self._near(x, pose, self._band)
+        depth = -float(distance.min(initial=0.0))
+        if depth <= 0.0:
             return None
-        depth = -float(distance.min())
-        index, _ = self.near(x, pose, _ROOM * depth)
+        if _ROOM * depth > self._band:
+            around, distance = self._near(x, pose, _ROOM * depth)
+        index = around[distance < _ROOM * depth]
         problem = LoadProblem(
             self.among(index, index),
             self._stiffness[index],
@@ -225,8 +255,8 @@ class LoadProbe:
             depth,
             PosedDistance(self.collider, pose),
         )
-        start = None if near is None else near.carried_over(index)
-        return LoadPress(x, index, problem, problem.solve(start), self.motion(index, turn))
+        start = None if near is None else near.predict(rows, pose, index)
+        return LoadPress(rows.copy(), pose, x, around, index, problem, problem.solve(start), self.motion(index, turn))
 
     def among(self, index: IntArray, loads: IntArray) -> Array:
         """G (len(index), dim, len(loads), dim) [m/N] at the loads `index` by forces on others."""
