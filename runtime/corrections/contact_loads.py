@@ -1,4 +1,4 @@
-"""What a load model is told of a contact: the patch, the loads near the collider, and what mechanics makes of them.
+"""What a load model is told of a contact: the loads near the collider, and what mechanics makes of them.
 
 More loads than bear pressure take part, all within a band around the collider, so that what is learned can push where
 the linear body is not pushed. The last answer is kept, because the same state is asked for at several sets of points.
@@ -17,18 +17,18 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.contact_patch import ContactProbe, Patch
 from runtime.corrections.load_press import LoadMotion, LoadPress, LoadProbe
-from runtime.corrections.points import PointStates, PointTensors
+from runtime.corrections.points import PointStates, PointTensors, affine_part, collider_rows
 from runtime.corrections.rest_mechanics import RestMechanics
 
 
 @dataclass(frozen=True, eq=False)
 class LoadSlopes:
-    """Derivatives with respect to the R = n_rows * dim world rows, at the m loads: of the weight (m, R), the load (m,
-    dim, R), what is left (m, R), and of the displacement moved (m, dim, R). point: of z beyond what the basis gives,
-    (m, dim, n_rows, dim), or None where there is no more."""
+    """Derivatives with respect to the R = n_rows * dim world rows: of the depth (R,), and at the m loads of the weight
+    (m, R), the load (m, dim, R), what is left (m, R), and of the displacement moved (m, dim, R). point: of z beyond
+    what the basis gives, (m, dim, n_rows, dim), or None where there is no more."""
 
+    depth: Tensor
     weight: Tensor
     load: Tensor
     left: Tensor
@@ -40,9 +40,8 @@ class LoadSlopes:
 class ContactLoads:
     """index: (m,) loads of the body; state: of their points; load: (m, dim) [N] in rest coordinates, moved: (m, dim)
     [m] in collider space and left: (m,) [m], penetration left (negative: a gap), of the contact that mechanics gives.
-    patch: None where the subspace alone does not touch. All float64."""
+    All float64."""
 
-    patch: Patch | None
     index: IntArray
     state: PointStates
     load: Tensor
@@ -62,6 +61,17 @@ class ContactLoads:
         x = self._nearness
         return self.areas * x**2 / (1.0 + x**2)
 
+    @cached_property
+    def depth(self) -> Tensor:
+        """D () [m] = sum a d^3 / sum a d^2 of the depths d of the undisplaced loads: how deep it is as a whole;
+        loads enter and leave it smoothly."""
+        d = self._inside
+        return (self.areas @ d**3) / (self.areas @ d**2)
+
+    @property
+    def _inside(self) -> Tensor:
+        return (-self.state.sdf).clamp(min=0.0)
+
     @property
     def rotation(self) -> Tensor:
         """(dim, dim) of the collider's pose."""
@@ -73,7 +83,10 @@ class ContactLoads:
         of, x = self.derivatives, self._nearness
         weight = -2.0 * self.areas * x / (1.0 + x**2) ** 2 / self.band
         distance = torch.einsum("ma,mar->mr", self.state.slope, torch.from_numpy(of.approach))
+        d = self._inside
+        deeper = -self.areas * d * (3.0 * d - 2.0 * self.depth) / (self.areas @ d**2)
         return LoadSlopes(
+            depth=deeper @ distance,
             weight=weight[:, None] * distance,
             load=torch.from_numpy(of.load),
             left=torch.from_numpy(of.left),
@@ -157,7 +170,7 @@ class ContactLoadsProbe:
     ) -> None:
         self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
-        self._patch_probe = ContactProbe(body, collider)
+        self._affine_part = affine_part(body.handles)
         self._points = PointTensors.of(self.loads.points, torch.zeros((), dtype=torch.float64))
         self._areas = torch.from_numpy(mechanics.compliance.areas)
         self._last: tuple[Array, RigidPose, ContactLoads | None] | None = None
@@ -177,7 +190,7 @@ class ContactLoadsProbe:
 
     def collider_rows(self, rows: Array, pose: RigidPose) -> Array:
         """T^-1 q (n_rows, dim)."""
-        return self._patch_probe.collider_rows(rows, pose)
+        return collider_rows(rows, self._affine_part, pose)
 
     def _measure(self, rows: Array, pose: RigidPose, turn: Array) -> ContactLoads | None:
         probe = self.loads
@@ -202,7 +215,6 @@ class ContactLoadsProbe:
         )
         internal = None if probe.internal is None else probe.internal.derivative(turn, index)
         return ContactLoads(
-            patch=self._patch_probe.measure(rows, pose),
             index=index,
             state=state,
             load=torch.from_numpy(load),

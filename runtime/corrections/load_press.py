@@ -73,8 +73,8 @@ class LoadMotion:
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """positions: x (n_loads, dim) [m] of all loads; around: those within the band around the collider; index: (m,) those
-    of them that could bear pressure; for these the problem and its solution. rows, pose: of the state."""
+    """rows, pose: of the state; positions: x (n_loads, dim) [m] of all loads; around: those within the band around the
+    collider; index: (m,) those of them that could bear pressure; for these the problem and its solution."""
 
     rows: Array
     pose: RigidPose
@@ -256,7 +256,9 @@ class LoadProbe:
             PosedDistance(self.collider, pose),
         )
         start = None if near is None else near.predict(rows, pose, index)
-        return LoadPress(rows.copy(), pose, x, around, index, problem, problem.solve(start), self.motion(index, turn))
+        return LoadPress(
+            rows.copy(), pose, x, around, index, problem, problem.solve(start), self.motion(index, turn)
+        )
 
     def among(self, index: IntArray, loads: IntArray) -> Array:
         """G (len(index), dim, len(loads), dim) [m/N] at the loads `index` by forces on others."""
