@@ -1,6 +1,7 @@
 """What makes a contact correction accurate? Variants trained on one truth file, with the same split and seed.
 
-    python benchmarks/ablation.py examples/jelly3d_small.toml [--out RUN] [--steps 2500] [--only NAME ...]
+    python benchmarks/ablation.py examples/jelly3d_small.toml [--out RUN] [--steps 2500]
+        [--field-steps 8500] [--only NAME ...]
 
 Needs the truth file of the run (`softprint generate`). Prints a table in Markdown: the error on the held-out
 states, sqrt(sum |u_pred - u|^2 / sum |u|^2) over volume and samples, its square, the worst sample, and the
@@ -26,7 +27,8 @@ from surrogate.train import train
 
 # Name in the table, and the [[training.models]] table it stands for.
 VARIANTS: dict[str, ModelSpec] = {
-    "thesis5": ModelSpec(name="x", form="field", hidden=(250, 250), activation="tanh"),
+    "thesis5": ModelSpec(name="x", form="field", hidden=(250, 250), activation="tanh", fade_depth=2e-3),
+    "thesis5, fade over 0.5 mm": ModelSpec(name="x", form="field", hidden=(250, 250), activation="tanh"),
     "thesis5, displacement per depth": ModelSpec(
         name="x", form="field", hidden=(250, 250), activation="tanh", fade="proportional"
     ),
@@ -81,20 +83,23 @@ def main() -> None:
     )
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="run directory with truth.h5 (default: runs/NAME)")
-    parser.add_argument("--steps", type=int, default=2500, help="optimiser steps of each variant")
+    parser.add_argument("--steps", type=int, default=2500, help="optimiser steps of each variant of loads")
+    parser.add_argument("--field-steps", type=int, default=8500, help="and of each field (smaller steps)")
     parser.add_argument("--only", nargs="+", choices=list(VARIANTS), help="these variants alone")
     options = parser.parse_args()
-    override = (f"training.steps={options.steps}",)
-    context = Context(experiment_path=options.experiment, overrides=override, out=options.out, quiet=True)
+    overrides = (f"training.steps={options.steps}", f"training.field.steps={options.field_steps}")
+    context = Context(experiment_path=options.experiment, overrides=overrides, out=options.out, quiet=True)
     experiment = context.experiment
     body = body_of_run(context)
     collider = build_collider(experiment.collider(experiment.training.collider), experiment.base_dir)
-    settings = training_settings(experiment.training, experiment.seed)
+    settings = {
+        form: training_settings(experiment.training, form, experiment.seed) for form in ("loads", "field")
+    }
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         lessons = Lessons(truth, body, collider, experiment.training, context)
         print(
             f"{len(lessons.split.train)} samples to learn from, {len(lessons.held_out)} of held-out states, "
-            f"{settings.steps} steps of {settings.batch}; label-noise floor {truth.noise_floor:.2%}\n"
+            f"label-noise floor {truth.noise_floor:.2%}\n"
         )
         print("| variant | held-out error | squared | worst sample | parameters | seconds |")
         print("| --- | --- | --- | --- | --- | --- |")
@@ -104,7 +109,7 @@ def main() -> None:
             if spec.form == "field":
                 task = lessons.field_task(spec)
                 started = time.perf_counter()
-                result = train(task, settings)
+                result = train(task, settings["field"])
                 parameters = sum(p.numel() for p in result.model.parameters())
                 print(Row(name, result.held_out, parameters, time.perf_counter() - started), flush=True)
             else:
@@ -112,7 +117,7 @@ def main() -> None:
                 if name == "loads (ours)":
                     print(Row(UNTRAINED, loads.held_out_error(loads.fresh_model(0)), 0, 0.0), flush=True)
                 started = time.perf_counter()
-                trained = train(loads, settings)
+                trained = train(loads, settings["loads"])
                 parameters = sum(p.numel() for p in trained.model.parameters())
                 print(Row(name, trained.held_out, parameters, time.perf_counter() - started), flush=True)
 
