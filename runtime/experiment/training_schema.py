@@ -46,7 +46,7 @@ class ModelSpec(Section):
 class FieldTrainingSpec(Section):
     """`[training.field]`: how models of form field are trained; they need smaller and far more steps than loads."""
 
-    steps: Count = Field(10000, description="optimiser steps for each model")
+    steps: Count = Field(8500, description="optimiser steps for each model")
     batch: Count = Field(64, description="pools of points of one optimiser step")
     learning_rate: Positive = Field(5e-3, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(0.0, description="decoupled weight decay (AdamW)")
