@@ -1,18 +1,21 @@
 """What makes a contact correction accurate? Variants trained on one truth file, with the same split and seed.
 
     python benchmarks/ablation.py examples/jelly3d_small.toml [--out RUN] [--steps 2500]
-        [--field-steps 8500] [--only NAME ...]
+        [--field-steps 8500] [--only NAME ...] [--write]
 
 Needs the truth file of the run (`softprint generate`). Prints a table in Markdown: the error on the held-out
 states, sqrt(sum |u_pred - u|^2 / sum |u|^2) over volume and samples, its square, the worst sample, and the
 time to train. 100 % is no correction at all. Fields are judged in the world, loads in rest coordinates,
-which differ by the stretch of the states.
+which differ by the stretch of the states. With --write the table also goes to RUN/ablation.json, which
+`softprint report` shows.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,10 +23,12 @@ from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.experiment.training_schema import ModelSpec
+from runtime.files import atomic_path
 from runtime.truth_file import load_truth
 from surrogate.losses import FieldError
 from surrogate.run_training import Lessons, training_settings
-from surrogate.train import train
+from surrogate.tasks import LearningTask, ModelT
+from surrogate.train import TrainingSettings, train
 
 # Name in the table, and the [[training.models]] table it stands for.
 VARIANTS: dict[str, ModelSpec] = {
@@ -54,9 +59,10 @@ VARIANTS: dict[str, ModelSpec] = {
     "loads, softplus": ModelSpec(name="x", activation="softplus"),
     "loads, 2 x 48 neurons": ModelSpec(name="x", hidden=(48, 48)),
     "loads, 2 x 192 neurons": ModelSpec(name="x", hidden=(192, 192)),
-    "loads, at most 500": ModelSpec(name="x", loads=500),
+    "loads, at most 500 of them": ModelSpec(name="x", loads=500),
+    "loads, on a body that does not settle inside": ModelSpec(name="x", internal=False),
 }
-UNTRAINED = "loads, nothing learned (linear compliance)"
+UNTRAINED = "loads, nothing learned (linear elasticity)"
 
 
 @dataclass(frozen=True)
@@ -75,6 +81,41 @@ class Row:
             f"{self.parameters:,} | {self.seconds:.0f} |"
         )
 
+    def record(self) -> dict[str, str | float]:
+        """The line for ablation.json; the report shows columns that are named errors in percent."""
+        error = self.error
+        return {
+            "variant": self.name,
+            "held_out_error": error.rms,
+            "squared_error": error.squared,
+            "worst_sample_error": error.worst,
+            "parameters": self.parameters,
+            "seconds": round(self.seconds, 1),
+        }
+
+
+def rows(lessons: Lessons, context: Context, names: Sequence[str]) -> Iterator[Row]:
+    """Train the variants of these names, one after the other."""
+    experiment = context.experiment
+    for name in names:
+        spec = VARIANTS[name]
+        settings = training_settings(experiment.training, spec.form, experiment.seed)
+        if spec.form == "field":
+            yield trained(name, lessons.field_task(spec), settings)
+            continue
+        loads = lessons.load_task(spec, experiment.contact.stiffness)
+        if name == "loads (ours)":
+            yield Row(UNTRAINED, loads.held_out_error(loads.fresh_model(0)), 0, 0.0)
+        yield trained(name, loads, settings)
+
+
+def trained(name: str, task: LearningTask[ModelT], settings: TrainingSettings) -> Row:
+    """Train one variant."""
+    started = time.perf_counter()
+    result = train(task, settings)
+    parameters = sum(p.numel() for p in result.model.parameters())
+    return Row(name, result.held_out, parameters, time.perf_counter() - started)
+
 
 def main() -> None:
     """Train every variant and print its line."""
@@ -86,15 +127,13 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=2500, help="optimiser steps of each variant of loads")
     parser.add_argument("--field-steps", type=int, default=8500, help="and of each field (smaller steps)")
     parser.add_argument("--only", nargs="+", choices=list(VARIANTS), help="these variants alone")
+    parser.add_argument("--write", action="store_true", help="keep the table for the report (ablation.json)")
     options = parser.parse_args()
     overrides = (f"training.steps={options.steps}", f"training.field.steps={options.field_steps}")
     context = Context(experiment_path=options.experiment, overrides=overrides, out=options.out, quiet=True)
     experiment = context.experiment
     body = body_of_run(context)
     collider = build_collider(experiment.collider(experiment.training.collider), experiment.base_dir)
-    settings = {
-        form: training_settings(experiment.training, form, experiment.seed) for form in ("loads", "field")
-    }
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         lessons = Lessons(truth, body, collider, experiment.training, context)
         print(
@@ -103,23 +142,13 @@ def main() -> None:
         )
         print("| variant | held-out error | squared | worst sample | parameters | seconds |")
         print("| --- | --- | --- | --- | --- | --- |")
-        for name, spec in VARIANTS.items():
-            if options.only and name not in options.only:
-                continue
-            if spec.form == "field":
-                task = lessons.field_task(spec)
-                started = time.perf_counter()
-                result = train(task, settings["field"])
-                parameters = sum(p.numel() for p in result.model.parameters())
-                print(Row(name, result.held_out, parameters, time.perf_counter() - started), flush=True)
-            else:
-                loads = lessons.load_task(spec, experiment.contact.stiffness)
-                if name == "loads (ours)":
-                    print(Row(UNTRAINED, loads.held_out_error(loads.fresh_model(0)), 0, 0.0), flush=True)
-                started = time.perf_counter()
-                trained = train(loads, settings["loads"])
-                parameters = sum(p.numel() for p in trained.model.parameters())
-                print(Row(name, trained.held_out, parameters, time.perf_counter() - started), flush=True)
+        records = []
+        for row in rows(lessons, context, [name for name in VARIANTS if name in (options.only or VARIANTS)]):
+            print(row, flush=True)
+            records.append(row.record())
+            if options.write:  # after every line: a long table that is stopped leaves what it has
+                with atomic_path(context.out_dir / "ablation.json") as path:
+                    path.write_text(json.dumps({"rows": records}, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

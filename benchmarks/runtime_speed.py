@@ -21,7 +21,6 @@ from runtime.body import ReducedBody
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
-from runtime.corrections.compliance import compute_compliance
 from runtime.corrections.contact_centric import ContactCentric
 from runtime.corrections.correction import Correction
 from runtime.corrections.correction_file import load_correction
@@ -29,6 +28,7 @@ from runtime.corrections.elastic_contact import ElasticContact
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.model import ContactModel
 from runtime.corrections.options import load_model_options, model_options
+from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.dynamics.model import ReducedModel, bare_model, build_model, correction_path
 from runtime.dynamics.scene import scene_parts, scene_simulator, scene_steps
 from runtime.dynamics.speed import machine, measure, speed_table, with_iterations
@@ -42,8 +42,9 @@ def stand_in(spec: ModelSpec, body: ReducedBody, experiment: Experiment) -> Corr
     collider = build_collider(experiment.collider(experiment.training.collider), experiment.base_dir)
     torch.manual_seed(0)
     if spec.form == "loads":
+        mechanics = compute_rest_mechanics(body, spec.loads, spec.internal, experiment.dynamics.gravity)
         loads = LoadModel(load_model_options(spec, experiment.contact.stiffness), body.dim, body.n_rows)
-        return ElasticContact(spec.name, loads, body, collider, compute_compliance(body, spec.loads))
+        return ElasticContact(spec.name, loads, body, collider, mechanics)
     model = ContactModel(model_options(spec), body.dim, body.n_rows)
     model.output_scale.fill_(DISPLACEMENT)
     return ContactCentric(spec.name, model, body, collider)
@@ -78,7 +79,9 @@ def main() -> None:
         trained = path.is_file()
         correction = load_correction(path, body, collider) if trained else stand_in(spec, body, experiment)
         name = spec.name if trained else f"{spec.name}*"
-        models[name] = ReducedModel(scene_simulator(body, parts, [correction]), parts.held)
+        models[name] = ReducedModel(
+            scene_simulator(body, parts, [correction], correction.internal), parts.held
+        )
     speeds = [
         measure(name, model, scene_steps(experiment, scene), options.steps) for name, model in models.items()
     ]

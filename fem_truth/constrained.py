@@ -1,9 +1,10 @@
 """Full-space equilibria that have a given reduced state (thesis 5.3.3): the ground truth of contact
 displacements.
 
-    x = argmin W_elastic(x) + W_gravity(x) + W_contact(x)   subject to   U^T (x - U q) = 0,
+    x = argmin W_elastic(x) + W_gravity(x) + W_contact(x)   subject to   C^T (x - U q) = 0,
 
-the nodes of rigid frames sitting at (U q)_i. The unknowns live in the null space of U on the free nodes.
+C the columns of U that belong to point handles (`ReducedBody.constraint_basis`), the nodes of rigid frames sitting at
+(U q)_i. The unknowns live in the null space of C on the free nodes.
 """
 
 from __future__ import annotations
@@ -136,7 +137,7 @@ class ConstrainedProblem:
     ) -> None:
         self.elasticity, self.contact, self.body = elasticity, contact, body
         mesh = body.mesh
-        self.null_space = NullSpace(body.basis, body.handles.frame_nodes)
+        self.null_space = NullSpace(body.constraint_basis, body.handles.frame_nodes)
         self.terms: tuple[Potential, ...] = ()
         if gravity is not None and np.any(gravity):
             self.terms = (Gravity(body.node_mass, np.asarray(gravity, dtype=float), mesh.points),)
@@ -147,7 +148,7 @@ class ConstrainedProblem:
         return reduced + self.null_space.project(x - reduced)
 
     def violation(self, rows: Array, x: Array) -> float:
-        """How far x is from the constraint [m]: the largest component in an orthonormal basis of U."""
+        """How far x is from the constraint [m]: the largest component in an orthonormal basis of C."""
         return self.null_space.violation(x - self.body.reduced_positions(rows))
 
     def internal_equilibrium(

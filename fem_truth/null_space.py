@@ -1,4 +1,4 @@
-"""The null space of the reduced basis: displacements that leave the reduced state as it is (thesis 5.3.3).
+"""The null space of columns U of the reduced basis: displacements that leave the reduced state as it is (thesis 5.3.3).
 
     P = I - U_f (U_f^T U_f)^-1 U_f^T   on the free nodes f, the same for each coordinate;  P = 0 on the fixed
     nodes.

@@ -2,12 +2,13 @@
 
 They hold the weights, the best weights so far, Adam's moments and the curves. Batches are drawn from (seed,
 step), so no state of a random generator needs keeping: a run that was killed and resumed equals one that was
-not.
+not. A digest tells whether anything was altered: safetensors itself keeps no checksum.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +18,9 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
+from runtime.files import atomic_path, content_hash
 
-KIND, VERSION = "training_checkpoint", 1
+KIND, VERSION = "training_checkpoint", 2
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         "history": json.dumps(checkpoint.history),
     }
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.tensors.items()}
+    header["digest"] = _digest(header, tensors)
     with atomic_path(path) as temporary:
         save_file(tensors, temporary, metadata=header)
 
@@ -61,7 +63,16 @@ def load_checkpoint(path: Path) -> Checkpoint:
         raise SoftprintError(
             f"{path}: not a training checkpoint of version {VERSION}: remove it and train again"
         )
+    recorded = header.pop("digest", "")
+    if recorded != _digest(header, tensors):
+        raise SoftprintError(
+            f"{path}: the checkpoint was altered or damaged (its digest does not match): remove it and train again"
+        )
     return Checkpoint(header["fingerprint"], int(header["step"]), json.loads(header["history"]), tensors)
+
+
+def _digest(header: Mapping[str, str], tensors: Mapping[str, Tensor]) -> str:
+    return content_hash({**header, **{f"tensor {name}": tensor.numpy() for name, tensor in tensors.items()}})
 
 
 def pack(

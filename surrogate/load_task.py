@@ -1,4 +1,4 @@
-"""Learning contact loads. The loss over the whole volume is exact, and needs only the few loads in contact.
+"""Learning contact loads. The loss over the whole volume needs only the few loads in contact.
 
 The field of a load model is linear in its loads phi. Pulled back to rest coordinates, with w = F^-1 u of the
 truth,
@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
@@ -29,8 +28,9 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.corrections.compliance import Compliance
-from runtime.corrections.contact_loads import LoadProbe
+from runtime.corrections.contact_loads import ContactLoadsProbe
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
+from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData
 from surrogate.losses import FieldError
@@ -40,7 +40,7 @@ from surrogate.tasks import seeded, some_samples
 @dataclass(frozen=True, eq=False)
 class LoadData:
     """Samples, padded to the largest number m of loads. local: (s, m, n_local); shared: (s, n_shared); load:
-    (s, m, dim); lever: (s, m, dim, dim) without the traction scale; index: (s, m) into the loads of the body;
+    (s, m, dim); lever: (s, m, dim, dim); index: (s, m) into the loads of the body;
     present: (s, m) 1 where there is a load; h: (s, m, dim) and squared: (s,), c, with the edge term;
     volume_h, volume_squared: without it."""
 
@@ -75,33 +75,28 @@ class LoadMetric:
             (ends, (np.repeat(np.arange(len(edges)), 2), edges.ravel())), shape=(len(edges), mesh.n_nodes)
         )
         laplacian = difference.T @ difference / len(edges)
-        n_loads, dim, n_nodes, _ = compliance.operator.shape
-        self.operator = compliance.operator
         self._volume, self._both = volume.tocsr(), (volume + edge_weight * laplacian).tocsr()
-        flat = compliance.operator.transpose(2, 0, 1, 3).reshape(n_nodes, -1)
-        self.volume_gamma = self._gamma(flat, self._volume, n_loads, dim)
-        self.gamma = self._gamma(flat, self._both, n_loads, dim)
+        self._columns = compliance.dense()
+        self.volume_gamma = self._gamma(self._volume)
+        self.gamma = self._gamma(self._both)
 
-    @staticmethod
-    def _gamma(flat: NDArray[np.float32], metric: sp.csr_matrix, n_loads: int, dim: int) -> Tensor:
-        n_nodes = len(flat)
-        weighted = (metric.astype(np.float32) @ flat).reshape(n_nodes, -1, dim)
-        # Node components one below the other, contiguous: strided operands would miss the fast matrix
-        # product.
-        left = np.ascontiguousarray(flat.reshape(n_nodes, -1, dim).transpose(2, 0, 1)).reshape(
-            dim * n_nodes, -1
-        )
-        right = np.ascontiguousarray(weighted.transpose(2, 0, 1)).reshape(dim * n_nodes, -1)
-        gamma = left.T @ right
-        return torch.from_numpy(
-            np.ascontiguousarray(gamma.reshape(n_loads, dim, n_loads, dim).transpose(0, 2, 1, 3))
-        )
+    def _gamma(self, metric: sp.csr_matrix) -> Tensor:
+        n_loads, dim, n_nodes, _ = self._columns.shape
+        metric = metric.astype(np.float32)
+        gamma = np.zeros((n_loads * dim, n_loads * dim), dtype=np.float32)
+        for axis in range(dim):
+            # One component of the displacement at a time, for memory; contiguous, for the fast matrix product.
+            columns = np.ascontiguousarray(self._columns[..., axis].reshape(n_loads * dim, n_nodes).T)
+            gamma += columns.T @ np.asarray(metric @ columns)
+        blocks = gamma.reshape(n_loads, dim, n_loads, dim).transpose(0, 2, 1, 3)
+        return torch.from_numpy(np.ascontiguousarray(blocks))
 
     def of_field(self, field: Array, loads: IntArray) -> tuple[Array, float, Array, float]:
         """h (m, dim) at `loads` and c, with the edge term and without, of a field w (n_nodes, dim)."""
-        rows = self.operator[loads]
+        rows = self._columns[loads].reshape(len(loads) * field.shape[1], -1)
         both, volume = self._both @ field, self._volume @ field
-        h, volume_h = (np.tensordot(rows, weighted, axes=2) for weighted in (both, volume))
+        weighted = np.stack([both.ravel(), volume.ravel()], axis=1).astype(np.float32)
+        h, volume_h = (rows @ weighted).T.reshape(2, len(loads), -1)
         return h, float(np.vdot(field, both)), volume_h, float(np.vdot(field, volume))
 
 
@@ -109,35 +104,37 @@ def load_load_data(
     truth: TruthData,
     body: ReducedBody,
     collider: Collider,
-    compliance: Compliance,
+    mechanics: RestMechanics,
     options: LoadModelOptions,
     metric: LoadMetric,
     samples: IntArray,
     progress: Callable[[int], None] | None = None,
 ) -> LoadData:
     """The given rows of a truth file. Samples in which the reduced body does not touch are dropped."""
-    probe = LoadProbe(body, collider, compliance, options.stiffness, options.band)
-    unit = LoadModel(options, body.dim, body.n_rows)  # encodes; its scales are 1
+    probe = ContactLoadsProbe(body, collider, mechanics, options.stiffness, options.band)
+    encoder = LoadModel(options, body.dim, body.n_rows)
     gradient = body.node_points().basis_gradient
+    state = -1
     columns: list[tuple[Tensor, ...]] = []
     for sample in samples:
         if progress is not None:
             progress(1)
         rows, pose = truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample))
         contact = probe.measure(rows, pose)
-        if contact is None:
+        if contact is None or contact.patch is None:
             continue
-        F = np.einsum("rb,nrj->nbj", rows, gradient)
+        if truth.sample_state[sample] != state:
+            state = truth.sample_state[sample]
+            to_rest = np.linalg.inv(rows.T @ gradient)
         u = truth.displacement(int(sample)).astype(np.float64)
-        h, squared, volume_h, volume_squared = metric.of_field(
-            np.linalg.solve(F, u[..., None])[..., 0], contact.index
-        )
+        w = (to_rest @ u[..., None])[..., 0]
+        h, squared, volume_h, volume_squared = metric.of_field(w, contact.index)
         columns.append(
             (
-                unit.local_inputs(contact),
+                encoder.local_inputs(contact),
                 contact.patch.shared.float(),
-                contact.solution.load.float(),
-                unit.lever(contact),
+                contact.load.float(),
+                encoder.lever(contact),
                 torch.from_numpy(contact.index),
                 torch.ones(len(contact.index)),
                 torch.from_numpy(h).float(),
@@ -218,7 +215,7 @@ class LoadTask:
         """Squared error and squared displacement (b,) of samples `index`."""
         m = int(data.present[index].sum(1).max())
         loads, present = data.index[index, :m], data.present[index, :m, None]
-        lever = data.lever[index, :m] * model.traction_scale
+        lever = data.lever[index, :m]
         phi = model(data.local[index, :m], data.shared[index], data.load[index, :m], lever) * present
         h, c = (data.volume_h, data.volume_squared) if volume_only else (data.h, data.squared)
         block = gamma[loads[:, :, None], loads[:, None, :]]

@@ -17,9 +17,10 @@ from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
-from runtime.corrections.compliance import Compliance, compute_compliance
+from runtime.corrections.compliance import n_columns
 from runtime.corrections.correction_file import read_header, save_correction
 from runtime.corrections.options import load_model_options, model_options
+from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mechanics
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
 from runtime.experiment.training_schema import ModelSpec, TrainingSpec
@@ -64,7 +65,7 @@ class Lessons:
         held_out = np.random.default_rng(context.seed).permutation(self.split.validation)
         self.held_out = np.sort(held_out[: spec.validation_samples])
         self._device = training_device(spec.device)
-        self._compliances: dict[int, Compliance] = {}
+        self._mechanics: dict[tuple[int, bool], RestMechanics] = {}
 
     @cached_property
     def fields(self) -> tuple[ContactDataset, ContactDataset]:
@@ -81,12 +82,14 @@ class Lessons:
             )
         return training.to(self._device), validation.to(self._device)
 
-    def compliance(self, loads: int) -> Compliance:
-        """The body's compliance for at most so many loads."""
-        if loads not in self._compliances:
-            with self._context.progress(None, "load", "compliance") as bar:
-                self._compliances[loads] = compute_compliance(self.body, loads, bar.update)
-        return self._compliances[loads]
+    def mechanics(self, spec: ModelSpec) -> RestMechanics:
+        """The body's mechanics at rest as a [[training.models]] table of form "loads" asks for them."""
+        key = (spec.loads, spec.internal)
+        if key not in self._mechanics:
+            gravity = self._context.experiment.dynamics.gravity
+            with self._context.progress(n_columns(self.body, spec.loads), "column", "compliance") as bar:
+                self._mechanics[key] = compute_rest_mechanics(self.body, *key, gravity, bar.update)
+        return self._mechanics[key]
 
     def field_task(self, spec: ModelSpec) -> FieldTask:
         """The learning task of a [[training.models]] table of form "field"."""
@@ -95,13 +98,13 @@ class Lessons:
 
     def load_task(self, spec: ModelSpec, stiffness: float) -> LoadTask:
         """The learning task of a [[training.models]] table of form "loads"; stiffness of contact [N/m^4]."""
-        options, compliance = load_model_options(spec, stiffness), self.compliance(spec.loads)
-        metric = LoadMetric(self.body, compliance, self._spec.edge_weight)
+        options, mechanics = load_model_options(spec, stiffness), self.mechanics(spec)
+        metric = LoadMetric(self.body, mechanics.compliance, self._spec.edge_weight)
         count = len(self.split.train) + len(self.held_out)
         with self._context.progress(count, "sample", "reading loads") as bar:
             training, validation = (
                 load_load_data(
-                    self.truth, self.body, self.collider, compliance, options, metric, samples, bar.update
+                    self.truth, self.body, self.collider, mechanics, options, metric, samples, bar.update
                 ).to(self._device)
                 for samples in (self.split.train, self.held_out)
             )
@@ -145,7 +148,7 @@ def _train_one(context: Context, spec: ModelSpec, lessons: Lessons) -> None:
     if spec.form == "field":
         _learn(context, spec, lessons, lessons.field_task(spec), None)
     else:
-        _learn(context, spec, lessons, lessons.load_task(spec, stiffness), lessons.compliance(spec.loads))
+        _learn(context, spec, lessons, lessons.load_task(spec, stiffness), lessons.mechanics(spec))
 
 
 def _learn(
@@ -153,7 +156,7 @@ def _learn(
     spec: ModelSpec,
     lessons: Lessons,
     task: LearningTask[ModelT],
-    compliance: Compliance | None,
+    mechanics: RestMechanics | None,
 ) -> None:
     """Train, and write the correction and its curves."""
     experiment, path, truth_hash = context.experiment, _path(context, spec.name), lessons.truth.content_hash
@@ -179,7 +182,7 @@ def _learn(
     }
     rms, collider = result.held_out.rms, lessons.collider.name
     save_correction(
-        path, spec.name, result.model.cpu(), lessons.body, collider, truth_hash, rms, training, compliance
+        path, spec.name, result.model.cpu(), lessons.body, collider, truth_hash, rms, training, mechanics
     )
     checkpoint.unlink(missing_ok=True)
     context.say(
@@ -198,6 +201,7 @@ def _recipe(experiment: Experiment, spec: ModelSpec, truth_hash: str) -> dict[st
         "truth": truth_hash,
         "model": spec.model_dump(mode="json"),
         "stiffness": experiment.contact.stiffness,
+        "gravity": list(experiment.dynamics.gravity),
         "settings": {**training, "seed": experiment.seed},
     }
 

@@ -1,7 +1,7 @@
 """How far a model's positions are from the full-space ones, in the thesis's own measure (table 5.2).
 
-For a frame of the full-space motion with positions x, the reduced state q is its projection (see
-`projection`), and a model adds a displacement u to the reduced positions U q. Per node i,
+For a frame of the full-space motion with positions x, the reduced state q is its projection
+(`ReducedBody.project`), and a model adds a displacement u to the reduced positions U q. Per node i,
 
     d_i(model) = | (U q)_i + u_i - x_i |,        d_i(bare) = | (U q)_i - x_i |,
 

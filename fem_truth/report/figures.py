@@ -191,4 +191,7 @@ def _histogram(axes: Axes, title: str, values: Array) -> None:
         edges = np.arange(finite.min() - 0.5, finite.max() + 1.5)
     else:
         edges = np.histogram_bin_edges(finite, bins=32)
+    if axes.get_xscale() == "linear":  # few ticks, small numbers with a power of ten: labels must not touch
+        axes.xaxis.set_major_locator(matplotlib.ticker.MaxNLocator(4))
+        axes.ticklabel_format(axis="x", style="sci", scilimits=(-2, 4), useMathText=True)
     axes.hist(finite, bins=list(edges), color=INK, alpha=0.6, linewidth=0)

@@ -66,7 +66,8 @@ def _displacement(summary: Mapping[str, Any], model: str, styles: Mapping[str, M
             notes.append(f"{styles[name].label}: {_percent(other)}.")
     floor = look_up(summary, "truth/noise_floor")
     if floor is not None:
-        notes.append(f"Label-noise floor: {_percent(floor)}.")
+        tail = look_up(summary, "truth/noise_90")
+        notes.append(f"Label-noise floor: {_percent(floor)}, 90th percentile {_percent(tail)}.")
     return Card(value, "percent", "error of the contact displacement itself", " ".join(notes))
 
 

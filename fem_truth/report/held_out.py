@@ -1,6 +1,8 @@
 """Drives models and solvers through the held-out motion, frame by frame, and collects what `comparison`
 measures."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,13 +14,13 @@ from fem_truth.report.comparison import (
     measure_frame,
     pool,
 )
-from fem_truth.report.projection import Projection
 from fem_truth.report.solves import FrameSolves
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.correction import BoundCorrection
+from runtime.corrections.correction import BoundCorrection, Correction
+from runtime.corrections.internal_response import InternalResponse
 
 #: The answers of the full-space solvers, beside the bare subspace and the corrections.
 SOLVED = ("linear_response", "truth", "statics")
@@ -38,6 +40,29 @@ class HeldOutMotion:
         return len(self.times)
 
 
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """A correction at all nodes of the body: the contact displacement that it learned, and the internal response that
+    it comes with, if any."""
+
+    bound: BoundCorrection
+    internal: InternalResponse | None
+
+    @classmethod
+    def of(cls, correction: Correction, body: ReducedBody) -> Corrected:
+        return cls(correction.bind(body.node_points()), correction.internal)
+
+    def contact(self, rows: Array, pose: RigidPose) -> Array:
+        """(n_nodes, dim) [m] displacement by contact."""
+        return self.bound.displacement(rows, pose)
+
+    def internal_displacement(self, rows: Array) -> Array:
+        """(n_nodes, dim) [m] without contact; zero where the correction has no internal response."""
+        if self.internal is None:
+            return np.zeros((), dtype=np.float64)
+        return self.internal.displacement(rows, self.internal.turn(rows))
+
+
 class Comparer:
     """Puts every model into the same frame: the projected reduced state, and the collider where it was."""
 
@@ -46,23 +71,22 @@ class Comparer:
         body: ReducedBody,
         collider: Collider,
         motion: HeldOutMotion,
-        corrections: Mapping[str, BoundCorrection],
+        corrections: Mapping[str, Corrected],
     ) -> None:
         self.body, self.collider, self.motion, self.corrections = body, collider, motion, corrections
         self._surface = body.mesh.surface_nodes
-        self._projection = Projection(body)
 
     def depth(self, positions: Array, pose: RigidPose) -> Array:
         """(n_surface,) penetration of the surface nodes [m]."""
         return np.maximum(0.0, -self.collider.sdf(pose.apply_inverse(positions[self._surface])))
 
     def rows(self, frame: int) -> Array:
-        """The reduced state of a frame; see `projection`."""
-        return self._projection.rows(self.motion.positions(frame))
+        """The reduced state of a frame, `ReducedBody.project`."""
+        return self.body.project(self.motion.positions(frame))
 
     def reduced(self, frame: int) -> Array:
         """The positions of the bare subspace in a frame."""
-        return self._projection.reduced(self.rows(frame), self.motion.positions(frame))
+        return self.body.reduced_positions(self.rows(frame))
 
     def contact_frames(self) -> tuple[IntArray, Array]:
         """The frames in which the full-space body touches the collider, and in each of them how deep the
@@ -83,7 +107,7 @@ class Comparer:
         reduced = self.reduced(frame)
         result = {"full": self.motion.positions(frame), "bare": reduced}
         for name, correction in self.corrections.items():
-            result[name] = reduced + correction.displacement(rows, pose)
+            result[name] = reduced + correction.internal_displacement(rows) + correction.contact(rows, pose)
         if solves is not None:
             result["linear_response"] = reduced + solves.linear
             result["truth"] = reduced + solves.exact
@@ -161,7 +185,7 @@ def compare(
 
 def _displacements(comparer: Comparer, frame: int, solves: FrameSolves) -> dict[str, Array]:
     rows, pose = comparer.rows(frame), comparer.motion.poses[frame]
-    learned = {name: bound.displacement(rows, pose) for name, bound in comparer.corrections.items()}
+    learned = {name: corrected.contact(rows, pose) for name, corrected in comparer.corrections.items()}
     return {"bare": np.zeros_like(solves.exact), "linear_response": solves.linear, **learned}
 
 

@@ -42,12 +42,13 @@ class Learning:
 
     def _held_out(self, name: str) -> dict[str, Any]:
         header, curves = self.headers[name], self.curves.get(name, {})
+        held_out = curves.get("held_out", {})
         return {
             "rms": header.held_out_rms,
             "squared": header.held_out_rms**2,
-            "worst": curves.get("held_out_worst"),
-            "samples": curves.get("samples"),
-            "validation_samples": curves.get("validation_samples"),
+            "worst": held_out.get("worst"),
+            "samples": header.training.get("samples"),
+            "validation_samples": held_out.get("samples"),
             "seconds": header.training.get("seconds"),
         }
 
@@ -91,13 +92,33 @@ def load_learning(corrections: Mapping[str, Path], folder: Path) -> Learning:
     ablation = folder / "ablation.json"
     return Learning(
         headers={name: read_header(path) for name, path in corrections.items()},
-        curves={name: read_json(path) for name, path in curves.items() if path.is_file()},
+        curves={name: read_curves(path) for name, path in curves.items() if path.is_file()},
         ablation=read_table(ablation) if ablation.is_file() else None,
         benchmarks=[
             {"name": path.stem.replace("_", " "), **read_table(path)}
             for path in sorted(folder.glob("bench*.json"))
         ],
     )
+
+
+def read_curves(path: Path) -> dict[str, Any]:
+    """What training wrote beside a correction: an object with `history`, a list of records of numbers with
+    the same keys."""
+    content = read_json(path)
+    history = content.get("history") if isinstance(content, dict) else None
+    if not (
+        isinstance(history, list)
+        and all(
+            isinstance(record, dict) and {"step", "loss", "validation_rms"} <= {*record} for record in history
+        )
+        and all(isinstance(value, int | float) for record in history for value in record.values())
+        and all(record.keys() == history[0].keys() for record in history)
+        and isinstance(content.get("held_out", {}), dict)
+    ):
+        raise SoftprintError(
+            f"{path}: not the curves of a training: train the model again, or remove the file"
+        )
+    return dict(content)
 
 
 def read_table(path: Path) -> dict[str, Any]:

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fem_truth.constrained import ConstrainedProblem
 from fem_truth.full_space_elasticity import FullSpaceElasticity
 from fem_truth.report.assemble import JudgedScene, Material, assemble
 from fem_truth.report.comparison import evenly_spaced
 from fem_truth.report.headline import Card, console_lines
-from fem_truth.report.held_out import Comparer, HeldOutMotion, compare
+from fem_truth.report.held_out import Comparer, Corrected, HeldOutMotion, compare
 from fem_truth.report.learning import load_learning
 from fem_truth.report.page import render_page
 from fem_truth.report.picture import Renderer
-from fem_truth.report.projection import FramesInPlace
 from fem_truth.report.renderings import make_renderer
 from fem_truth.report.report_json import json_text, write_text
 from fem_truth.report.run_files import FULL, RunFiles, find_run_files, load_motions, missing_notes, used_paths
@@ -28,7 +28,6 @@ from runtime.body.body import ReducedBody
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
-from runtime.corrections.correction import BoundCorrection
 from runtime.corrections.correction_file import load_correction
 from runtime.dynamics.scene import scene_parts
 from runtime.errors import SoftprintError
@@ -88,12 +87,12 @@ def _judge(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpe
     motion = HeldOutMotion(
         full.times, full.colliders[collider.name].poses, lru_cache(maxsize=4)(full.positions)
     )
-    comparer = Comparer(body, collider, motion, _bound_corrections(files, body, collider))
+    comparer = Comparer(body, collider, motion, _corrections(files, body, collider))
     contact, press = comparer.contact_frames()
     if not len(contact):
         return JudgedScene(scene.name, comparer, None, motions)
 
-    problem = FramesInPlace(
+    problem = ConstrainedProblem(
         FullSpaceElasticity(body),
         np.array(experiment.dynamics.gravity),
         PenaltyContact(experiment.contact.stiffness),
@@ -133,11 +132,11 @@ def _collider(experiment: Experiment, scene: SceneSpec) -> Collider:
     return placed[0].collider
 
 
-def _bound_corrections(files: RunFiles, body: ReducedBody, collider: Collider) -> dict[str, BoundCorrection]:
-    """Every correction of the run directory at all nodes of the body."""
-    points = body.node_points()
+def _corrections(files: RunFiles, body: ReducedBody, collider: Collider) -> dict[str, Corrected]:
+    """Every correction of the run directory."""
     return {
-        name: load_correction(path, body, collider).bind(points) for name, path in files.corrections.items()
+        name: Corrected.of(load_correction(path, body, collider), body)
+        for name, path in files.corrections.items()
     }
 
 

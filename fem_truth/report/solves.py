@@ -14,8 +14,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from fem_truth.constrained import Solution
-from fem_truth.report.projection import FramesInPlace
+from fem_truth.constrained import ConstrainedProblem, Solution
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
@@ -23,7 +22,7 @@ from runtime.files import atomic_path, content_hash
 
 log = logging.getLogger(__name__)
 
-_VERSION = "frame solves 2"  # raise it when the meaning of what is kept changes
+_VERSION = "frame solves 3"  # raise it when the meaning of what is kept changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +41,7 @@ class FrameSolves:
 
 
 def solve_frame(
-    problem: FramesInPlace, rows: Array, reduced: Array, full: Array, collider: Collider, pose: RigidPose
+    problem: ConstrainedProblem, rows: Array, reduced: Array, full: Array, collider: Collider, pose: RigidPose
 ) -> FrameSolves:
     """Solve at the reduced state rows (n_rows, dim) of a frame with reduced positions and full positions
     (n_nodes, dim)."""
@@ -87,7 +86,8 @@ class SolveStore:
                     seconds=float(kept["seconds"]),
                     problem=str(kept["problem"]),
                 )
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
+        # RuntimeError: where damage makes the archive look encrypted or of a kind that zipfile does not know.
+        except (OSError, ValueError, KeyError, BadZipFile, RuntimeError) as error:
             log.warning("%s: not readable (%s); the frame is solved again", path, error)
             return None
 

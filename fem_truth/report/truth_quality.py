@@ -34,6 +34,7 @@ def truth_summary(truth: TruthData) -> dict[str, Any]:
         "repeats": len(truth.repeat),
         "noise_floor": float(np.median(spread)) if len(spread) else None,
         "noise_90": float(np.quantile(spread, 0.9)) if len(spread) else None,
+        "noise_worst": float(spread.max()) if len(spread) else None,
         "seconds": seconds,
         "seconds_per_sample": seconds / max(1, len(samples)),
     }

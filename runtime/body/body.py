@@ -85,17 +85,40 @@ class ReducedBody:
         """(n_nodes, dim) x = U rows [m]."""
         return self.basis @ rows
 
+    @property
+    def constraint_basis(self) -> Array:
+        """C (n_nodes, n_points): the columns of U that a displacement beyond the reduced state must not feel,
+        C^T (x - U rows) = 0 on the nodes outside rigid frames.
+
+        The thesis (5.3.3) takes all columns of U. But those of a frame are affine modes, of which a rigid frame follows
+        the rigid motions only: kept out of all of them, a body could not strain along the others at all. With the
+        columns of point handles, U rows + u is any deformation of the body, and each of them once.
+        """
+        return self.basis[:, : self.handles.n_points]
+
+    @cached_property
+    def _free(self) -> IntArray:
+        return np.setdiff1d(np.arange(self.n_nodes), self.handles.frame_nodes)
+
     @cached_property
     def _gram(self) -> tuple[Array, bool]:
-        return cho_factor(self.basis.T @ self.basis)
+        free = self.constraint_basis[self._free]
+        return cho_factor(free.T @ free)
 
     def project(self, positions: Array) -> Array:
-        """Rows whose reduced positions are nearest to positions (n_nodes, dim), node by node (thesis 4.3.2).
-
-        So U^T (x - U rows) = 0: positions and rows belong to the same reduced state. Frames come out affine;
-        :meth:`Handles.rigid` makes them rigid.
-        """
-        return cho_solve(self._gram, self.basis.T @ positions)
+        """The reduced state of positions (n_nodes, dim) (thesis 4.3.2): frames where their nodes are, made rigid, and
+        points such that C^T (x - U rows) = 0 on the other nodes, see :attr:`constraint_basis`."""
+        rows = np.zeros((self.n_rows, self.dim))
+        for frame in self.handles.frames:
+            rest = np.column_stack([self.mesh.points[frame.nodes], np.ones(len(frame.nodes))])
+            rows[self.handles.rows_of(frame.name)] = np.linalg.lstsq(
+                rest, positions[frame.nodes], rcond=None
+            )[0]
+        rows = self.handles.rigid(rows)
+        if self.handles.n_points:
+            left = (positions - self.reduced_positions(rows))[self._free]
+            rows[: self.handles.n_points] = cho_solve(self._gram, self.constraint_basis[self._free].T @ left)
+        return rows
 
     @cached_property
     def nodes_as_points(self) -> MaterialPoints:

@@ -23,25 +23,14 @@ from runtime.colliders.collider import SdfDerivatives
 CHUNK = 2048
 
 
-def _basis(f: Array) -> Array:
-    """The four polynomials (4, ...) at fractions f (...)."""
+def _polynomials(f: Array) -> Array:
+    """The four polynomials at fractions f (dim, n) and their first two derivatives: (3, 4, dim, n)."""
     g = 1.0 - f
-    return np.stack([g**3 / 6, (3 * f - 6) * f**2 / 6 + 2 / 3, (3 * g - 6) * g**2 / 6 + 2 / 3, f**3 / 6])
-
-
-def _basis_derivatives(f: Array) -> tuple[Array, Array, Array]:
-    """The four polynomials and their first two derivatives: three arrays (4, ...)."""
-    g = 1.0 - f
-    first = np.stack([-(g**2) / 2, (1.5 * f - 2) * f, (2 - 1.5 * g) * g, f**2 / 2])
-    return _basis(f), first, np.stack([g, 3 * f - 2, 3 * g - 2, f])
-
-
-def _contract(c: Array, weights: Array) -> Array:
-    """Sum the last stencil axis of c (..., 4, n) with weights (4, n)."""
-    total: Array = c[..., 0, :] * weights[0]
-    for i in (1, 2, 3):
-        total += c[..., i, :] * weights[i]
-    return total
+    ff, gg = f * f, g * g
+    values = [g * gg / 6, (0.5 * f - 1) * ff + 2 / 3, (0.5 * g - 1) * gg + 2 / 3, f * ff / 6]
+    first = [-0.5 * gg, (1.5 * f - 2) * f, (2 - 1.5 * g) * g, 0.5 * ff]
+    second = [g, 3 * f - 2, 3 * g - 2, f]
+    return np.stack(values + first + second).reshape(3, 4, *f.shape)
 
 
 class SplineGrid:
@@ -80,8 +69,9 @@ class SplineGrid:
         for start in range(0, len(z), CHUNK):
             chunk = slice(start, start + CHUNK)
             c, fractions = self._gather(z[chunk])
-            for f in fractions[::-1]:
-                c = _contract(c, _basis(f))
+            basis = _polynomials(fractions)[0]
+            for axis in reversed(range(self.dim)):
+                c = (c * basis[:, axis]).sum(axis=-2)
             result[chunk] = c
         return result
 
@@ -95,15 +85,13 @@ class SplineGrid:
 
     def _fill(self, z: Array, out: SdfDerivatives) -> None:
         c, fractions = self._gather(z)
-        # Contract the axes from the last to the first; keep every mixed derivative of total order <= 2.
-        partial: dict[tuple[int, ...], Array] = {(): c}
-        for f in fractions[::-1]:
-            basis = _basis_derivatives(f)
-            partial = {
-                (order, *orders): _contract(array, basis[order])
-                for orders, array in partial.items()
-                for order in range(3 - sum(orders))
-            }
+        basis = _polynomials(fractions)
+        # Sum the stencil axes from the last to the first, each into a front axis for the order of its derivative.
+        # Orders above two come along unused: cheaper than picking them out, for the few points that contact asks for.
+        partial = c
+        for axis in reversed(range(self.dim)):
+            weights = basis[:, :, axis].reshape(3, *(1,) * (partial.ndim - 2), 4, -1)
+            partial = (partial * weights).sum(axis=-2)
         unit = np.eye(self.dim, dtype=int)
         out.value[:] = partial[(0,) * self.dim]
         for i in range(self.dim):

@@ -1,8 +1,7 @@
-"""The forces of a contact as far as mechanics alone gives them: the state that a load model corrects.
+"""What a load model is told of a contact: the patch, the loads near the collider, and what mechanics makes of them.
 
-For a reduced state and a pose: the contact patch, the loads near the collider, and the solution of the small
-problem of `load_solve.py` for them. The last answer is kept, because dynamics asks for the same state at
-several sets of points.
+More loads than bear pressure take part, all within a band around the collider, so that what is learned can push where
+the linear body is not pushed. The last answer is kept, because the same state is asked for at several sets of points.
 """
 
 from __future__ import annotations
@@ -16,44 +15,42 @@ from torch import Tensor
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
-from runtime.colliders.collider import Collider
+from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.compliance import Compliance
 from runtime.corrections.contact_patch import ContactProbe, Patch
-from runtime.corrections.load_solve import LoadProblem, LoadSolution
+from runtime.corrections.load_press import LoadMotion, LoadPress, LoadProbe
 from runtime.corrections.points import PointStates, PointTensors
+from runtime.corrections.rest_mechanics import RestMechanics
 
 
 @dataclass(frozen=True, eq=False)
 class LoadSlopes:
-    """Derivatives with respect to the R = n_rows * dim world rows, at the m active loads: of the
-    weight (m, R), the load (m, dim, R), what is left (m, R), and of the displacement v = F given in
-    collider space (m, dim, R)."""
+    """Derivatives with respect to the R = n_rows * dim world rows, at the m loads: of the weight (m, R), the load (m,
+    dim, R), what is left (m, R), and of the displacement moved (m, dim, R). point: of z beyond what the basis gives,
+    (m, dim, n_rows, dim), or None where there is no more."""
 
     weight: Tensor
     load: Tensor
     left: Tensor
     moved: Tensor
+    point: Tensor | None
 
 
 @dataclass(frozen=True, eq=False)
 class ContactLoads:
-    """index: (m,) active loads; state: of their points; weight: (m,) [m^(dim-1)], area that fades out with
-    distance; solution: of the load problem. All float64."""
+    """index: (m,) loads of the body; state: of their points; load: (m, dim) [N] in rest coordinates, moved: (m, dim)
+    [m] in collider space and left: (m,) [m], penetration left (negative: a gap), of the contact that mechanics gives.
+    patch: None where the subspace alone does not touch. All float64."""
 
-    patch: Patch
+    patch: Patch | None
     index: IntArray
     state: PointStates
-    problem: LoadProblem
-    solution: LoadSolution
+    load: Tensor
+    moved: Tensor
+    left: Tensor
     areas: Tensor
     band: float
-    rotation: Tensor
-
-    @cached_property
-    def moved(self) -> Tensor:
-        """v (m, dim) [m]: displacement of the loads by the solution, in collider space."""
-        return torch.einsum("mij,mj->mi", self.state.F, self.solution.given)
+    derivatives: LoadDerivatives
 
     @cached_property
     def _nearness(self) -> Tensor:
@@ -65,186 +62,155 @@ class ContactLoads:
         x = self._nearness
         return self.areas * x**2 / (1.0 + x**2)
 
+    @property
+    def rotation(self) -> Tensor:
+        """(dim, dim) of the collider's pose."""
+        return torch.from_numpy(self.derivatives.pose.rotation.copy())
+
     @cached_property
     def slopes(self) -> LoadSlopes:
-        """By the chain rule; see `LoadProblem.differentiate`."""
-        state, points = self.state, self.state.points
-        m = len(self.index)
-        # d(collider rows) = d(world rows) R, so that dz_b = U_r R_cb and dF_bj = dU_rj R_cb.
-        turned_slope = state.slope @ self.rotation.T
-        sdf_slope = (points.basis[:, :, None] * turned_slope[:, None, :]).reshape(m, -1)
-        bent = torch.einsum("cb,mbk,mkj->mjc", self.rotation, state.curvature, state.F)
-        normal_slope = torch.einsum("mrj,mc->mjrc", points.basis_gradient, turned_slope)
-        normal_slope = normal_slope + bent[:, :, None, :] * points.basis[:, None, :, None]
-        left, _, load, given = self.problem.differentiate(
-            self.solution, sdf_slope, normal_slope.reshape(m, -1, sdf_slope.shape[1])
+        """By the chain rule; see `load_press.py`."""
+        of, x = self.derivatives, self._nearness
+        weight = -2.0 * self.areas * x / (1.0 + x**2) ** 2 / self.band
+        distance = torch.einsum("ma,mar->mr", self.state.slope, torch.from_numpy(of.approach))
+        return LoadSlopes(
+            weight=weight[:, None] * distance,
+            load=torch.from_numpy(of.load),
+            left=torch.from_numpy(of.left),
+            moved=torch.from_numpy(of.moved),
+            point=None if of.point is None else torch.from_numpy(of.point),
         )
-        turned_given = torch.einsum("mrj,mj->mr", points.basis_gradient, self.solution.given)
-        moved = torch.einsum("cb,mr->mbrc", self.rotation, turned_given).reshape(given.shape)
-        moved = moved + state.F @ given
-        x = self._nearness
-        weight = (-2.0 / self.band * self.areas * x / (1.0 + x**2) ** 2)[:, None] * sdf_slope
-        return LoadSlopes(weight, load, left, moved)
 
 
 @dataclass(frozen=True, eq=False)
-class LoadPress:
-    """The load problem of a state, solved. index: (m,) the loads near the collider; state: of their points.
+class LoadDerivatives:
+    """What slopes are made of, worked out when they are first asked for. given: v (m, dim) [m]; bearing: (k,) which of
+    the m loads bear pressure; lever: G (m*dim, k*dim) [m/N]; displaced: signed distance where the loads have gone."""
 
-    As arrays of the m loads, in collider space where they have a frame: pressure p [N], left e [m], position z,
-    slope and curvature of the signed distance, F, given = sum_j G_ij nu_j p_j [m] in rest coordinates.
-    """
+    press: LoadPress
+    motion: LoadMotion
+    F: Array
+    given: Array
+    bearing: IntArray
+    lever: Array
+    displaced: SdfDerivatives
+    pose: RigidPose
+    internal: Array | None
 
-    index: IntArray
-    state: PointStates
-    problem: LoadProblem
-    solution: LoadSolution
+    @cached_property
+    def _load(self) -> Array:
+        return self.press.load_slope
 
     @property
-    def touching(self) -> IntArray:
-        """Which of the loads bear pressure."""
-        return np.flatnonzero(self.left > 0.0)
+    def load(self) -> Array:
+        """(m, dim, R)."""
+        m, dim = self.given.shape
+        slope = np.zeros((m, dim, self._load.shape[2]))
+        slope[self.bearing] = self._load
+        return slope
 
-    @property
-    def pressure(self) -> Array:
-        return np.asarray(self.solution.pressure.numpy())
+    @cached_property
+    def _gone(self) -> Array:
+        """dy (m, dim, R) = dx + dF v + F dv, world frame."""
+        m, dim = self.given.shape
+        dv = (self.lever @ self._load.reshape(-1, self._load.shape[2])).reshape(m, dim, -1)
+        return self.motion.carried(self.given) + self.F @ dv
 
     @property
     def left(self) -> Array:
-        return np.asarray(self.solution.left.numpy())
+        """(m, R) = -g(y) . dy."""
+        return np.asarray(-(self.displaced.gradient[:, None, :] @ self._gone)[:, 0])
 
     @property
-    def given(self) -> Array:
-        return np.asarray(self.solution.given.numpy())
+    def moved(self) -> Array:
+        """(m, dim, R), collider space."""
+        return np.asarray(self.pose.rotation.T @ (self._gone - self.motion.position))
 
     @property
-    def position(self) -> Array:
-        return np.asarray(self.state.z.numpy())
+    def approach(self) -> Array:
+        """dz (m, dim, R): of the undisplaced loads, collider space."""
+        return np.asarray(self.pose.rotation.T @ self.motion.position)
 
     @property
-    def slope(self) -> Array:
-        return np.asarray(self.state.slope.numpy())
-
-    @property
-    def curvature(self) -> Array:
-        assert self.state.curvature is not None, "PointStates.at takes it"
-        return np.asarray(self.state.curvature.numpy())
-
-    @property
-    def F(self) -> Array:
-        return np.asarray(self.state.F.numpy())
-
-    @property
-    def stiffening(self) -> Array:
-        """S = dp/de = 2 a k max(0, e) (m,) [N/m]."""
-        return np.asarray((2.0 * self.problem.stiffness * self.solution.left.clamp(min=0.0)).numpy())
-
-    @property
-    def energy(self) -> float:
-        """sum_j (a_j k / 3) max(0, e_j)^3 + 1/2 p . A p [J]; A p = -s - e."""
-        left, pressure = self.left, self.pressure
-        dent = -self.state.sdf.numpy() - left
-        return float(pressure @ (np.maximum(left, 0.0) / 3.0 + 0.5 * dent))
-
-    @cached_property
-    def coupling(self) -> Array:
-        """A (m, m) [m/N]."""
-        return np.asarray(self.problem.coupling.numpy())
-
-    def lever(self, at: IntArray) -> Array:
-        """nu_j . G_ji (k, k*dim) [m/N] between the k loads `at`: what a force on one gives way at another."""
-        nu = self.problem.normal.numpy()[at]
-        m, dim = nu.shape
-        return np.matmul(nu[:, None, :], self.compliance(at).reshape(m, dim, -1))[:, 0]
-
-    def compliance(self, at: IntArray) -> Array:
-        """G (k*dim, k*dim) [m/N] between the k loads `at`."""
-        G = self.problem.compliance.numpy()
-        dim = G.shape[1]
-        return np.asarray(G[at][:, :, at].reshape(len(at) * dim, -1))
+    def point(self) -> Array | None:
+        """The part of dz (m, dim, n_rows, dim) that is internal response."""
+        if self.internal is None:
+            return None
+        m, dim = self.given.shape
+        turned = self.pose.rotation.T @ self.internal.reshape(m, dim, -1)
+        return np.asarray(turned.reshape(self.internal.shape))
 
 
-class LoadProbe:
+class ContactLoadsProbe:
     """Measures `ContactLoads` for one body and one collider.
 
     stiffness: of the penalty contact [N/m^4]; band: [m], loads up to this far outside the collider take part.
     """
 
     def __init__(
-        self, body: ReducedBody, collider: Collider, compliance: Compliance, stiffness: float, band: float
+        self,
+        body: ReducedBody,
+        collider: Collider,
+        mechanics: RestMechanics,
+        stiffness: float,
+        band: float,
     ) -> None:
-        self.collider, self.compliance, self.band = collider, compliance, band
+        self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
+        self.collider, self._band = collider, band
         self._patch_probe = ContactProbe(body, collider)
-        points = body.node_points(compliance.nodes)
-        self._basis = points.basis
-        self._points = PointTensors.of(points, torch.zeros((), dtype=torch.float64))
-        self._areas = torch.from_numpy(compliance.areas)
-        self._stiffness = stiffness
-        # Forces are spread over the areas of loads, displacements taken at their nodes: between loads G is symmetric
-        # only up to that, and made so, for only then do forces derive from an energy.
-        among = compliance.operator[:, :, compliance.nodes]
-        pairs = 0.5 * (among + among.transpose(2, 3, 0, 1)).transpose(0, 2, 1, 3)
-        self._among_loads = np.ascontiguousarray(
-            pairs
-        )  # [i, j]: (dim, dim), so that few of them are gathered fast
+        self._points = PointTensors.of(self.loads.points, torch.zeros((), dtype=torch.float64))
+        self._areas = torch.from_numpy(mechanics.compliance.areas)
         self._last: tuple[Array, RigidPose, ContactLoads | None] | None = None
-        self._last_press: tuple[Array, RigidPose, LoadPress | None] | None = None
 
-    def measure(self, rows: Array, pose: RigidPose) -> ContactLoads | None:
-        """The loads at handle rows (n_rows, dim), or None where no surface sample penetrates."""
+    def measure(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> ContactLoads | None:
+        """The loads at handle rows (n_rows, dim), or None where no load is inside the collider. turn: of the body,
+        that of the rows themselves by default."""
+        if turn is not None:
+            return self._measure(rows, pose, turn)
         if self._last is not None:
             last_rows, last_pose, loads = self._last
             if last_pose is pose and np.array_equal(last_rows, rows):
                 return loads
-        loads = self._measure(rows, pose)
+        loads = self._measure(rows, pose, self.loads.turn(rows))
         self._last = (rows.copy(), pose, loads)
         return loads
-
-    def press(self, rows: Array, pose: RigidPose) -> LoadPress | None:
-        """The load problem and its solution alone, or None where no load is near enough to be pressed."""
-        if self._last_press is not None:
-            last_rows, last_pose, press = self._last_press
-            if last_pose is pose and np.array_equal(last_rows, rows):
-                return press
-        press = self._press(rows, pose)
-        self._last_press = (rows.copy(), pose, press)
-        return press
 
     def collider_rows(self, rows: Array, pose: RigidPose) -> Array:
         """T^-1 q (n_rows, dim)."""
         return self._patch_probe.collider_rows(rows, pose)
 
-    def _press(self, rows: Array, pose: RigidPose) -> LoadPress | None:
-        collider, local_rows = self.collider, self.collider_rows(rows, pose)
-        z = self._basis @ local_rows
-        near = ((z > collider.lower - self.band) & (z < collider.upper + self.band)).all(axis=1)
-        index = np.flatnonzero(near)
-        index = index[collider.sdf(z[index]) < self.band] if index.size else index
-        if index.size == 0:
+    def _measure(self, rows: Array, pose: RigidPose, turn: Array) -> ContactLoads | None:
+        probe = self.loads
+        press = probe.press(rows, pose, turn)
+        if press is None:
             return None
-        state = PointStates.at(self._points.take(torch.from_numpy(index)), local_rows, z[index], collider)
-        among = self._among_loads[np.ix_(index, index)].transpose(0, 2, 1, 3).astype(np.float64, order="C")
-        problem = LoadProblem(
-            torch.from_numpy(among),
-            self._stiffness * self._areas[index],
-            state.sdf,
-            torch.einsum("mbj,mb->mj", state.F, state.slope),
+        x, index = press.positions, press.around
+        F = probe.deformation(rows, index)
+        pressed = press.index[press.bearing]
+        bearing = np.searchsorted(index, pressed)
+        lever = probe.among(index, pressed).reshape(F.shape[0] * F.shape[1], -1)
+        given = (lever @ press.load.ravel()).reshape(-1, F.shape[1])
+        moved = (F @ given[..., None])[..., 0]
+        displaced = press.problem.distance(x[index] + moved)
+        load = np.zeros_like(moved)
+        load[bearing] = press.load
+        state = PointStates.at(
+            self._points.take(torch.from_numpy(index)),
+            self.collider_rows(rows, pose),
+            pose.apply_inverse(x[index]),
+            self.collider,
         )
-        return LoadPress(index, state, problem, problem.solve())
-
-    def _measure(self, rows: Array, pose: RigidPose) -> ContactLoads | None:
-        patch = self._patch_probe.measure(rows, pose)
-        press = None if patch is None else self.press(rows, pose)
-        if patch is None or press is None:
-            return None
-        rotation = torch.from_numpy(pose.rotation.copy())
+        internal = None if probe.internal is None else probe.internal.derivative(turn, index)
         return ContactLoads(
-            patch,
-            press.index,
-            press.state,
-            press.problem,
-            press.solution,
-            self._areas[press.index],
-            self.band,
-            rotation,
+            patch=self._patch_probe.measure(rows, pose),
+            index=index,
+            state=state,
+            load=torch.from_numpy(load),
+            moved=torch.from_numpy(pose.rotate_inverse(moved)),
+            left=torch.from_numpy(-displaced.value),
+            areas=self._areas[index],
+            band=self._band,
+            derivatives=LoadDerivatives(
+                press, probe.motion(index, turn), F, given, bearing, lever, displaced, pose, internal
+            ),
         )

@@ -15,6 +15,7 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.pose import RigidPose
+from runtime.corrections.internal_response import InternalResponse
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +39,9 @@ class CorrectionField:
 class BoundCorrection(Protocol):
     """A correction at n fixed material points."""
 
-    def displacement(self, rows: Array, pose: RigidPose) -> Array:
+    def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame at handle rows (n_rows, dim); zero where the correction is
-        inactive."""
+        inactive. turn: as of `Potential`, by default that of the rows."""
         ...
 
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
@@ -50,17 +51,21 @@ class BoundCorrection(Protocol):
 
 class Potential(Protocol):
     """The energy of contact of one body with one collider, the detail condensed out: a function of the reduced
-    state alone. Dynamics minimises it in place of penalty contact at corrected points."""
+    state alone. Dynamics minimises it in place of penalty contact at corrected points.
 
-    def energy(self, rows: Array, pose: RigidPose) -> float:
+    turn: (dim, dim), the rotation of the body that its internal response follows (`InternalResponse.turn`), held
+    fixed in derivatives; the identity where there is no such response.
+    """
+
+    def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:
         """W [J] at handle rows (n_rows, dim)."""
         ...
 
-    def linearise(self, rows: Array, pose: RigidPose) -> tuple[float, Array, Array | None]:
+    def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, Array | None]:
         """W [J], dW/drows (n_rows, dim) [N], Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian out of contact."""
         ...
 
-    def pressed(self, rows: Array, pose: RigidPose) -> PressedLoads:
+    def pressed(self, rows: Array, pose: RigidPose, turn: Array) -> PressedLoads:
         """What pushes on the collider."""
         ...
 
@@ -79,12 +84,14 @@ class PressedLoads:
 class Correction(Protocol):
     """A learned displacement field. `collider` names the collider it was learned for; beyond the signed
     distance `support` [m] from that collider it is exactly zero (inf: no such distance). potential: the energy of
-    contact that goes with the field, None where contact is penalty at corrected points (thesis 5.4)."""
+    contact that goes with the field, None where contact is penalty at corrected points (thesis 5.4). internal: the
+    internal response of the body, to which the field of contact adds; None where that is taken from U q."""
 
     name: str
     collider: str
     support: float
     potential: Potential | None
+    internal: InternalResponse | None
 
     def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundCorrection:
         """The correction at these points, prepared once. Points whose *reduced* position is farther than

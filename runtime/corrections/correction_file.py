@@ -18,19 +18,21 @@ from safetensors.torch import save_file
 
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
-from runtime.corrections.compliance import Compliance
+from runtime.corrections.compliance_tensors import compliance_tensors, take_compliance
 from runtime.corrections.contact_centric import ContactCentric
 from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.internal_response import internal_arrays, take_internal
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.model import ContactModel, ModelOptions
+from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.errors import SoftprintError
 from runtime.files import atomic_path, content_hash, provenance
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 1
-FIELD, LOADS = "field", "loads"  # forms: a `ContactModel`, a `LoadModel` with its `Compliance`
+KIND, VERSION = "correction", 2
+FIELD, LOADS = "field", "loads"  # forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`
 
 
 @dataclass(frozen=True)
@@ -63,10 +65,9 @@ def save_correction(
     truth_hash: str,
     held_out_rms: float,
     training: Mapping[str, object],
-    compliance: Compliance | None = None,
+    mechanics: RestMechanics | None = None,
 ) -> None:
-    """Write a trained model with what it belongs to; atomic. A load model comes with its body's
-    compliance."""
+    """Write a trained model with what it belongs to; atomic. A load model comes with its body's mechanics."""
     header = CorrectionHeader(
         name=name,
         collider=collider,
@@ -82,8 +83,11 @@ def save_correction(
     )
     text = json.dumps({field.name: getattr(header, field.name) for field in fields(header)})
     tensors = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
-    if compliance is not None:
-        tensors |= _compliance_tensors(compliance)
+    if mechanics is not None:
+        tensors |= compliance_tensors(mechanics.compliance)
+        if mechanics.internal is not None:
+            arrays = internal_arrays(mechanics.internal)
+            tensors |= {name: torch.from_numpy(array) for name, array in arrays.items()}
     metadata = {
         "softprint_kind": KIND,
         "softprint_version": str(VERSION),
@@ -120,33 +124,14 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> Contac
             field_model = ContactModel(ModelOptions.from_json(header.options), header.dim, header.n_rows)
             field_model.load_state_dict(tensors)
             return ContactCentric(header.name, field_model, body, collider)
-        compliance = _compliance(tensors)
+        mechanics = RestMechanics(take_compliance(tensors), take_internal(tensors))
         load_model = LoadModel(LoadModelOptions.from_json(header.options), header.dim, header.n_rows)
         load_model.load_state_dict(tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(
             f"{path}: weights and header do not fit together ({error}): train it again"
         ) from error
-    return ElasticContact(header.name, load_model, body, collider, compliance)
-
-
-def _compliance_tensors(compliance: Compliance) -> dict[str, Tensor]:
-    """In half precision, every load scaled by its largest entry: an error of 5e-4, at half the size."""
-    operator = torch.from_numpy(compliance.operator)
-    scale = operator.abs().amax(dim=(1, 2, 3), keepdim=True)
-    return {
-        "compliance.operator": (operator / scale).half(),
-        "compliance.scale": scale,
-        "compliance.nodes": torch.from_numpy(compliance.nodes),
-        "compliance.areas": torch.from_numpy(compliance.areas),
-    }
-
-
-def _compliance(tensors: dict[str, Tensor]) -> Compliance:
-    """Takes its tensors out of those of the file."""
-    own = {name: tensors.pop(f"compliance.{name}") for name in ("operator", "scale", "nodes", "areas")}
-    operator = own["operator"].float().mul_(own["scale"])
-    return Compliance(own["nodes"].numpy(), own["areas"].numpy(), operator.numpy())
+    return ElasticContact(header.name, load_model, body, collider, mechanics)
 
 
 def _digest(header: str, tensors: Mapping[str, Tensor]) -> str:

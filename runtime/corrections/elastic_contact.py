@@ -1,7 +1,7 @@
 """The contact correction by learned loads: u_X = F_X sum_j G_Xj phi_j (see `load_model.py` and
 `compliance.py`).
 
-The network runs on the loads in contact, some tens; what they do to the body is one matrix product. So the
+The network runs on the loads in contact, some tens; what they do to the body is a matrix product. So the
 field has the tail that the constraint demands at no extra cost, and its whole Jacobian costs about as much as
 the field.
 """
@@ -18,22 +18,29 @@ from runtime.body.body import ReducedBody
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.compliance import Compliance
-from runtime.corrections.contact_loads import ContactLoads, LoadProbe
+from runtime.corrections.contact_loads import ContactLoads, ContactLoadsProbe
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.correction import CorrectionField, Potential
+from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.reach import Reach
+from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.errors import SoftprintError
 
 
 class ElasticContact:
-    """Zero unless some surface sample of the reduced body penetrates. float32 as trained, or float64."""
+    """Zero unless some load on the body is inside the collider. float32 as trained, or float64. mechanics: of the body,
+    as it was trained with."""
 
     support: float = np.inf
 
     def __init__(
-        self, name: str, model: LoadModel, body: ReducedBody, collider: Collider, compliance: Compliance
+        self,
+        name: str,
+        model: LoadModel,
+        body: ReducedBody,
+        collider: Collider,
+        mechanics: RestMechanics,
     ) -> None:
         if (model.dim, model.n_rows) != (body.dim, body.n_rows):
             raise SoftprintError(
@@ -42,11 +49,12 @@ class ElasticContact:
             )
         self.name, self.collider = name, collider.name
         self.model = model.eval()
-        self.compliance = compliance
-        self.probe = LoadProbe(body, collider, compliance, model.options.stiffness, model.options.band)
+        self.mechanics = mechanics
+        self.internal: InternalResponse | None = mechanics.internal
+        options = model.options
+        self.probe = ContactLoadsProbe(body, collider, mechanics, options.stiffness, options.band)
         self._nodes = cKDTree(body.mesh.points)
-        loads = body.node_points(compliance.nodes)
-        self.potential: Potential | None = ContactPotential(self.probe, loads.basis, loads.basis_gradient)
+        self.potential: Potential | None = ContactPotential(self.probe.loads)
 
     def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundElasticContact:
         """See `Correction.bind`. The points must be nodes of the body."""
@@ -64,71 +72,51 @@ class BoundElasticContact:
     ) -> None:
         self._model, self._probe = correction.model, correction.probe
         self._reach = Reach(points, reach)
-        self._basis, self._points = points.basis, points
-        like = self._model.local_mean
-        self._gradient = torch.from_numpy(points.basis_gradient).to(like)
-        n, dim = points.rest.shape
-        operator = correction.compliance.operator
-        if not np.array_equal(nodes, np.arange(operator.shape[2])):
-            # Load by load in memory: an evaluation reads whole loads.
-            operator = np.ascontiguousarray(operator[:, :, nodes])
-        self._operator = torch.from_numpy(operator).reshape(len(operator), dim, n, dim)
-        self._everywhere = np.arange(n)
+        self._points = points
+        self._compliance = correction.mechanics.compliance.at(nodes)
 
-    def displacement(self, rows: Array, pose: RigidPose) -> Array:
-        """u (n, dim) [m] in the world frame."""
+    def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
+        """u (n, dim) [m] in the world frame. turn: of the body, that of the rows by default."""
         displacement = np.zeros(self._points.rest.shape)
-        contact = self._probe.measure(rows, pose)
+        contact = self._probe.measure(rows, pose, turn)
         if contact is None:
             return displacement
         with torch.no_grad():
             phi = self._model.loads(contact)
-        index = self._within_reach(rows, pose)
-        given = self._given(contact, index, phi[..., None])[..., 0]
-        F = self._deformation(rows, index)
-        displacement[index] = torch.einsum("nij,nj->ni", F, given).double().numpy()
+        given = self._given(contact, phi[..., None])
+        within = self._within_reach(rows, pose)
+        displacement[within] = (self._deformation(rows, within) @ given[within])[..., 0]
         return displacement
 
-    def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
-        """u and du/drows of the points within reach; none where the reduced body does not touch."""
-        contact = self._probe.measure(rows, pose)
-        dim, n_rows = self._points.dim, self._basis.shape[1]
+    def linearise(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> CorrectionField:
+        """u and du/drows, the turn held, of the points within reach; none where no load is inside the collider."""
+        contact = self._probe.measure(rows, pose, turn)
+        dim, n_rows = self._points.dim, rows.shape[0]
         if contact is None:
             return CorrectionField.empty(dim, n_rows)
         phi, slope = self._model.linearise(contact)
-        index = self._within_reach(rows, pose)
-        given = self._given(contact, index, torch.cat([phi[..., None], slope], dim=2))
-        carried = self._deformation(rows, index) @ given
+        within = self._within_reach(rows, pose)
+        index = np.arange(len(self._points))[within]
+        given = self._given(contact, torch.cat([phi[..., None], slope], dim=2))[within]
+        carried = self._deformation(rows, within) @ given
         jacobian = carried[..., 1:].reshape(len(index), dim, n_rows, dim)
         # What moves with F at the point itself: dF_aj = dU_rj, the row's own component a.
-        turned = torch.einsum("nrj,nj->nr", self._gradient_at(index), given[..., 0])
-        jacobian.diagonal(dim1=1, dim2=3).add_(turned[..., None])
-        return CorrectionField(index, carried[..., 0].double().numpy(), jacobian.double().numpy())
+        turned = (self._points.basis_gradient[within] @ given[..., :1])[..., 0]
+        for axis in range(dim):
+            jacobian[:, axis, :, axis] += turned
+        return CorrectionField(index, carried[..., 0], jacobian)
 
-    def _given(self, contact: ContactLoads, index: IntArray, phi: Tensor) -> Tensor:
-        """sum_j G_Xj phi_j (n, dim, k) at points `index`, for k sets of loads phi (m, dim, k)."""
-        m, dim, k = phi.shape
-        if k == 1 and len(index) == len(self._everywhere) and phi.dtype == self._operator.dtype:
-            # Load by load from where it lies: to gather the rows of all loads first would cost twice as much.
-            total = phi.new_zeros(len(index) * dim)
-            for load, force in zip(contact.index.tolist(), phi[..., 0]):
-                total.addmv_(self._operator[load].reshape(dim, -1).T, force)
-            return total.reshape(len(index), dim, 1)
-        rows = self._operator[torch.from_numpy(contact.index)]
-        if len(index) < len(self._everywhere):
-            rows = rows[:, :, torch.from_numpy(index)]
-        rows = rows.to(phi).reshape(m * dim, -1)
-        return (rows.T @ phi.reshape(m * dim, k)).reshape(len(index), dim, k)
+    def _given(self, contact: ContactLoads, phi: Tensor) -> Array:
+        """sum_j G_Xj phi_j (n, dim, k) for k sets of loads phi (m, dim, k)."""
+        return self._compliance.apply(contact.index, phi.numpy()).astype(np.float64)
 
-    def _gradient_at(self, index: IntArray) -> Tensor:
-        return (
-            self._gradient if len(index) == len(self._gradient) else self._gradient[torch.from_numpy(index)]
-        )
-
-    def _deformation(self, rows: Array, index: IntArray) -> Tensor:
+    def _deformation(self, rows: Array, index: IntArray | slice) -> Array:
         """F (n, dim, dim) in the world frame."""
-        return torch.matmul(torch.from_numpy(rows).to(self._gradient).T, self._gradient_at(index))
+        return np.asarray(rows.T @ self._points.basis_gradient[index])
 
-    def _within_reach(self, rows: Array, pose: RigidPose) -> IntArray:
-        index = self._reach.select(self._basis @ self._probe.collider_rows(rows, pose), self._probe.collider)
-        return self._everywhere if index is None else index
+    def _within_reach(self, rows: Array, pose: RigidPose) -> IntArray | slice:
+        """Of the points; all of them as a slice, so that nothing large is copied."""
+        if not self._reach.limited:
+            return slice(None)
+        z = self._points.basis @ self._probe.collider_rows(rows, pose)
+        return self._reach.select(z, self._probe.collider)

@@ -1,12 +1,12 @@
 """What the network adds to the mechanics: corrected contact forces.
 
-    phi_j = (1 + y_0) nu_j p_j + w_j c F_j^T (y_1, ..., y_dim),        u_X = F_X sum_j G_Xj phi_j
+    phi_j = l_j + fade(D) [ y_0 l_j + w_j c F_j^T (y_1, ..., y_dim) ],        u_X = F_X sum_j G_Xj phi_j
 
-p, nu from the load problem, w_j [m^(dim-1)] an area that fades with distance and with the depth D of the
-contact, c [N/m^(dim-1)] a scale, and y(a_j, b) a network that runs on the few loads in contact and not on all
-points of the body. Its inputs a_j are the geometry of the contact at the load, what penetration the load
-problem leaves, and how far it moves the load; b is the contact patch. With y = 0 the field is that of linear
-elasticity.
+l_j the load that balances a linearly elastic body (`load_press.py`), w_j [m^(dim-1)] an area that fades with
+distance, D the depth of the contact patch, c [N/m^(dim-1)] a scale, and y(a_j, b) a network that runs on the few loads
+in contact and not on all points of the body. Its inputs a_j are the geometry of the contact at the load, what
+penetration the linear body leaves there, and how far it moves the load; b is the contact patch. With y = 0 the field is
+that of linear elasticity.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class LoadModel(nn.Module):
         # Untrained, the field is that of linear elasticity.
         nn.init.zeros_(self.network.head.weight)
         nn.init.zeros_(self.network.head.bias)
-        self.fade = Fade("proportional", options.fade_depth)
+        self.fade = Fade("saturating", options.fade_depth)
         self.register_buffer("local_mean", torch.zeros(n_local))
         self.register_buffer("local_scale", torch.ones(n_local))
         self.register_buffer("shared_mean", torch.zeros(n_shared))
@@ -75,8 +75,7 @@ class LoadModel(nn.Module):
     @torch.no_grad()
     def normalise(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> None:
         """Set the normalisation from inputs (n, n_local) and (samples, n_shared), and from loads (n, dim)
-        with their levers (n, dim, dim) at unit traction scale, so that outputs of order one correct the loads
-        by their size."""
+        with their levers (n, dim, dim), so that outputs of order one correct the loads by their size."""
         self.local_mean.copy_(local.mean(0))
         self.local_scale.copy_(spread(local))
         self.shared_mean.copy_(shared.mean(0))
@@ -87,71 +86,74 @@ class LoadModel(nn.Module):
 
     def local_inputs(self, loads: ContactLoads) -> Tensor:
         """a (m, n_local), not normalised."""
-        extra = torch.cat([loads.solution.left[:, None], loads.moved], dim=1)
+        extra = torch.cat([loads.left[:, None], loads.moved], dim=1)
         return torch.cat([self.encoding.encode(loads.state), extra], dim=1).to(self.local_mean)
 
-    def forward(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> Tensor:
-        """phi (..., m, dim) [N] from inputs a and b, load = nu p (..., m, dim) and lever = w F^T (..., m,
-        dim, dim), w with the fade."""
-        y = self.network(self._local(local), self._shared(shared))
-        return load * (1.0 + y[..., :1]) + torch.einsum("...ij,...j->...i", lever, y[..., 1:])
-
     def lever(self, loads: ContactLoads) -> Tensor:
-        """w_j c phi(D) F_j^T (m, dim, dim)."""
-        weight = loads.weight * self.fade.value(loads.patch.depth)
-        return (weight[:, None, None] * loads.state.F.transpose(1, 2)).to(
-            self.local_mean
-        ) * self.traction_scale
+        """w_j F_j^T (m, dim, dim)."""
+        return (loads.weight[:, None, None] * loads.state.F.transpose(1, 2)).to(self.local_mean)
+
+    def forward(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> Tensor:
+        """phi (..., m, dim) [N] from inputs a (..., m, n_local) and b (..., n_shared), whose first is D, loads (..., m,
+        dim) and levers (..., m, dim, dim)."""
+        y = self.network(self._local(local), self._shared(shared))
+        fade = self.fade.value(shared[..., 0])[..., None, None]
+        return load + fade * self._correction(load, lever, y)
 
     def loads(self, contact: ContactLoads) -> Tensor:
-        """phi (m, dim) [N] of one contact."""
+        """phi (m, dim) [N] of one contact; of mechanics alone where the subspace does not touch."""
         like = self.local_mean
-        load = contact.solution.load.to(like)
+        load = contact.load.to(like)
+        if contact.patch is None:
+            return load
         return self(self.local_inputs(contact), contact.patch.shared.to(like), load, self.lever(contact))
 
     @torch.no_grad()
     def linearise(self, contact: ContactLoads) -> tuple[Tensor, Tensor]:
         """phi (m, dim) and dphi/d(world rows) (m, dim, R) of one contact."""
         like = self.local_mean
-        local = self.local_inputs(contact)
-        m, dim = len(local), self.dim
-        turn = torch.eye(1 + dim).to(like)
+        load, load_slope = contact.load.to(like), contact.slopes.load.to(like)
+        if contact.patch is None:
+            return load, load_slope
+        y, y_slope = self._outputs(contact)
+        lever = self.lever(contact)
+        depth = contact.patch.depth
+        fade, fade_slope = self.fade.value(depth), self.fade.slope(depth) * contact.patch.depth_slope.to(like)
+        added = self._correction(load, lever, y)
+        slope = load_slope * (1.0 + fade * y[:, :1, None]) + fade * load[:, :, None] * y_slope[:, :1]
+        slope = slope + fade * self.traction_scale * (lever @ y_slope[:, 1:])
+        slope = slope + fade * self.traction_scale * self._lever_slope(contact, y[:, 1:])
+        return load + fade * added, slope + added[:, :, None] * fade_slope.flatten()
+
+    def _correction(self, load: Tensor, lever: Tensor, y: Tensor) -> Tensor:
+        """y_0 l + c w F^T (y_1, ...)."""
+        traction = torch.einsum("...ij,...j->...i", lever, y[..., 1:])
+        return load * y[..., :1] + self.traction_scale * traction
+
+    def _outputs(self, contact: ContactLoads) -> tuple[Tensor, Tensor]:
+        """y (m, 1 + dim) and dy/d(world rows) (m, 1 + dim, R)."""
+        like = self.local_mean
+        local, turn = self.local_inputs(contact), torch.eye(1 + self.dim).to(like)
+        assert contact.patch is not None, "asked for in contact only"
         y = self.network.derivatives(self._local(local), self._shared(contact.patch.shared.to(like)), turn)
         to_local = y.local / self.local_scale
-        slopes = contact.slopes
-        rotation = contact.rotation.to(like)
-        y_slope = self.encoding.pull_back(contact.state.to(like), to_local[..., : self.n_geometry], rotation)
-        y_slope = y_slope.reshape(m, 1 + dim, -1)
+        slopes, rotation = contact.slopes, contact.rotation.to(like)
+        point = None if slopes.point is None else slopes.point.to(like)
+        y_slope = self.encoding.pull_back(
+            contact.state.to(like), to_local[..., : self.n_geometry], rotation, point
+        ).flatten(2)
         extra_slope = torch.cat([slopes.left[:, None], slopes.moved], dim=1).to(like)
         y_slope = y_slope + to_local[..., self.n_geometry :] @ extra_slope
         shared_slope = contact.patch.shared_slope.to(like).flatten(1)
-        y_slope = y_slope + (y.shared / self.shared_scale) @ shared_slope
-
-        load, load_slope = contact.solution.load.to(like), slopes.load.to(like)
-        lever = self.lever(contact)
-        first, rest = y.value[:, :1], y.value[:, 1:]
-        phi = load * (1.0 + first) + torch.einsum("mij,mj->mi", lever, rest)
-        slope = load_slope * (1.0 + first[..., None]) + load[:, :, None] * y_slope[:, :1]
-        slope = slope + lever @ y_slope[:, 1:] + self._lever_slope(contact, rest)
-        return phi, slope
+        return y.value, y_slope + (y.shared / self.shared_scale) @ shared_slope
 
     def _lever_slope(self, contact: ContactLoads, y: Tensor) -> Tensor:
-        """d(lever) y (m, dim, R): through the weight, the fade and F."""
-        like, state = y, contact.state
-        depth = contact.patch.depth
-        pulled = torch.einsum("mbj,mb->mj", state.F.to(like), y) * self.traction_scale
-        weight_slope = contact.slopes.weight * self.fade.value(depth)
-        weight_slope = (
-            weight_slope
-            + (contact.weight * self.fade.slope(depth))[:, None] * contact.patch.depth_slope.flatten()
-        )
-        turned = (
-            y
-            @ contact.rotation.to(like).T
-            * (self.traction_scale * (contact.weight * self.fade.value(depth)).to(like)[:, None])
-        )
-        by_F = torch.einsum("mrj,mc->mjrc", state.points.basis_gradient.to(like), turned)
-        return pulled[:, :, None] * weight_slope.to(like)[:, None, :] + by_F.flatten(2)
+        """d(lever) y (m, dim, R): through the weight and F."""
+        state = contact.state
+        pulled = torch.einsum("mbj,mb->mj", state.F.to(y), y)
+        turned = (y @ contact.rotation.to(y).T) * contact.weight.to(y)[:, None]
+        by_F = torch.einsum("mrj,mc->mjrc", state.points.basis_gradient.to(y), turned)
+        return pulled[:, :, None] * contact.slopes.weight.to(y)[:, None, :] + by_F.flatten(2)
 
     def _local(self, local: Tensor) -> Tensor:
         return (local - self.local_mean) / self.local_scale

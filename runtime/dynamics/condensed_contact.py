@@ -22,25 +22,25 @@ class CondensedContact:
     def __init__(self, potentials: Mapping[str, Potential]) -> None:
         self._potentials = potentials
 
-    def energy(self, rows: Array, poses: Poses) -> float:
-        """[J]"""
-        return sum(potential.energy(rows, poses[name]) for name, potential in self._potentials.items())
+    def energy(self, rows: Array, poses: Poses, turn: Array) -> float:
+        """[J]; turn: see `Potential`."""
+        return sum(potential.energy(rows, poses[name], turn) for name, potential in self._potentials.items())
 
-    def linearise(self, rows: Array, poses: Poses) -> tuple[float, Array, Array | None]:
+    def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, Array | None]:
         """Energy [J], gradient (n_rows, dim) [N] and Hessian [N/m] by the rows; no Hessian where nothing touches."""
         energy, gradient = 0.0, np.zeros_like(rows)
         hessian: Array | None = None
         for name, potential in self._potentials.items():
-            more, slope, stiffness = potential.linearise(rows, poses[name])
+            more, slope, stiffness = potential.linearise(rows, poses[name], turn)
             energy, gradient = energy + more, gradient + slope
             if stiffness is not None:
                 hessian = stiffness if hessian is None else hessian + stiffness
         return energy, gradient, hessian
 
-    def forces(self, rows: Array, poses: Poses) -> dict[str, ContactForce]:
+    def forces(self, rows: Array, poses: Poses, turn: Array) -> dict[str, ContactForce]:
         """The force on each collider."""
         return {
-            name: _force(potential.pressed(rows, poses[name]), poses[name].translation)
+            name: _force(potential.pressed(rows, poses[name], turn), poses[name].translation)
             for name, potential in self._potentials.items()
         }
 

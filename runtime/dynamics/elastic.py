@@ -9,6 +9,7 @@ The term in d2u/drows2 is left out of the Hessian (thesis 5.4); the gradient is 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -19,40 +20,64 @@ from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 
+class Elastic(Protocol):
+    """The elastic energy of a body; displacements and fields are those of the watched points, turn (dim, dim) is
+    what an internal response is turned by."""
+
+    def energy(self, rows: Array, turn: Array, displacement: Array | None) -> float:
+        """E [J]; displacement: u (n, dim) [m]."""
+        ...
+
+    def linearise(
+        self, rows: Array, turn: Array, field: CorrectionField | None
+    ) -> tuple[float, Array, Array]:
+        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""
+        ...
+
+
 class ElasticEnergy:
-    """The elastic energy of a body; displacements and fields are those of the watched points."""
+    """Of U rows and the corrections at the watched points. There is nothing to turn."""
 
     def __init__(self, body: ReducedBody, points: CorrectedPoints) -> None:
         self._points = points
-        # The corners count among the watched points: nothing here has the length of the mesh.
-        self._elasticity = replace(ReducedElasticity.of(body), corners=points.corners)
+        self._elasticity = watched_elasticity(body, points)
         self._basis_derivative = self._elasticity.basis_derivative()
 
-    def energy(self, rows: Array, displacement: Array | None) -> float:
-        """E [J]; displacement: u (n, dim) [m]."""
+    def energy(self, rows: Array, turn: Array, displacement: Array | None) -> float:
+        """See `Elastic`."""
         return self._elasticity.energy(self._gradients(rows, displacement))
 
-    def linearise(self, rows: Array, field: CorrectionField | None) -> tuple[float, Array, Array]:
-        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""
+    def linearise(
+        self, rows: Array, turn: Array, field: CorrectionField | None
+    ) -> tuple[float, Array, Array]:
+        """See `Elastic`."""
         F = self._gradients(rows, self._points.scatter(field))
         energy = self._elasticity.energy(F)
         if field is None:
             return energy, self._elasticity.gradient(F), self._elasticity.hessian(F)
-        B = self._derivative(field)
+        B = with_field(self._basis_derivative, self._elasticity, self._points, field)
         return energy, self._elasticity.general_gradient(F, B), self._elasticity.general_hessian(F, B)
 
     def _gradients(self, rows: Array, displacement: Array | None) -> Array:
         F = self._elasticity.deformation_gradients(rows)
         return F if displacement is None else F + self._elasticity.correction_gradients(displacement)
 
-    def _derivative(self, field: CorrectionField) -> Array:
-        """B (m, dim, dim, n_rows, dim): dF_ij/drows = dF_ij/drows of the basis + sum_a G_aj du_ai/drows."""
-        elasticity, dim = self._elasticity, field.displacement.shape[1]
-        corners = self._points.slots(field)[self._points.corners]
-        touched = np.flatnonzero((corners >= 0).any(axis=1))
-        jacobian = field.jacobian.reshape(len(field.index), -1)[corners[touched]]
-        jacobian[corners[touched] < 0] = 0.0
-        added = elasticity.hat_gradients[touched].transpose(0, 2, 1) @ jacobian  # (c, j, i.rk)
-        B = self._basis_derivative.copy()
-        B[touched] += added.reshape(len(touched), dim, dim, *B.shape[3:]).transpose(0, 2, 1, 3, 4)
-        return B
+
+def watched_elasticity(body: ReducedBody, points: CorrectedPoints) -> ReducedElasticity:
+    """The body's cubature. Its corners count among the watched points: nothing here has the length of the mesh."""
+    return replace(ReducedElasticity.of(body), corners=points.corners)
+
+
+def with_field(
+    derivative: Array, elasticity: ReducedElasticity, points: CorrectedPoints, field: CorrectionField
+) -> Array:
+    """B (m, dim, dim, n_rows, dim) + sum_a G_aj du_ai/drows."""
+    dim = field.displacement.shape[1]
+    corners = points.slots(field)[points.corners]
+    touched = np.flatnonzero((corners >= 0).any(axis=1))
+    jacobian = field.jacobian.reshape(len(field.index), -1)[corners[touched]]
+    jacobian[corners[touched] < 0] = 0.0
+    added = elasticity.hat_gradients[touched].transpose(0, 2, 1) @ jacobian  # (c, j, i.rk)
+    B = derivative.copy()
+    B[touched] += added.reshape(len(touched), dim, dim, *B.shape[3:]).transpose(0, 2, 1, 3, 4)
+    return B

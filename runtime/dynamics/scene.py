@@ -14,6 +14,7 @@ from runtime.colliders import KeyframedPath
 from runtime.colliders.build import build_collider
 from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.corrections.correction import Correction
+from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.kinematic import KinematicHandle
 from runtime.dynamics.newton import NewtonSettings
 from runtime.dynamics.simulator import DynamicsSettings, PlacedCollider, Simulator
@@ -22,6 +23,7 @@ from runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment, KeyframeSpec, SceneSpec
+    from runtime.experiment.scene_schema import KinematicEntry
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,15 +80,23 @@ def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
                 _path(spring.keyframes, experiment.dim)
                 if spring.target is None
                 else KeyframedPath([0.0], [spring.target]),
+                spring.rotation_stiffness,
             )
             for spring in scene.springs
         ),
-        kinematic=tuple(KinematicHandle(name) for name in scene.kinematic),
+        kinematic=tuple(_kinematic(entry, experiment.dim) for entry in scene.kinematic),
         settings=DynamicsSettings(
             time_step=dynamics.time_step,
             newton=NewtonSettings(max_iterations=dynamics.max_iterations, tolerance=dynamics.tolerance),
         ),
     )
+
+
+def _kinematic(entry: KinematicEntry, dim: int) -> KinematicHandle:
+    """A handle that is held where only its name or number is given, or led along its keyframes."""
+    if isinstance(entry, int | str):
+        return KinematicHandle(entry)
+    return KinematicHandle(entry.handle, _path(entry.keyframes, dim))
 
 
 def _path(keyframes: Iterable[KeyframeSpec] | None, dim: int) -> KeyframedPath:
@@ -99,9 +109,13 @@ def _path(keyframes: Iterable[KeyframeSpec] | None, dim: int) -> KeyframedPath:
 
 
 def scene_simulator(
-    body: ReducedBody, parts: SceneParts, corrections: Iterable[Correction] = ()
+    body: ReducedBody,
+    parts: SceneParts,
+    corrections: Iterable[Correction] = (),
+    internal: InternalResponse | None = None,
 ) -> Simulator:
-    """The reduced simulator of a scene: the bare subspace, or with one correction for a collider."""
+    """The reduced simulator of a scene: the bare subspace, or with one correction for a collider, and with the
+    internal response of the body."""
     by_collider = {correction.collider: correction for correction in corrections}
     colliders = tuple(
         PlacedCollider(placed.name, placed.collider, placed.path, by_collider.get(placed.name))
@@ -116,4 +130,5 @@ def scene_simulator(
         springs=parts.springs,
         kinematic=parts.kinematic,
         settings=parts.settings,
+        internal=internal,
     )

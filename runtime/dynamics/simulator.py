@@ -9,7 +9,7 @@ cell.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,10 +21,13 @@ from runtime.colliders.collider import Collider
 from runtime.colliders.path import KeyframedPath
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.correction import BoundCorrection, Correction
+from runtime.corrections.correction import Correction
+from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.condensed_contact import CondensedContact
+from runtime.dynamics.corrected_nodes import CorrectedNodes
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
-from runtime.dynamics.elastic import ElasticEnergy
+from runtime.dynamics.elastic import Elastic, ElasticEnergy
+from runtime.dynamics.internal_elastic import InternalElasticEnergy
 from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
 from runtime.dynamics.newton import NewtonResult, NewtonSettings, Status, minimise
 from runtime.dynamics.springs import HandleSpring, QuadraticForm, spring_form
@@ -32,6 +35,7 @@ from runtime.dynamics.state import ContactForce, ReducedState, StepResult
 from runtime.dynamics.step_energy import StepEnergy
 from runtime.dynamics.surface import StepContact, SurfaceEnergy
 from runtime.dynamics.timings import Timings
+from runtime.dynamics.weight import Weight
 from runtime.errors import SoftprintError
 
 # A body strained by less than this feels no force worth balancing: the floor of the scale of residuals.
@@ -39,6 +43,10 @@ _NEGLIGIBLE_STRAIN = 1e-9
 # A surface point whose reduced position is farther from the collider than this share of the collider's size
 # is taken not to be pushed into it by a correction, and so needs none.
 _REACH = 0.25
+# A static solve takes the turn of the internal response anew until it changes by less than this [rad], but not more
+# often than so many times: it converges fast, for the turn hardly matters where strain is small.
+_SAME_TURN = 1e-7
+_TURNS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +80,9 @@ class Simulator:
     """Steps one body.
 
     gravity (dim,) [m/s^2]; kinematic: handles that are held or led and not solved for. Corrections come with
-    their colliders. Raises SoftprintError where body, colliders, paths and handles do not fit together.
+    their colliders. internal: how the body settles where the subspace cannot follow, for all of its nodes and
+    the same gravity; with it the reduced positions are U rows + u_int everywhere. Raises SoftprintError where
+    body, colliders, paths and handles do not fit together.
     """
 
     def __init__(
@@ -86,16 +96,18 @@ class Simulator:
         springs: Sequence[HandleSpring] = (),
         kinematic: Sequence[KinematicHandle] = (),
         settings: DynamicsSettings | None = None,
+        internal: InternalResponse | None = None,
     ) -> None:
         self.body = body
         self.colliders = tuple(colliders)
         self.settings = settings or DynamicsSettings()
         self._springs = tuple(springs)
         self._kinematic = tuple(kinematic)
+        self._internal = internal
         acceleration = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
         self._check(acceleration)
         self._free = free_dofs(body.handles, self._kinematic)
-        self._weight = np.outer(body.basis.T @ body.node_mass, acceleration)
+        self._weight = Weight(body, acceleration, internal)
         self._units = _units(body)[self._free]
         stiffness = float(np.mean(body.material.young)) * body.mesh.size ** (body.dim - 1)
         self._force_floor = max(
@@ -114,15 +126,33 @@ class Simulator:
         penalised = {name: shape for name, shape in shapes.items() if name not in potentials}
         sizes = [shapes[name].size for name, _ in at_points if np.isfinite(shapes[name].size)]
         self._points = CorrectedPoints(body, at_points, _REACH * max(sizes, default=np.inf))
-        self._elastic = ElasticEnergy(body, self._points)
-        self._surface = SurfaceEnergy(body, self._points, penalised, contact, friction)
+        self._elastic: Elastic = (
+            ElasticEnergy(body, self._points)
+            if internal is None
+            else InternalElasticEnergy(body, self._points, internal)
+        )
+        self._surface = SurfaceEnergy(body, self._points, penalised, contact, friction, internal)
+        self._nodes = CorrectedNodes(body, self._corrections, internal)
+        self._samples = CorrectedNodes(body, self._corrections, internal, body.surface.nodes)
         self._friction = friction
-        self._last: tuple[ReducedState, Array] | None = None  # the surface at the end of the last step
+        self._last: tuple[ReducedState, Array, Array] | None = None  # the surface at the end of the last step
 
     def _check(self, gravity: Array) -> None:
         dim = self.body.dim
         if gravity.shape != (dim,) or not np.isfinite(gravity).all():
             raise SoftprintError(f"gravity must be {dim} numbers for this body, not {gravity.tolist()}")
+        if self._internal is not None:
+            if len(self._internal) != self.body.n_nodes:
+                raise SoftprintError(
+                    f"the internal response is of {len(self._internal)} nodes, but the body has {self.body.n_nodes}: "
+                    "give that of all of them"
+                )
+            if not np.allclose(self._internal.gravity, gravity, rtol=1e-12):
+                raise SoftprintError(
+                    f"the internal response is for the gravity {self._internal.gravity.tolist()}, not for "
+                    f"{gravity.tolist()}: train the correction for the gravity of the scene, or take "
+                    "`InternalResponse.under` it"
+                )
         names = [placed.name for placed in self.colliders]
         if len(set(names)) != len(names):
             raise SoftprintError(
@@ -170,15 +200,18 @@ class Simulator:
         end = state.time + h
         end_poses = self.poses_at(end, poses)
         inertia = _about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
-        contact = StepContact(self._surface_of(state, timings), state.poses, h, {})
-        energy = self._energy(end, end_poses, inertia, contact, timings)
+        turn = self._turn(state.rows)
+        contact = None
+        if self._friction is not None:
+            contact = StepContact(self._surface_of(state, turn, timings), state.poses, h, {})
+        energy = self._energy(end, end_poses, turn, inertia, contact, timings)
         start = place_kinematic(
             self._carried_on(state), self.body.rest_rows, self.body.handles, self._kinematic, end
         )
         solved = minimise(energy, start, self.settings.newton, timings.solve)
         velocity = (solved.x - state.rows) / h
         return self._result(
-            solved, ReducedState(end, solved.x, velocity, end_poses), energy, inertia, timings
+            solved, ReducedState(end, solved.x, velocity, end_poses, turn), energy, inertia, timings
         )
 
     def _carried_on(self, state: ReducedState) -> Array:
@@ -196,24 +229,34 @@ class Simulator:
         begin = state or self.rest_state()
         settings = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
         timings = Timings()
-        energy = self._static_energy(begin, timings)
-        return self._static_result(
-            minimise(energy, begin.rows, settings, timings.solve), begin, energy, timings
-        )
+        rows, iterations = begin.rows, 0
+        for _ in range(_TURNS):
+            turn = self._turn(rows)
+            energy = self._static_energy(begin, turn, timings)
+            solved = minimise(energy, rows, settings, timings.solve)
+            rows, iterations = solved.x, iterations + solved.iterations
+            if not solved.converged or np.abs(self._turn(rows) - turn).max() < _SAME_TURN:
+                break
+        return self._static_result(replace(solved, iterations=iterations), begin, energy, timings)
 
     def at_rest(self) -> StepResult[ReducedState]:
         """The rest state as the result of no step at all: its energies and contact forces."""
         state, timings = self.rest_state(), Timings()
         solved = NewtonResult(state.rows, Status.CONVERGED, 0, 0.0, 0.0)
-        return self._static_result(solved, state, self._static_energy(state, timings), timings)
+        energy = self._static_energy(state, self._turn(state.rows), timings)
+        return self._static_result(solved, state, energy, timings)
 
-    def _static_energy(self, state: ReducedState, timings: Timings) -> StepEnergy:
-        return self._energy(state.time, state.poses, self._no_inertia, None, timings)
+    def _turn(self, rows: Array) -> Array:
+        """R (dim, dim) of `InternalResponse`; the identity where there is none."""
+        return np.eye(self.body.dim) if self._internal is None else self._internal.turn(rows)
+
+    def _static_energy(self, state: ReducedState, turn: Array, timings: Timings) -> StepEnergy:
+        return self._energy(state.time, state.poses, turn, self._no_inertia, None, timings)
 
     def _static_result(
         self, solved: NewtonResult, begin: ReducedState, energy: StepEnergy, timings: Timings
     ) -> StepResult[ReducedState]:
-        state = ReducedState(begin.time, solved.x, np.zeros_like(solved.x), begin.poses)
+        state = ReducedState(begin.time, solved.x, np.zeros_like(solved.x), begin.poses, energy.turn)
         return self._result(solved, state, energy, self._no_inertia, timings)
 
     @cached_property
@@ -221,13 +264,20 @@ class Simulator:
         return _about(np.zeros_like(self.body.reduced_mass), self.body.rest_rows)
 
     def _energy(
-        self, time: float, poses: Poses, inertia: QuadraticForm, contact: StepContact | None, timings: Timings
+        self,
+        time: float,
+        poses: Poses,
+        turn: Array,
+        inertia: QuadraticForm,
+        contact: StepContact | None,
+        timings: Timings,
     ) -> StepEnergy:
         springs = spring_form(self._springs, self.body.handles, time)
+        weight, height = self._weight.form(turn)
         quadratic = QuadraticForm(
             inertia.matrix + springs.matrix,
-            inertia.linear + springs.linear + self._weight,
-            inertia.constant + springs.constant,
+            inertia.linear + springs.linear + weight,
+            inertia.constant + springs.constant + height,
         )
         return StepEnergy(
             handles=self.body.handles,
@@ -238,6 +288,7 @@ class Simulator:
             surface=self._surface,
             condensed=self._condensed,
             poses=poses,
+            turn=turn,
             step=contact,
             friction_updates=self.settings.friction_updates,
             force_floor=self._force_floor,
@@ -255,13 +306,14 @@ class Simulator:
     ) -> StepResult[ReducedState]:
         rows, velocity = state.rows, state.rows_velocity
         found = energy.evaluate(rows)
-        self._last = (state, found.surface)
+        self._last = (state, energy.turn, found.surface)
         normal, friction, forces = energy.contacts(found)
         springs = spring_form(self._springs, self.body.handles, state.time)
+        weight, height = self._weight.form(energy.turn)
         energies = {
             "inertia": inertia.energy(rows),
             "kinetic": 0.5 * float(np.vdot(velocity, self.body.reduced_mass @ velocity)),
-            "gravity": -float(np.vdot(self._weight, rows)),
+            "gravity": height - float(np.vdot(weight, rows)),
             "springs": springs.energy(rows),
             "elastic": found.elastic,
             "contact": normal,
@@ -278,43 +330,30 @@ class Simulator:
             forces,
         )
 
-    def _surface_of(self, state: ReducedState, timings: Timings) -> Array:
+    def _surface_of(self, state: ReducedState, turn: Array, timings: Timings) -> Array:
         """Corrected surface samples at a state; remembered for the state that the last step returned."""
-        if self._last is not None and self._last[0] is state:
-            return self._last[1]
+        if self._last is not None:
+            last, last_turn, surface = self._last
+            if last is state and np.array_equal(last_turn, turn):
+                return surface
         displacement = self._points.displacement(state.rows, state.poses, timings.correction)
-        return self._surface.positions(state.rows, displacement)
-
-    @cached_property
-    def _sample_corrections(self) -> list[tuple[str, BoundCorrection]]:
-        points = self.body.node_points(self.body.surface.nodes)
-        return [(collider, correction.bind(points)) for collider, correction in self._corrections]
+        return self._surface.positions(state.rows, turn, displacement)
 
     def surface_positions(self, state: ReducedState) -> Array:
         """(s, dim) [m]: the body's surface samples, corrections included: what a hand feels and an eye sees, at a
         cost that does not grow with the mesh."""
-        x = self._surface.positions(state.rows, None)
-        for collider, correction in self._sample_corrections:
-            x = x + correction.displacement(state.rows, state.poses[collider])
-        return x
-
-    @cached_property
-    def _node_corrections(self) -> list[tuple[str, BoundCorrection]]:
-        points = self.body.node_points()
-        return [(collider, correction.bind(points)) for collider, correction in self._corrections]
+        return self._samples.positions(state)
 
     def positions(self, state: ReducedState) -> Array:
         """(n_nodes, dim) [m]: every node of the mesh, corrections included. As costly as the mesh is
         large."""
-        x = self.body.reduced_positions(state.rows)
-        for collider, correction in self._node_corrections:
-            x = x + correction.displacement(state.rows, state.poses[collider])
-        return x
+        return self._nodes.positions(state)
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
-        at_points = self._surface.forces(self._surface_of(state, Timings()), state.poses, None)[2]
-        return {**at_points, **self._condensed.forces(state.rows, state.poses)}
+        turn = self._turn(state.rows) if state.turn is None else state.turn
+        at_points = self._surface.forces(self._surface_of(state, turn, Timings()), state.poses, None)[2]
+        return {**at_points, **self._condensed.forces(state.rows, state.poses, turn)}
 
     def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""

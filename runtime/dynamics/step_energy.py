@@ -3,10 +3,12 @@
     E(rows) = 1/(2 h^2) tr((rows - rows*)^T M (rows - rows*)) - tr(weight^T rows) + springs   (quadratic)
             + W_elastic(rows) + W_contact(rows) + friction(rows),   rows* = rows_old + h rows_velocity_old,
 
-M = U^T diag(node_mass) U. W_contact is penalty at the (corrected) surface samples, or, for a collider
-whose correction brings it, the energy with the detail condensed out (`condensed_contact.py`).
-Corrections are quasi-static: they carry neither inertia nor weight. Newton's
-unknowns are the free minimal coordinates v of `Handles.retract`; with T = d rows/dv the chain rule is
+M = U^T diag(node_mass) U. W_contact is penalty at the (corrected) surface samples, or, for a collider whose
+correction brings it, the energy with the detail condensed out (`condensed_contact.py`). Corrections are
+quasi-static: they carry neither inertia nor weight. The internal response, where there is one, has no inertia
+either, but it has weight. The rotation of the body that it follows, its turn, is that of the start of the
+step. Newton's unknowns are the free minimal coordinates v of `Handles.retract`; with T = d rows/dv the chain
+rule is
 
     gradient = T^T dE/drows,    Hessian = T^T (d2E/drows2) T + curvature of the retraction.
 """
@@ -19,9 +21,10 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.body.handles import Handles
+from runtime.corrections.correction import CorrectionField
 from runtime.dynamics.condensed_contact import CondensedContact
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
-from runtime.dynamics.elastic import ElasticEnergy
+from runtime.dynamics.elastic import Elastic
 from runtime.dynamics.newton import Linearisation
 from runtime.dynamics.springs import QuadraticForm
 from runtime.dynamics.state import ContactForce
@@ -30,8 +33,8 @@ from runtime.dynamics.timings import Timings
 
 # Energies are sums of some thousand float64 terms: differences below this share of their size are round-off.
 _ROUND_OFF = 1e-13
-# The same for what a float32 network takes part in.
-_NETWORK_ROUND_OFF = 1e-8
+# The same for what float32 takes part in: networks, and the internal response of the surface.
+_SINGLE_ROUND_OFF = 1e-8
 
 
 class Evaluation(NamedTuple):
@@ -45,7 +48,8 @@ class Evaluation(NamedTuple):
 class StepEnergy:
     """A `newton.Problem` over handle rows, for one step.
 
-    quadratic: inertia, gravity and springs; step: what friction remembers, None for a static solve;
+    quadratic: inertia, gravity and springs; turn: (dim, dim), what the internal response is turned by; step: what
+    friction remembers, None where there is none;
     friction_updates: how many linearisations take up new normal forces for friction before these are frozen
     so that Newton can converge. force_floor [N]: forces below it are nothing; units (n_free,): 1 for lengths,
     1/lever [1/m] for angles, so that all unknowns are metres and all gradients newtons.
@@ -58,10 +62,11 @@ class StepEnergy:
         free: IntArray,
         quadratic: QuadraticForm,
         points: CorrectedPoints,
-        elastic: ElasticEnergy,
+        elastic: Elastic,
         surface: SurfaceEnergy,
         condensed: CondensedContact,
         poses: Poses,
+        turn: Array,
         step: StepContact | None,
         friction_updates: int,
         force_floor: float,
@@ -76,6 +81,7 @@ class StepEnergy:
         self._surface = surface
         self._condensed = condensed
         self._poses = poses
+        self.turn = turn
         self._step = step
         self._relags_left = friction_updates
         self._force_floor = force_floor
@@ -95,7 +101,7 @@ class StepEnergy:
         found = self.evaluate(rows)
         with self._timings.contact:
             contact = self._surface.energy(found.surface, self._poses, self._step)
-            contact += self._condensed.energy(rows, self._poses)
+            contact += self._condensed.energy(rows, self._poses, self.turn)
         return self._quadratic.energy(rows) + found.elastic + contact
 
     def evaluate(self, rows: Array) -> Evaluation:
@@ -106,32 +112,40 @@ class StepEnergy:
         if self._latest is None or self._latest.rows is not rows:
             displacement = self._points.displacement(rows, self._poses, self._timings.correction)
             with self._timings.positions:
-                surface = self._surface.positions(rows, displacement)
+                surface = self._surface.positions(rows, self.turn, displacement)
             with self._timings.elastic:
-                elastic = self._elastic.energy(rows, displacement)
+                elastic = self._elastic.energy(rows, self.turn, displacement)
             self._latest = Evaluation(rows, surface, elastic)
         return self._latest
+
+    def _surface_at(self, rows: Array, field: CorrectionField | None) -> Array:
+        """Not anew where an evaluation has just found it."""
+        if field is None and self._latest is not None and self._latest.rows is rows:
+            return self._latest.surface
+        return self._surface.positions(rows, self.turn, self._points.scatter(field))
 
     def contacts(self, at: Evaluation) -> tuple[float, float, dict[str, ContactForce]]:
         """Contact energy, friction energy [J] and the force on each collider."""
         with self._timings.contact:
             normal, friction, forces = self._surface.forces(at.surface, self._poses, self._step)
-            normal += self._condensed.energy(at.rows, self._poses)
-            return normal, friction, {**forces, **self._condensed.forces(at.rows, self._poses)}
+            normal += self._condensed.energy(at.rows, self._poses, self.turn)
+            return normal, friction, {**forces, **self._condensed.forces(at.rows, self._poses, self.turn)}
 
     def linearise(self, rows: Array) -> Linearisation:
         """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one
         another."""
         field = self._points.linearise(rows, self._poses, self._timings.correction)
         with self._timings.positions:
-            surface = self._surface.positions(rows, self._points.scatter(field))
+            surface = self._surface_at(rows, field)
         with self._timings.elastic:
-            elastic, elastic_gradient, hessian = self._elastic.linearise(rows, field)
+            elastic, elastic_gradient, hessian = self._elastic.linearise(rows, self.turn, field)
         with self._timings.contact:
             contact, contact_gradient, contact_hessian = self._surface.linearise(
-                surface, field, self._poses, self._step, relag=self._relags_left > 0
+                surface, self.turn, field, self._poses, self._step, relag=self._relags_left > 0
             )
-            condensed, condensed_gradient, condensed_hessian = self._condensed.linearise(rows, self._poses)
+            condensed, condensed_gradient, condensed_hessian = self._condensed.linearise(
+                rows, self._poses, self.turn
+            )
             contact, contact_gradient = contact + condensed, contact_gradient + condensed_gradient
         self._relags_left -= 1
         self._latest = Evaluation(rows, surface, elastic)
@@ -153,7 +167,8 @@ class StepEnergy:
         return Linearisation(
             energy=quadratic + elastic + contact,
             noise=_ROUND_OFF * (abs(self._quadratic.constant) + abs(quadratic))
-            + (_NETWORK_ROUND_OFF if self._points.corrected else _ROUND_OFF) * (elastic + contact),
+            + (_SINGLE_ROUND_OFF if self._points.corrected or self._surface.settled else _ROUND_OFF)
+            * (elastic + contact),
             gradient=parts[0] + parts[1] + parts[2],
             hessian=hessian,
             scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),

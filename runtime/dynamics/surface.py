@@ -3,10 +3,10 @@
 With world gradients f_i and Hessians H_i of contact and friction at the touching points x_i and J_i =
 dx_i/drows,
 
-    gradient = sum_i J_i^T f_i,    Hessian = sum_i J_i^T H_i J_i,    J_i = U_i (x) I + du_i/drows.
+    gradient = sum_i J_i^T f_i,    Hessian = sum_i J_i^T H_i J_i,    J_i = U_i (x) I + du_i/drows,
 
-Where nothing corrects the positions the Hessian is the Kronecker-shaped sum_i U_i U_i^T (x) H_i: one small
-product.
+u_i being the corrections and the internal response. Where there is neither the Hessian is the
+Kronecker-shaped sum_i U_i U_i^T (x) H_i: one small product.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
 from runtime.corrections.correction import CorrectionField
+from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.state import ContactForce, resultant
 
@@ -37,7 +38,7 @@ class StepContact:
 
 class SurfaceEnergy:
     """Contact and friction of a body with its colliders, by name; displacements and fields are those of the
-    watched points, x (s, dim) [m] are positions of the surface samples."""
+    watched points, x (s, dim) [m] are positions of the surface samples, none where there is no collider."""
 
     def __init__(
         self,
@@ -46,18 +47,30 @@ class SurfaceEnergy:
         colliders: dict[str, Collider],
         contact: PenaltyContact,
         friction: CoulombFriction | None,
+        internal: InternalResponse | None = None,
     ) -> None:
-        self._points = points
-        self._basis = np.ascontiguousarray(body.basis[body.surface.nodes])
-        self._areas = body.surface.areas
+        """internal: of all nodes of the body."""
+        samples = slice(None) if colliders else slice(0)
+        nodes = body.surface.nodes[samples]
+        self._points, self._samples = points, points.samples[samples]
+        self._basis = np.ascontiguousarray(body.basis[nodes])
+        self._internal = None if internal is None else internal.at(nodes)
+        self._areas = body.surface.areas[samples]
         self._colliders = colliders
         self._contact = contact
         self._friction = friction
 
-    def positions(self, rows: Array, displacement: Array | None) -> Array:
-        """x; displacement: u (n, dim) [m]."""
+    @property
+    def settled(self) -> bool:
+        """Whether there is an internal response, in float32 as a rule."""
+        return self._internal is not None
+
+    def positions(self, rows: Array, turn: Array, displacement: Array | None) -> Array:
+        """x; turn: of the internal response; displacement: u (n, dim) [m] of the corrections."""
         x: Array = self._basis @ rows
-        return x if displacement is None else x + displacement[self._points.samples]
+        if self._internal is not None:
+            x += self._internal.displacement(rows, turn)
+        return x if displacement is None else x + displacement[self._samples]
 
     def energy(self, x: Array, poses: Poses, step: StepContact | None) -> float:
         """Contact and (lagged) friction energy [J]."""
@@ -69,16 +82,22 @@ class SurfaceEnergy:
         return total
 
     def linearise(
-        self, x: Array, field: CorrectionField | None, poses: Poses, step: StepContact | None, relag: bool
+        self,
+        x: Array,
+        turn: Array,
+        field: CorrectionField | None,
+        poses: Poses,
+        step: StepContact | None,
+        relag: bool,
     ) -> tuple[float, Array, Array | None]:
         """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; no
         Hessian where nothing touches. ``relag``: let friction take up the normal forces found here."""
         energy, index, gradient, hessian = self._at_points(x, poses, step, relag)
         if not len(index):
             return energy, np.zeros((self._basis.shape[1], x.shape[1])), None
-        if field is None:
+        if field is None and self._internal is None:
             return energy, *_through_basis(self._basis[index], gradient, hessian)
-        return energy, *_through_jacobian(self._jacobian(index, field), gradient, hessian)
+        return energy, *_through_jacobian(self._jacobian(index, turn, field), gradient, hessian)
 
     def _at_points(
         self, x: Array, poses: Poses, step: StepContact | None, relag: bool
@@ -102,13 +121,16 @@ class SurfaceEnergy:
             hessian[at] += term.hessian
         return sum(term.energy for term in terms), index, gradient, hessian
 
-    def _jacobian(self, index: IntArray, field: CorrectionField) -> Array:
+    def _jacobian(self, index: IntArray, turn: Array, field: CorrectionField | None) -> Array:
         """J (m*dim, n_rows*dim) of the surface samples ``index``."""
-        dim = field.displacement.shape[1]
+        dim = len(turn)
         jacobian: Array = np.einsum("mr,ik->mirk", self._basis[index], np.eye(dim))
-        slots = self._points.slots(field)[self._points.samples[index]]
-        active = np.flatnonzero(slots >= 0)
-        jacobian[active] += field.jacobian[slots[active]]
+        if self._internal is not None:
+            jacobian += self._internal.derivative(turn, index)
+        if field is not None:
+            slots = self._points.slots(field)[self._samples[index]]
+            active = np.flatnonzero(slots >= 0)
+            jacobian[active] += field.jacobian[slots[active]]
         return jacobian.reshape(len(index) * dim, -1)
 
     def forces(

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from runtime.experiment.experiment import Experiment
 from runtime.experiment.problems import Problem
-from runtime.experiment.scene_schema import KeyframeSpec, SceneSpec
+from runtime.experiment.scene_schema import KeyframeSpec, KinematicEntry, KinematicSpec, SceneSpec
+
+_POINTS_DO_NOT_TURN = "a point handle has no rotation, only frames have"
 
 
 def inconsistencies(experiment: Experiment) -> list[Problem]:
@@ -101,19 +103,20 @@ def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
 
 def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Problem]:
     here = f"scenes[{number}]"
-    frames = [frame.name for frame in experiment.body.handles.frames]
     names = [spec.name for spec in experiment.colliders]
-    for index, name in enumerate(scene.kinematic):
-        yield from _known(f"{here}.kinematic[{index}]", name, frames, "frame")
+    yield from _kinematic(experiment, f"{here}.kinematic", scene.kinematic)
     for index, collider in enumerate(scene.colliders):
         yield from _known(f"{here}.colliders[{index}].name", collider.name, names, "collider")
         yield from _keyframes(experiment, f"{here}.colliders[{index}].keyframes", collider.keyframes)
     for index, spring in enumerate(scene.springs):
         key = f"{here}.springs[{index}]"
-        if isinstance(spring.handle, str):
-            yield from _known(f"{key}.handle", spring.handle, frames, "frame")
-        else:
-            yield from _point_handle(experiment, f"{key}.handle", spring.handle)
+        yield from _handle(experiment, f"{key}.handle", spring.handle)
+        if spring.rotation_stiffness and not isinstance(spring.handle, str):
+            yield Problem(f"{key}.rotation_stiffness", "turns nothing", _POINTS_DO_NOT_TURN)
+        if not spring.rotation_stiffness:
+            yield from _no_rotation(
+                f"{key}.keyframes", spring.keyframes, "give the frame a rotation_stiffness"
+            )
         if (spring.target is None) == (spring.keyframes is None):
             yield Problem(key, "needs a target or keyframes", "give one of the two")
         if spring.target is not None:
@@ -122,7 +125,34 @@ def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Pr
             yield from _keyframes(experiment, f"{key}.keyframes", spring.keyframes)
 
 
-def _point_handle(experiment: Experiment, key: str, handle: int) -> Iterator[Problem]:
+def _kinematic(experiment: Experiment, key: str, entries: Iterable[KinematicEntry]) -> Iterator[Problem]:
+    seen: set[int | str] = set()
+    for index, entry in enumerate(entries):
+        here = f"{key}[{index}]"
+        handle = entry.handle if isinstance(entry, KinematicSpec) else entry
+        if isinstance(entry, KinematicSpec):
+            yield from _keyframes(experiment, f"{here}.keyframes", entry.keyframes)
+            if not isinstance(handle, str):
+                yield from _no_rotation(f"{here}.keyframes", entry.keyframes, _POINTS_DO_NOT_TURN)
+            here += ".handle"
+        yield from _handle(experiment, here, handle)
+        if handle in seen:
+            yield Problem(here, "is given twice", "a handle is held, or led along one path", handle)
+        seen.add(handle)
+
+
+def _no_rotation(key: str, keyframes: Iterable[KeyframeSpec] | None, remedy: str) -> Iterator[Problem]:
+    for number, keyframe in enumerate(keyframes or ()):
+        if keyframe.rotation is not None:
+            yield Problem(f"{key}[{number}].rotation", "turns nothing", remedy, keyframe.rotation)
+
+
+def _handle(experiment: Experiment, key: str, handle: int | str) -> Iterator[Problem]:
+    """A frame by name or a point by number."""
+    if isinstance(handle, str):
+        frames = [frame.name for frame in experiment.body.handles.frames]
+        yield from _known(key, handle, frames, "frame")
+        return
     points = experiment.body.handles.points
     count = points if isinstance(points, int) else len(points)
     if not 0 <= handle < count:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import types
 import typing
 from collections.abc import Iterator
@@ -53,16 +54,18 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def _kind(field: FieldInfo) -> str:
-    default = "required" if field.is_required() else f"default {_shown(field.default)}"
+    if field.is_required():
+        default = "required"
+    else:
+        default = "optional" if field.default in (None, "") else f"default {_toml(field.default)}"
     return f"{_type_name(field.annotation)}, {default}"
 
 
-def _shown(value: object) -> str:
-    if value is None or value == () or value == "":
-        return "none"
+def _toml(value: object) -> str:
+    """A value as it would be written in the file."""
     if isinstance(value, tuple):
-        return f"[{', '.join(str(entry) for entry in value)}]"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+        return f"[{', '.join(_toml(entry) for entry in value)}]"
+    return f"{value:g}" if isinstance(value, float) else json.dumps(value)
 
 
 def _type_name(annotation: Any) -> str:

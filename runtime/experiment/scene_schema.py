@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from runtime.experiment.section import Name, NotNegative, Positive, Section, Vector
 
@@ -29,11 +29,34 @@ class SceneColliderSpec(Section):
     keyframes: Keyframes = Field(description="poses over time, times increasing")
 
 
+class KinematicSpec(Section):
+    """A handle that is led along keyframes and not solved for."""
+
+    handle: int | str = Field(description="number of a point handle or name of a frame")
+    keyframes: Keyframes = Field(
+        description="how it moves from rest: displacement of the point or of the frame's pivot, the mean of its "
+        "nodes, and rotation of the frame about the pivot"
+    )
+
+
+def _held_or_led(entry: object) -> str:
+    return "led" if isinstance(entry, dict | KinematicSpec) else "held"
+
+
+# Told apart by their kind, so that a mistake in a table is not explained as a bad name.
+KinematicEntry = Annotated[
+    Annotated[int | str, Tag("held")] | Annotated[KinematicSpec, Tag("led")], Discriminator(_held_or_led)
+]
+
+
 class SpringSpec(Section):
     """A spring that pulls a handle to a place, fixed (`target`) or moving (`keyframes`)."""
 
     handle: int | str = Field(description="number of a point handle or name of a frame")
     stiffness: Positive = Field(description="[N/m]")
+    rotation_stiffness: NotNegative = Field(
+        0.0, description="frames: also pulls to the rotation of the keyframes, or of rest [N m/rad]"
+    )
     target: Vector | None = Field(None, description="where it pulls to [m]")
     keyframes: Keyframes | None = Field(None, description="where it pulls to, over time")
 
@@ -46,6 +69,8 @@ class SceneSpec(Section):
         description="record: states for sampling come from it; test: held out, models are compared on it"
     )
     duration: Positive = Field(description="[s]")
-    kinematic: tuple[str, ...] = Field((), description="frames that are held in place")
+    kinematic: tuple[KinematicEntry, ...] = Field(
+        (), description="handles that are held in place, by name or number, or led along keyframes, as tables"
+    )
     colliders: tuple[SceneColliderSpec, ...] = ()
     springs: tuple[SpringSpec, ...] = ()

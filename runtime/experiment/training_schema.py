@@ -28,8 +28,12 @@ class ModelSpec(Section):
     fade_depth: Positive = Field(
         5e-4, description="depth of contact below which what is learned fades out [m]"
     )
-    loads: Count = Field(1000, description="form loads: at most so many surface points that bear forces")
+    loads: Count = Field(3000, description="form loads: at most so many surface points that bear forces")
     band: Positive = Field(2e-3, description="form loads: loads this far outside the collider take part [m]")
+    internal: bool = Field(
+        True,
+        description="form loads: the body settles inside where the subspace cannot follow (linear, nothing learned)",
+    )
     encoding: Literal["weighted_rows", "local_geometry"] = Field(
         "weighted_rows",
         description="form field: the thesis's weighted handle rows, or the geometry of the contact",

@@ -80,7 +80,7 @@ def test_contact_solution_is_that_of_a_dense_kkt_newton(problem, dim, model):
 
     free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
     unknowns = (free[:, None] * dim + np.arange(dim)).ravel()
-    constraint = np.kron(body.basis[free], np.eye(dim))
+    constraint = np.kron(body.constraint_basis[free], np.eye(dim))
     # The constrained minimiser is unique near here: Newton from a perturbed solution has to come back to it.
     x = problem.constrained(
         rows, solution.x + 1e-5 * np.random.default_rng(5).standard_normal(solution.x.shape)

@@ -128,7 +128,8 @@ def test_the_truth_is_whole_and_obeys_its_constraint(reference: Path) -> None:
             u, state = truth.displacement(sample).astype(float), truth.sample_state[sample]
             # U^T (x - U q) = 0 for the equilibria with and without contact; 1e-6 is what float32 keeps.
             assert (
-                np.abs(body.basis.T @ u).max() < 1e-6 * np.abs(u).max() * np.abs(body.basis).sum(axis=0).max()
+                np.abs(body.constraint_basis.T @ u).max()
+                < 1e-6 * np.abs(u).max() * np.abs(body.basis).sum(axis=0).max()
             )
             internal = body.reduced_positions(truth.states["rows"][state]) + truth.internal(state)
             depth = -_circle(truth.pose(sample).apply_inverse(internal[body.mesh.surface_nodes])).min()
@@ -155,14 +156,10 @@ def test_a_killed_run_goes_on_to_the_same_truth(experiment: Path, reference: Pat
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    patience = time.monotonic() + 60
-    while len(list(out.glob("shards/contact_*.shard"))) < 3:
-        assert process.poll() is None
-        assert time.monotonic() < patience
-        time.sleep(0.002)
+    wait_for_shards(out, process)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    done = {path: path.stat().st_mtime_ns for path in out.glob("shards/contact_*.shard")}
+    done = finished_contacts(out)
     assert 3 <= len(done) < N_CONTACTS
     assert not (out / "truth.h5").exists()
     # Go on with one unit, so that the shards are still there to be looked at; then to the end.
@@ -170,6 +167,43 @@ def test_a_killed_run_goes_on_to_the_same_truth(experiment: Path, reference: Pat
     assert {path: path.stat().st_mtime_ns for path in done} == done  # nothing finished was computed again
     assert generate(experiment, "--out", out).returncode == 0
     assert content(out) == content(reference)
+
+
+def test_ctrl_c_on_two_ranks_keeps_what_is_finished(experiment: Path) -> None:
+    out = experiment.parent / "interrupted"
+    # mpirun may take more than a second to pass Ctrl-C on: there must be work for longer than that.
+    more = ("--set", "sampling.places=8", "--set", "sampling.rotations=30")
+    process = subprocess.Popen(
+        command(experiment, "--out", out, *more, ranks=2),
+        env=environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,  # what ranks say after Ctrl-C comes through Open MPI 4, and not through 5
+        start_new_session=True,
+    )
+    wait_for_shards(out, process)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to mpirun and all that share its group
+    assert process.wait(timeout=60) != 0
+    done = finished_contacts(out)
+    assert 3 <= len(done) < 2 * 8 * 30
+    assert not (out / "truth.h5").exists()
+    assert generate(experiment, "--out", out, *more, "--units", "1", ranks=2).returncode == 0
+    assert {path: path.stat().st_mtime_ns for path in done} == done  # nothing finished was computed again
+    with load_truth(out / "truth.h5") as truth:
+        assert len(truth.contacts) == len(done) + 1
+
+
+def wait_for_shards(out: Path, process: subprocess.Popen) -> None:
+    """Until three contacts are finished and more are being worked on."""
+    patience = time.monotonic() + 60
+    while len(finished_contacts(out)) < 3:
+        assert process.poll() is None
+        assert time.monotonic() < patience
+        time.sleep(0.002)
+
+
+def finished_contacts(out: Path) -> dict[Path, int]:
+    """Shards of finished contacts, and when each was written [ns]."""
+    return {path: path.stat().st_mtime_ns for path in out.glob("shards/contact_*.shard")}
 
 
 def test_a_part_is_useful_and_damaged_shards_are_made_again(experiment: Path, reference: Path) -> None:

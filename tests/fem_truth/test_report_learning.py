@@ -6,7 +6,8 @@ import pytest
 
 pytest.importorskip("torch")
 
-from fem_truth.report.learning import load_learning, read_table
+from fem_truth.report.learning import Learning, load_learning, read_curves, read_table
+from runtime.corrections.correction_file import CorrectionHeader
 from runtime.errors import SoftprintError
 
 
@@ -30,6 +31,53 @@ def test_what_is_no_table_is_refused_by_name(tmp_path, content):
     path.write_text(content)
     with pytest.raises(SoftprintError, match=r"ablation\.json"):
         load_learning({}, tmp_path)
+
+
+def test_held_out_states_are_told_from_header_and_curves():
+    header = CorrectionHeader(
+        name="ours",
+        collider="ball",
+        body_hash="",
+        truth_hash="",
+        dim=2,
+        n_rows=9,
+        form="loads",
+        options={},
+        held_out_rms=0.2,
+        training={"seconds": 3.0, "samples": 80},
+        provenance={},
+    )
+    curves = {"held_out": {"rms": 0.2, "worst": 1.1, "samples": 20}, "history": []}
+    known = Learning({"ours": header}, {"ours": curves}).summary()["held_out_states"]["ours"]
+    assert known == {
+        "rms": 0.2,
+        "squared": pytest.approx(0.04),
+        "worst": 1.1,
+        "samples": 80,
+        "validation_samples": 20,
+        "seconds": 3.0,
+    }
+    without_curves = Learning({"ours": header}).summary()["held_out_states"]["ours"]
+    assert without_curves["samples"] == 80
+    assert without_curves["worst"] is None
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "[]",
+        "{}",
+        '{"history": 3}',
+        '{"history": [{"step": 1}]}',
+        '{"history": [{"step": 1, "loss": "low", "validation_rms": 1}]}',
+        '{"history": [], "held_out": 3}',
+    ],
+)
+def test_what_are_no_curves_is_refused_by_name(tmp_path, content):
+    path = tmp_path / "ours.json"
+    path.write_text(content)
+    with pytest.raises(SoftprintError, match=r"ours\.json: not the curves"):
+        read_curves(path)
 
 
 def test_an_empty_run_has_learned_nothing(tmp_path):

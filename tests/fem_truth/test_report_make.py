@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
@@ -13,9 +14,10 @@ pytest.importorskip("matplotlib")
 from fem_truth.report import make
 from fem_truth.report.make import make_report
 from fem_truth.report.page import look_up
-from fem_truth.report.solves import SolveStore
+from fem_truth.report.solves import FrameSolves, SolveStore
 from runtime.body import build_body, save_body
 from runtime.cli.context import Context
+from runtime.colliders import RigidPose
 from runtime.dynamics.simulate import simulate_scene
 from runtime.errors import SoftprintError
 from runtime.mesh import write_mesh
@@ -87,7 +89,8 @@ def test_report_of_a_toy_run(toy, monkeypatch):
     assert errors["full"]["relative_rms"] == 0.0
     # Frictionless and slow, so what is left beside contact and internal deformation is a little inertia.
     assert errors["statics"]["relative_rms"] < 0.3
-    assert errors["statics"]["relative_rms"] < errors["truth"]["relative_rms"] < 1.0
+    # Exact contact without internal deformation is worse: on this coarse toy nearly all is internal.
+    assert errors["statics"]["relative_rms"] < errors["truth"]["relative_rms"]
     assert summary["contact_displacement"]["bare"] == 1.0
     assert summary["timings"]["bare"]["cost_of_bare"] == 1.0
     assert [note for note in summary["notes"] if "softprint generate" in note]
@@ -124,6 +127,22 @@ def test_an_interrupted_report_leaves_finished_solves_and_no_page(toy, tmp_path,
     with pytest.raises(KeyboardInterrupt):
         make_report(context_of(toy, run), pictures=False)
     assert reports(run) == [f"frame_{frame:05d}.npz" for frame in calls]
+
+
+def test_no_byte_of_a_kept_solve_is_altered_silently(tmp_path):
+    store, full, pose = SolveStore(tmp_path, "context"), np.zeros((3, 2)), RigidPose.identity(2)
+    solves = FrameSolves(np.ones((3, 2)), np.full((3, 2), 2.0), np.full((3, 2), 3.0), 0.5, "")
+    store.save(4, full, pose, solves)
+    path = next(tmp_path.glob("*.npz"))
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << (place % 8)
+        path.write_bytes(damaged)
+        found = store.load(4, full, pose)  # the archive keeps some facts twice: not all damage does harm
+        assert found is None or all(
+            np.array_equal(value, vars(solves)[name]) for name, value in vars(found).items()
+        )
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment, load_experiment
 from runtime.experiment.describe import described_keys
+from runtime.experiment.scene_schema import KinematicSpec
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.toml"))
 
@@ -120,6 +122,33 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
         ("body.handles.points='many'", ["[body.handles.points]", "integer", "or"]),
         ("sampling.collider='bull'", ["[sampling.collider]", "did you mean 'ball'?"]),
         ("scenes.press.kinematic=['bass']", ["[scenes[0].kinematic[0]]", "did you mean 'base'?"]),
+        ("scenes.press.kinematic=[4]", ["[scenes[0].kinematic[0]]", "4 point handles"]),
+        ("scenes.press.kinematic=[1.5]", ["[scenes[0].kinematic[0]]", "valid integer", "or", "valid string"]),
+        ("scenes.press.kinematic=['base', 'base']", ["[scenes[0].kinematic[1]]", "given twice"]),
+        ("scenes.press.kinematic=[{handle='base'}]", ["[scenes[0].kinematic[0].keyframes] is missing"]),
+        (
+            "scenes.press.kinematic=[{handle='base', keyframe=[]}]",
+            ["[scenes[0].kinematic[0].keyframe]", "did you mean `keyframes`?"],
+        ),
+        (
+            "scenes.press.kinematic=[{handle='bass', keyframes=[{time=0, position=[0, 0, 0]}]}]",
+            ["[scenes[0].kinematic[0].handle]", "did you mean 'base'?"],
+        ),
+        (
+            "scenes.press.kinematic=[{handle='base', keyframes=[{time=0, position=[0, 0]}]}]",
+            ["[scenes[0].kinematic[0].keyframes[0].position]", "2 entries"],
+        ),
+        (
+            "scenes.press.kinematic=[{handle=1, keyframes=[{time=0, position=[0, 0, 0], rotation=[0, 0, 1]}]}]",
+            ["[scenes[0].kinematic[0].keyframes[0].rotation]", "turns nothing", "only frames"],
+        ),
+        ("scenes.press.springs[0].rotation_stiffness=1.0", ["rotation_stiffness]", "turns nothing"]),
+        ("scenes.press.springs[0].rotation_stiffness=-1.0", ["rotation_stiffness]", "greater than or equal"]),
+        (
+            "scenes.press.springs[0]={handle='base', stiffness=1.0, keyframes="
+            "[{time=0, position=[0, 0, 0], rotation=[0, 0, 1]}]}",
+            ["springs[0].keyframes[0].rotation]", "turns nothing", "rotation_stiffness"],
+        ),
         ("scenes.press.colliders.ball.name='cube'", ["[scenes[0].colliders[0].name]", "known: ball"]),
         ("scenes.press.springs[0].handle=4", ["springs[0].handle", "4 point handles"]),
         ("scenes.press.springs[0].handle='top'", ["springs[0].handle", "not the name of a frame"]),
@@ -135,6 +164,14 @@ def test_mistakes_are_named(file, override, words):
     text = complaint(file, override)
     for word in [str(file), *words]:
         assert word in text
+
+
+def test_handles_are_held_by_name_or_led_by_tables(file):
+    led = "{handle = 2, keyframes = [{time = 0, position = [0, 0, 0]}]}"
+    kinematic = load_experiment(file, [f"scenes.press.kinematic=['base', 1, {led}]"]).scenes[0].kinematic
+    assert kinematic[:2] == ("base", 1)
+    assert isinstance(kinematic[2], KinematicSpec)
+    assert kinematic[2].keyframes[0].position == (0.0, 0.0, 0.0)
 
 
 def test_all_mistakes_are_listed(file):
@@ -188,3 +225,13 @@ def test_every_key_is_described():
     shapes = [kind for key, kind, _ in lines if key == "colliders[].shape"]
     assert '"mesh", required' in shapes
     assert not [key for key, kind, _ in lines if kind.startswith("<") or "typing" in kind]
+
+
+def test_defaults_are_told_as_toml():
+    kinds = {key: kind for key, kind, _ in described_keys(Experiment)}
+    assert kinds["training.models[].patch_inputs"] == "true or false, default false"
+    assert kinds["training.device"].endswith('default "cpu"')
+    assert kinds["body.material.regions[].young"] == "number, optional"
+    defaults = [kind.split("default ")[1] for kind in kinds.values() if "default " in kind]
+    for default in defaults:
+        tomllib.loads(f"key = {default}")

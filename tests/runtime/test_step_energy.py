@@ -1,6 +1,8 @@
 """The energy of a step: its gradient and Hessian by finite differences, in 2D and 3D, with everything
 switched on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,8 @@ from runtime.body import assemble_body, frame_in_box, place_handles
 from runtime.colliders import KeyframedPath, RigidPose, Sphere
 from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.corrections.correction import CorrectionField
+from runtime.corrections.internal_response import compute_internal_response
+from runtime.corrections.rest_response import RestResponse
 from runtime.dynamics import DynamicsSettings, HandleSpring, KinematicHandle, PlacedCollider, Simulator
 from runtime.dynamics import simulator as simulator_module
 from runtime.elasticity import make_material
@@ -16,6 +20,7 @@ from runtime.mesh import box_mesh
 TIME_STEP = 0.01
 dims = pytest.mark.parametrize("dim", [2, 3])
 kinds = pytest.mark.parametrize("corrected", [False, True], ids=["bare", "corrected"])
+internals = pytest.mark.parametrize("internal", [False, True], ids=["U", "internal"])
 
 
 class WavyCorrection:
@@ -25,7 +30,7 @@ class WavyCorrection:
     r_a = amplitude sin(k_a . z + c (U rows at the first handle)_a).
     """
 
-    name, collider, support, potential = "wavy", "ball", np.inf, None
+    name, collider, support, potential, internal = "wavy", "ball", np.inf, None, None
 
     def __init__(self, amplitude):
         self.amplitude = amplitude
@@ -45,7 +50,7 @@ class BoundWave:
         z = pose.apply_inverse(self.basis @ rows)
         return z @ self.waves[:dim, :dim].T + 7.0 * pose.apply_inverse(rows[:1])
 
-    def displacement(self, rows, pose):
+    def displacement(self, rows, pose, turn=None):
         u = np.zeros((len(self.basis), rows.shape[1]))
         u[self.active] = pose.rotate(self.amplitude * np.sin(self._phase(rows, pose)[self.active]))
         return u
@@ -68,10 +73,17 @@ def make_body(dim):
     return assemble_body(mesh, handles, make_material("stable_neo_hookean", 2e4, 0.4), 1000.0, name="box")
 
 
-def step_energy(dim, corrected, monkeypatch, kinematic=()):
+def internal_response(body, gravity):
+    """In float64, for finite differences."""
+    found = compute_internal_response(body, gravity, RestResponse(body))
+    return replace(found, modes=found.modes.astype(float), weight=found.weight.astype(float))
+
+
+def step_energy(dim, corrected, internal, monkeypatch, kinematic=()):
     """The `StepEnergy` of a step of a turned, strained, moving body that a ball slides along; and rows near
     it."""
     body = make_body(dim)
+    gravity = [0.0] * (dim - 1) + [-9.81]
     rng = np.random.default_rng(dim)
     ball = Sphere(0.03, dim, "ball")
     begin = RigidPose.from_rotation_vector([0.3] if dim == 2 else [0.3, 0.1, 0.2], [0.07, 0.072, 0.02][:dim])
@@ -85,10 +97,11 @@ def step_energy(dim, corrected, monkeypatch, kinematic=()):
         ],
         contact=PenaltyContact(1e8),
         friction=CoulombFriction(0.4, slip_velocity=0.1),
-        gravity=[0.0] * (dim - 1) + [-9.81],
+        gravity=gravity,
         springs=[HandleSpring("base", 50.0, target, rotation_stiffness=0.3), HandleSpring(2, 80.0, target)],
         kinematic=kinematic,
         settings=DynamicsSettings(TIME_STEP),
+        internal=internal_response(body, gravity) if internal else None,
     )
     problems = []
 
@@ -100,6 +113,7 @@ def step_energy(dim, corrected, monkeypatch, kinematic=()):
     below = RigidPose(begin.rotation, begin.translation * [1.0, -0.3, 1.0][:dim])
     state = simulator.rest_state(poses={"ball": begin, "other": below})
     rows = body.handles.retract(state.rows, 2e-3 * rng.normal(size=body.n_dofs))
+    state = replace(state, rows=body.handles.retract(state.rows, 5e-3 * rng.normal(size=body.n_dofs)))
     with pytest.raises(StopIteration):
         simulator.step(state, poses={"ball": end, "other": below})
     return problems[0], rows, rng
@@ -118,8 +132,9 @@ def differences(problem, rows, function, directions, step):
 
 @dims
 @kinds
-def test_gradient_is_the_derivative_of_the_energy(dim, corrected, monkeypatch):
-    problem, rows, rng = step_energy(dim, corrected, monkeypatch)
+@internals
+def test_gradient_is_the_derivative_of_the_energy(dim, corrected, internal, monkeypatch):
+    problem, rows, rng = step_energy(dim, corrected, internal, monkeypatch)
     at = problem.linearise(rows)  # lags friction at these very rows, where it slips by up to 2 mm
     problem._relags_left = 0
     contact, friction, _ = problem.contacts(problem.evaluate(rows))
@@ -134,8 +149,9 @@ def test_gradient_is_the_derivative_of_the_energy(dim, corrected, monkeypatch):
 
 
 @dims
-def test_hessian_of_the_bare_body_is_the_derivative_of_the_gradient(dim, monkeypatch):
-    problem, rows, rng = step_energy(dim, False, monkeypatch)
+@internals
+def test_hessian_without_corrections_is_the_derivative_of_the_gradient(dim, internal, monkeypatch):
+    problem, rows, rng = step_energy(dim, False, internal, monkeypatch)
     at = problem.linearise(rows)
     problem._relags_left = 0
     np.testing.assert_allclose(at.hessian, at.hessian.T, atol=1e-10 * np.abs(at.hessian).max())
@@ -154,7 +170,7 @@ def test_hessian_of_the_bare_body_is_the_derivative_of_the_gradient(dim, monkeyp
 @dims
 def test_kinematic_handles_are_no_unknowns(dim, monkeypatch):
     problem, rows, _ = step_energy(
-        dim, True, monkeypatch, kinematic=[KinematicHandle("base"), KinematicHandle(1)]
+        dim, True, False, monkeypatch, kinematic=[KinematicHandle("base"), KinematicHandle(1)]
     )
     at = problem.linearise(rows)
     assert at.gradient.shape == (4 * dim,)

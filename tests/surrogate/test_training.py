@@ -11,11 +11,11 @@ import torch
 
 from runtime.body import ReducedBody
 from runtime.colliders import RigidPose, Sphere
-from runtime.corrections.compliance import compute_compliance
-from runtime.corrections.contact_loads import LoadProbe
+from runtime.corrections.contact_loads import ContactLoadsProbe
 from runtime.corrections.elastic_contact import ElasticContact
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.model import ModelOptions
+from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData, TruthHeader, create_truth, load_truth
 from runtime.truth_schema import TABLES
@@ -32,18 +32,18 @@ STATES, CONTACTS, DEPTHS = 3, 8, 2
 
 
 @pytest.fixture(scope="module")
-def compliance(jelly2d_body):
-    return compute_compliance(jelly2d_body, 60)
+def mechanics(jelly2d_body):
+    return compute_rest_mechanics(jelly2d_body, 200, internal=True, gravity=(0.0, -9.81))
 
 
 @pytest.fixture(scope="module")
-def truth_path(jelly2d_body: ReducedBody, compliance, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def truth_path(jelly2d_body: ReducedBody, mechanics, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A truth file whose field is a smooth function of contact: linear elasticity with loads 1.3 times too
     large, and some more to the side. Sample 3 failed, and the last of contact 5 jumped."""
     body, rng = jelly2d_body, np.random.default_rng(0)
     top = float(body.mesh.points[:, -1].max())
-    probe = LoadProbe(body, BALL, compliance, OPTIONS.stiffness, OPTIONS.band)
-    correction = ElasticContact("truth", LoadModel(OPTIONS, 2, body.n_rows), body, BALL, compliance)
+    probe = ContactLoadsProbe(body, BALL, mechanics, OPTIONS.stiffness, OPTIONS.band)
+    correction = ElasticContact("truth", LoadModel(OPTIONS, 2, body.n_rows), body, BALL, mechanics)
     teacher = correction.model
     teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0])
     load_scale = 50.0
@@ -108,11 +108,11 @@ def truth(truth_path: Path, jelly2d_body: ReducedBody):
         yield data
 
 
-def load_task(truth: TruthData, body: ReducedBody, compliance, edge_weight: float = 0.3) -> LoadTask:
+def load_task(truth: TruthData, body: ReducedBody, mechanics, edge_weight: float = 0.3) -> LoadTask:
     split = split_by_state(truth, "ball", 1)
-    metric = LoadMetric(body, compliance, edge_weight)
+    metric = LoadMetric(body, mechanics.compliance, edge_weight)
     data = [
-        load_load_data(truth, body, BALL, compliance, OPTIONS, metric, part)
+        load_load_data(truth, body, BALL, mechanics, OPTIONS, metric, part)
         for part in (split.train, split.validation)
     ]
     return LoadTask(OPTIONS, metric, data[0], data[1], body.n_rows)
@@ -138,15 +138,15 @@ def test_split_holds_out_states_and_counts_what_is_left_out(truth):
         split_by_state(truth, "cube", 1)
 
 
-def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, compliance):
+def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
     """phi^T Gamma phi - 2 phi^T h + c against the fields themselves, at random loads."""
     body, edge_weight = jelly2d_body, 0.7
-    metric = LoadMetric(body, compliance, edge_weight)
+    metric = LoadMetric(body, mechanics.compliance, edge_weight)
     rng = np.random.default_rng(1)
     loads = np.array([3, 7, 8])
     phi, w = rng.standard_normal((3, 2)), 1e-3 * rng.standard_normal((body.n_nodes, 2))
     h, c, volume_h, volume_c = metric.of_field(w, loads)
-    missed = np.einsum("lanb,la->nb", compliance.operator[loads], phi) - w
+    missed = np.einsum("lanb,la->nb", mechanics.compliance.dense()[loads], phi) - w
     volumes, edges = body.mesh.node_volumes, body.mesh.surface_edges
     volume_error = float(volumes @ (missed**2).sum(1) / volumes.sum())
     edge_error = float(((missed[edges[:, 0]] - missed[edges[:, 1]]) ** 2).sum() / len(edges))
@@ -205,10 +205,10 @@ def test_input_gains_scale_the_first_layer(truth, jelly2d_body):
         assert torch.equal(steep[name], expected), name
 
 
-def test_loads_are_learned(truth, jelly2d_body, compliance):
+def test_loads_are_learned(truth, jelly2d_body, mechanics):
     """The teacher is a load model: the error on held-out states falls from that of plain elasticity to a few
     per cent."""
-    task = load_task(truth, jelly2d_body, compliance)
+    task = load_task(truth, jelly2d_body, mechanics)
     before = task.held_out_error(task.fresh_model(0)).rms
     result = train(task, TrainingSettings(400, 8, 1e-2, 0.0, 4, 0))
     assert before > 0.15
@@ -216,11 +216,11 @@ def test_loads_are_learned(truth, jelly2d_body, compliance):
     assert [entry["step"] for entry in result.history] == [100, 200, 300, 400]
 
 
-def test_trained_loads_err_alike_at_run_time(truth, jelly2d_body, compliance):
+def test_trained_loads_err_alike_at_run_time(truth, jelly2d_body, mechanics):
     """The error in the metric of training is that of the correction itself, up to the stretch of F."""
-    task = load_task(truth, jelly2d_body, compliance)
+    task = load_task(truth, jelly2d_body, mechanics)
     model = task.fresh_model(0)
-    bound = ElasticContact("x", model, jelly2d_body, BALL, compliance).bind(jelly2d_body.node_points())
+    bound = ElasticContact("x", model, jelly2d_body, BALL, mechanics).bind(jelly2d_body.node_points())
     missed = whole = 0.0
     volumes = jelly2d_body.mesh.node_volumes
     for sample in split_by_state(truth, "ball", 1).validation:
@@ -243,10 +243,10 @@ def test_fields_are_learned(truth, jelly2d_body):
 
 
 @pytest.mark.parametrize("form", ["loads", "field"])
-def test_resumed_equals_uninterrupted(form, truth, jelly2d_body, compliance, tmp_path):
+def test_resumed_equals_uninterrupted(form, truth, jelly2d_body, mechanics, tmp_path):
     def task():
         return (
-            load_task(truth, jelly2d_body, compliance) if form == "loads" else field_task(truth, jelly2d_body)
+            load_task(truth, jelly2d_body, mechanics) if form == "loads" else field_task(truth, jelly2d_body)
         )
 
     settings = TrainingSettings(20, 4, 5e-3, 1e-3, 4, 7)
@@ -283,6 +283,19 @@ def test_damaged_checkpoints_are_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:-4])
     with pytest.raises(SoftprintError, match="not a readable checkpoint"):
         load_checkpoint(path)
+
+
+def test_no_byte_of_a_checkpoint_is_altered_silently(tmp_path):
+    path = tmp_path / "x.checkpoint"
+    tensors = {"model.w": torch.arange(3.0), "adam.0.step": torch.tensor(3.0)}
+    save_checkpoint(path, Checkpoint("run", 3, [{"step": 3.0}], tensors))
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << (place % 8)
+        path.write_bytes(damaged)
+        with pytest.raises(SoftprintError, match=r"x\.checkpoint: .*remove it and train again"):
+            load_checkpoint(path)
 
 
 def test_truth_of_another_body_is_refused(truth_path, jelly3d_body):

@@ -1,43 +1,16 @@
-"""The judge's reduced states, and the store of its solves."""
+"""Full-space solves at the frames of a motion, and the store of them."""
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
+from fem_truth.constrained import ConstrainedProblem
 from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.report.projection import FramesInPlace, Projection
 from fem_truth.report.solves import FrameSolves, SolveStore
 from runtime.colliders.pose import RigidPose
 from runtime.contact import PenaltyContact
 from runtime.errors import SoftprintError
-
-ROUND_OFF = 1e-12  # m: bodies are 0.1 m wide, the normal equations lose a few digits
-
-
-def deformed(body):
-    """Positions that no subspace has, with the frames in place."""
-    X = body.mesh.points
-    x = X + 0.003 * np.sin(40 * X[:, ::-1]) * (X[:, -1:] / X[:, -1].max()) ** 2
-    x[body.handles.frame_nodes] = X[body.handles.frame_nodes]
-    return x
-
-
-def test_the_residual_is_orthogonal_to_the_basis_on_the_free_nodes(jelly_body):
-    body, x = jelly_body, deformed(jelly_body)
-    projection = Projection(body)
-    reduced = projection.reduced(projection.rows(x), x)
-    free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
-    assert np.abs(body.basis[free].T @ (x - reduced)[free]).max() < 1e3 * ROUND_OFF  # sums over nodes
-    assert np.array_equal(reduced[body.handles.frame_nodes], x[body.handles.frame_nodes])
-
-
-def test_affine_positions_are_their_own_projection(jelly_body):
-    body = jelly_body
-    shear = np.eye(body.dim) + 0.1 * np.eye(body.dim)[::-1]
-    x = body.mesh.points @ shear.T + 0.02
-    projection = Projection(body)
-    assert np.abs(projection.reduced(projection.rows(x), x) - x).max() < 10 * ROUND_OFF
 
 
 def test_a_full_space_equilibrium_is_its_own_constrained_equilibrium(jelly_body):
@@ -48,11 +21,9 @@ def test_a_full_space_equilibrium_is_its_own_constrained_equilibrium(jelly_body)
     body = jelly_body
     gravity = np.zeros(body.dim)
     gravity[-1] = -9.81
-    problem = FramesInPlace(FullSpaceElasticity(body), gravity, PenaltyContact(1e10), body)
-    projection = Projection(body)
+    problem = ConstrainedProblem(FullSpaceElasticity(body), gravity, PenaltyContact(1e10), body)
     x = static_equilibrium(body, gravity)
-    rows = projection.rows(x)
-    solution = problem.internal_equilibrium(rows, x0=projection.reduced(rows, x))
+    solution = problem.internal_equilibrium(body.project(x))
     assert solution.converged
     sag = np.abs(x - body.mesh.points).max()
     assert np.abs(solution.x - x).max() < 1e-4 * sag

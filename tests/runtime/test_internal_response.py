@@ -1,0 +1,152 @@
+"""The internal response: invariance, the constraint, and the exact internal equilibrium by a dense Newton solve."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg as sl
+
+from runtime.body import assemble_body, frame_in_box, place_handles
+from runtime.body.rotations import rotation_exponential
+from runtime.corrections.internal_response import compute_internal_response, internal_arrays, take_internal
+from runtime.corrections.rest_response import RestResponse
+from runtime.elasticity import make_material
+from runtime.elasticity.elastic_energy import elastic_gradient, element_hessians
+from runtime.mesh import box_mesh
+
+
+def make_body(dim, frames):
+    """A bar whose right half is five times as stiff and twice as dense, with or without a rigid end."""
+    mesh = box_mesh([0.0] * dim, [0.1, 0.05, 0.05][:dim], [8, 4, 4][:dim])
+    regions = [frame_in_box(mesh, "base", [[-1.0] * dim, [0.015] + [1.0] * (dim - 1)])] if frames else []
+    right = mesh.cell_centroids[:, 0] > 0.05
+    material = make_material("stable_neo_hookean", np.where(right, 1e5, 2e4), np.full(mesh.n_cells, 0.4))
+    return assemble_body(
+        mesh, place_handles(mesh, 5, regions), material, np.where(right, 2e3, 1e3), name="bar"
+    )
+
+
+@pytest.fixture(params=[True, False], ids=["frame", "free"])
+def body(dim, request):
+    return make_body(dim, request.param)
+
+
+def gravity(dim):
+    return np.array([1.0, -2.0, -9.0])[:dim]
+
+
+@pytest.fixture
+def response(body, dim):
+    """In float64, for differences and invariances to be seen to round-off."""
+    found = compute_internal_response(body, gravity(dim), RestResponse(body))
+    return replace(found, modes=found.modes.astype(float), weight=found.weight.astype(float))
+
+
+def strained(body, scale):
+    """Handle rows of a deformed body, frames rigid."""
+    rng = np.random.default_rng(4)
+    return body.handles.retract(body.rest_rows, scale * rng.normal(size=body.n_dofs))
+
+
+def moved(body, rows, rotation, translation):
+    """Handle rows after a rigid motion of everything: frames hold R^T and t."""
+    placed = rows @ rotation.T
+    is_position = np.ones(body.n_rows)
+    n_points = body.handles.n_points
+    is_position[n_points:] = np.tile(np.append(np.zeros(body.dim), 1.0), len(body.handles.frames))
+    return placed + is_position[:, None] * translation
+
+
+def test_it_turns_with_the_body(body, response, dim):
+    rotation = rotation_exponential(np.array([2.0] if dim == 2 else [1.0, -2.0, 0.7]))
+    rows = strained(body, 3e-3)
+    there = moved(body, rows, rotation, np.array([0.3, -0.2, 0.5])[:dim])
+    turned = replace(response, gravity=rotation @ response.gravity)
+    turn = response.turn(rows)
+    np.testing.assert_allclose(turned.turn(there), rotation @ turn, atol=1e-12)
+    here = response.displacement(rows, turn)
+    np.testing.assert_allclose(
+        turned.displacement(there, turned.turn(there)), here @ rotation.T, atol=1e-11 * np.abs(rows).max()
+    )
+
+
+def test_a_rigid_motion_strains_nothing(body, response, dim):
+    rotation = rotation_exponential(np.array([2.0] if dim == 2 else [1.0, -2.0, 0.7]))
+    rows = moved(body, body.rest_rows, rotation, np.full(dim, 0.1))
+    np.testing.assert_allclose(response.turn(rows), rotation, atol=1e-12)
+    weightless = replace(response, gravity=np.zeros(dim))
+    # Round-off: the turn leaves no strain of the rows, and the mean translation is taken out.
+    assert np.abs(weightless.displacement(rows, weightless.turn(rows))).max() < 1e-12
+
+
+def test_the_subspace_does_not_feel_it(body, response):
+    rows = strained(body, 3e-3)
+    u = response.displacement(rows, response.turn(rows))
+    frame = body.handles.frame_nodes
+    free = np.setdiff1d(np.arange(body.n_nodes), frame)
+    assert np.abs(u).max() > 1e-5
+    assert not u[frame].any()
+    assert np.abs(body.constraint_basis[free].T @ u[free]).max() < 1e-5 * np.abs(u).sum()  # float32
+
+
+def test_derivative(body, response, dim):
+    rng = np.random.default_rng(0)
+    rows = strained(body, 3e-3)
+    turn = rotation_exponential(np.array([0.4] if dim == 2 else [0.4, -0.3, 0.2]))
+    derivative = response.derivative(turn)
+    way = rng.normal(size=rows.shape)
+    ahead, behind = response.displacement(rows + way, turn), response.displacement(rows - way, turn)
+    # Affine at a frozen turn: differences over any distance are exact.
+    np.testing.assert_allclose(np.einsum("narb,rb->na", derivative, way), 0.5 * (ahead - behind), atol=1e-12)
+    few = np.array([7, 3, 20])
+    np.testing.assert_allclose(response.derivative(turn, few), derivative[few], atol=1e-15)
+    part = response.at(few)
+    np.testing.assert_allclose(
+        part.displacement(rows, turn), response.displacement(rows, turn)[few], atol=1e-12
+    )
+
+
+def internal_equilibrium(body, rows, acceleration):
+    """u (n_nodes, dim) with U_f^T u = 0 that minimises elastic energy less work of the weight: dense Newton."""
+    mesh, dim = body.mesh, body.dim
+    free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
+    null = np.kron(sl.null_space(body.constraint_basis[free].T), np.eye(dim))
+    weight = body.node_mass[:, None] * acceleration
+    dofs = (mesh.cells[:, :, None] * dim + np.arange(dim)).reshape(mesh.n_cells, -1)
+    unknowns = (free[:, None] * dim + np.arange(dim)).ravel()
+    u = np.zeros_like(mesh.points)
+    for _ in range(20):
+        x = body.basis @ rows + u
+        residual = (elastic_gradient(mesh, body.material, x) - weight)[free].ravel()
+        hessian = np.zeros((body.n_nodes * dim,) * 2)
+        tangent = body.material.tangent(mesh.deformation_gradients(x))
+        blocks = element_hessians(tangent, mesh.cell_gradients, mesh.cell_volumes)
+        np.add.at(hessian, (dofs[:, :, None], dofs[:, None, :]), blocks)
+        step = np.linalg.solve(null.T @ hessian[np.ix_(unknowns, unknowns)] @ null, null.T @ residual)
+        u[free] -= (null @ step).reshape(-1, dim)
+        if np.abs(step).max() < 1e-13:
+            return u
+    raise AssertionError("the internal equilibrium was not found")
+
+
+def test_it_is_the_internal_equilibrium_to_first_order(body, response, dim):
+    errors = []
+    for scale in (4e-4, 2e-4):
+        rows = strained(body, scale)
+        acceleration = 1e3 * scale * response.gravity  # weight and strain vanish together
+        scaled = replace(response, gravity=acceleration)
+        exact = internal_equilibrium(body, rows, acceleration)
+        error = np.linalg.norm(scaled.displacement(rows, scaled.turn(rows)) - exact)
+        errors.append(error)
+        assert error < 0.05 * np.linalg.norm(exact)
+    # Halving the strain quarters the error.
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
+
+
+def test_arrays_of_a_file_give_it_back(body, response):
+    arrays = {**internal_arrays(response), "other": np.zeros(1)}
+    again = take_internal(arrays)
+    assert list(arrays) == ["other"]
+    np.testing.assert_array_equal(again.modes, response.modes)
+    np.testing.assert_array_equal(again.rest_rows, response.rest_rows)
+    assert take_internal(arrays) is None

@@ -1,0 +1,85 @@
+"""Loads in balance with a collider: known roots, and the conditions of balance where there are none."""
+
+import numpy as np
+import pytest
+
+from runtime.colliders import RigidPose, Sphere
+from runtime.corrections.load_press import PosedDistance
+from runtime.corrections.load_solve import LoadProblem
+
+A, STIFFNESS, RADIUS = 2e-3, 5e5, 0.02
+
+
+def single(depth: float) -> LoadProblem:
+    """One load with the compliance A in all directions, `depth` inside a ball whose centre lies straight below."""
+    ball = PosedDistance(Sphere(RADIUS, 3, "ball"), RigidPose.identity(3))
+    position = np.array([[0.0, 0.0, RADIUS - depth]])
+    return LoadProblem(
+        A * np.eye(3).reshape(1, 3, 1, 3), np.array([STIFFNESS]), position, np.eye(3)[None], depth, ball
+    )
+
+
+@pytest.mark.parametrize("solve", [LoadProblem.solve, LoadProblem._descend], ids=["newton", "descent"])
+def test_penetration_left_by_one_load_is_the_known_root(solve):
+    """e + A k a e^2 = d has the root e = (sqrt(1 + 4 A k a d) - 1) / (2 A k a)."""
+    depth, product = 4e-3, A * STIFFNESS
+    solution = solve(single(depth))
+    root = (np.sqrt(1 + 4 * product * depth) - 1) / (2 * product)
+    assert solution.converged
+    # Solved to 1e-11 of the depth.
+    assert solution.left[0] == pytest.approx(root, rel=1e-6)
+    assert solution.moved[0, 2] == pytest.approx(depth - root, rel=1e-6)
+    penalty = STIFFNESS * root**3 / 3
+    dent = (depth - root) ** 2 / (2 * A)
+    assert solution.energy == pytest.approx(penalty + dent, rel=1e-6)
+
+
+def block(dim: int, seed: int = 0) -> LoadProblem:
+    """Fifteen loads with a random symmetric compliance and deformation, pushed into a tilted ball."""
+    rng = np.random.default_rng(seed)
+    m = 15
+    root = rng.normal(size=(m * dim, m * dim)) / np.sqrt(m * dim)
+    G = 1e-3 * (root @ root.T + 0.1 * np.eye(m * dim)).reshape(m, dim, m, dim)
+    position = np.append(np.zeros(dim - 1), RADIUS) + 3e-3 * rng.uniform(-1, 1, size=(m, dim))
+    F = np.eye(dim) + 0.1 * rng.normal(size=(m, dim, dim))
+    ball = PosedDistance(
+        Sphere(RADIUS, dim, "ball"),
+        RigidPose.from_rotation_vector([0.4] if dim == 2 else [0.4, 0.1, 0], np.zeros(dim)),
+    )
+    return LoadProblem(G, np.full(m, STIFFNESS), position, F, -float(ball(position).value.min()), ball)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_forces_and_displacements_are_in_balance(dim):
+    problem = block(dim)
+    found = problem.solve()
+    assert found.converged
+    distance = problem.distance(problem.position + found.moved)
+    pressure = problem.stiffness * np.maximum(0.0, -distance.value) ** 2
+    force = pressure[:, None] * distance.gradient
+    load = np.einsum("mij,mi->mj", problem.F, force)
+    given = np.einsum("iajb,jb->ia", problem.compliance, load)
+    scale = np.abs(found.moved).max()
+    # Solved to 1e-11 of the deepest penetration.
+    assert np.abs(np.einsum("mij,mj->mi", problem.F, given) - found.moved).max() < 1e-6 * scale
+    assert np.abs(force - found.force).max() < 1e-5 * np.abs(force).max()
+    assert found.iterations <= 8
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_both_ways_find_the_same(dim):
+    problem = block(dim)
+    newton, descent = problem.solve(), problem._descend()
+    assert descent.converged
+    # Both solved to 1e-11 of the depth, which pressure, a quadratic of what is left, amplifies.
+    assert np.abs(newton.force - descent.force).max() < 1e-5 * np.abs(newton.force).max()
+    assert newton.energy == pytest.approx(descent.energy, rel=1e-6)
+
+
+def test_starts_from_a_neighbour():
+    near, problem = block(3), block(3)
+    near.position[:, 2] -= 2e-5
+    start = near.solve()
+    cold, warm = problem.solve(), problem.solve((start.left, start.normal))
+    assert warm.iterations < cold.iterations
+    assert np.abs(warm.force - cold.force).max() < 1e-5 * np.abs(cold.force).max()
