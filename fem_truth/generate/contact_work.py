@@ -12,8 +12,15 @@ from fem_truth.generate.shards import Tables
 from fem_truth.newton import NewtonSettings
 from fem_truth.sampling.approach import Approach, OutOfReach
 from fem_truth.sampling.contact_path import JUMP_SPEED, ContactPath, PathSample, node_speeds
-from fem_truth.sampling.contact_plan import DEPTHS_STREAM, SIDEWAYS_STREAM, ContactPlan, PlannedContact
+from fem_truth.sampling.contact_plan import (
+    DEPTHS_STREAM,
+    SIDEWAYS_STREAM,
+    TURN_STREAM,
+    ContactPlan,
+    PlannedContact,
+)
 from fem_truth.sampling.depths import noisy_depths
+from fem_truth.sampling.rotations import random_rotation
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.mesh import Mesh
@@ -27,7 +34,7 @@ class ContactWork:
     """Everything that the contacts of a plan share.
 
     rows: (n_states, n_rows, dim) and internal: (n_states, n_nodes, dim) internal equilibria [m] of the
-    states; places: (n_places,) mesh nodes; rotations: (n_rotations, dim, dim); depths: how many a contact, up
+    states; places: (n_states, n_places) mesh nodes; rotations: (n_rotations, dim, dim); depths: how many a contact, up
     to max_depth [m], with noise as a share of their step.
     """
 
@@ -73,14 +80,16 @@ class ContactWork:
 
     def _approach(self, contact: PlannedContact) -> Approach:
         """Aimed at the place on the deformed surface of the internal equilibrium, along its normal there."""
-        mesh, place = self.problem.body.mesh, self.places[contact.place]
+        mesh, place = self.problem.body.mesh, self.places[contact.state, contact.place]
         if contact.state not in self._surfaces:
             deformed = Mesh(self.internal[contact.state], mesh.cells)
             self._surfaces[contact.state] = deformed.points[mesh.surface_nodes], deformed.surface_normals
         surface, normals = self._surfaces[contact.state]
         aimed = int(np.searchsorted(mesh.surface_nodes, place))
+        # Turned as a whole for each state and place: as well spread there, and no two places see the same rotations.
+        turn = random_rotation(mesh.dim, self.plan.rng_of_place(TURN_STREAM, contact))
         return Approach(
-            self.collider, surface, surface[aimed], normals[aimed], self.rotations[contact.rotation]
+            self.collider, surface, surface[aimed], normals[aimed], self.rotations[contact.rotation] @ turn
         )
 
     def _sideways(self, contact: PlannedContact, approach: Approach) -> Array:
@@ -107,7 +116,7 @@ class ContactWork:
             "unit": [contact.unit],
             "state": [contact.state],
             "collider": [self.collider_index],
-            "place": [self.places[contact.place]],
+            "place": [self.places[contact.state, contact.place]],
             "rotation_index": [contact.rotation],
             "rotation": [approach.rotation],
             "direction": [-approach.normal],

@@ -25,7 +25,7 @@ from fem_truth.generate.plan_hash import check_manifest, fingerprint, refuse_cha
 from fem_truth.generate.shards import is_whole, write_shard
 from fem_truth.generate.state_stage import Columns, find_states
 from fem_truth.newton import NewtonSettings
-from fem_truth.sampling.contact_places import spread_places
+from fem_truth.sampling.contact_places import places_by_state
 from fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactPlan
 from fem_truth.sampling.rotations import spread_rotations
 from runtime.arrays import IntArray
@@ -181,7 +181,7 @@ def _contact_work(
 ) -> ContactWork:
     sampling, seed, body = experiment.sampling, experiment.seed, problem.body
     collider = build_collider(experiment.collider(sampling.collider), experiment.base_dir)
-    places = on_first_rank(comm, lambda: _places(body, collider, experiment))
+    places = on_first_rank(comm, lambda: _places(body, collider, experiment, len(states["rows"])))
     rotations = spread_rotations(
         body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM])
     )
@@ -190,7 +190,7 @@ def _contact_work(
         problem=problem,
         collider=collider,
         collider_index=0,
-        plan=ContactPlan(len(reduced), len(places), len(rotations), sampling.repeat_share, seed),
+        plan=ContactPlan(len(reduced), places.shape[1], len(rotations), sampling.repeat_share, seed),
         rows=states["rows"],
         internal=reduced + states["internal"],
         places=places,
@@ -206,15 +206,14 @@ def _contact_work(
     )
 
 
-def _places(body: ReducedBody, collider: Collider, experiment: Experiment) -> IntArray:
+def _places(body: ReducedBody, collider: Collider, experiment: Experiment, n_states: int) -> IntArray:
     if not np.isfinite(collider.upper - collider.lower).all():
         raise SoftprintError(
             f"sampling.collider = {collider.name!r} has no bounds: a contact needs a collider that can come "
             "from outside; take a box, a cylinder or a mesh"
         )
-    return spread_places(
-        body, experiment.sampling.places, experiment.sampling.frame_clearance * collider.size
-    )
+    sampling = experiment.sampling
+    return places_by_state(body, sampling.places, n_states, sampling.frame_clearance * collider.size)
 
 
 @contextmanager

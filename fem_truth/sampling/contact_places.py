@@ -47,6 +47,16 @@ def candidate_places(body: ReducedBody, clearance: float) -> BoolArray:
     return (distance > clearance) & ~np.isin(nodes, frame_nodes)
 
 
+def places_by_state(body: ReducedBody, count: int, n_states: int, clearance: float) -> IntArray:
+    """(n_states, count) places: those of a state spread over the surface, and no two states with the same ones as long
+    as the surface has enough nodes, so that a model learns from as many places as it can."""
+    n_allowed = int(candidate_places(body, clearance).sum())
+    sets = int(np.clip(n_allowed // max(count, 1), 1, n_states))
+    places = spread_places(body, sets * count, clearance)
+    # Each state every so manieth of all, in farthest-point order: spread as well as all of them are.
+    return np.stack([places[state % sets :: sets] for state in range(n_states)])
+
+
 def spread_places(body: ReducedBody, count: int, clearance: float) -> IntArray:
     """``count`` surface nodes (mesh numbers) in farthest-point order; the first is the one farthest from the
     frames.

@@ -18,7 +18,7 @@ import numpy as np
 
 # Streams of random numbers: each use of the seed has its own, so that none depends on how often another
 # draws.
-ROTATIONS_STREAM, DEPTHS_STREAM, REPEATS_STREAM, SIDEWAYS_STREAM = 1, 2, 3, 4
+ROTATIONS_STREAM, DEPTHS_STREAM, REPEATS_STREAM, SIDEWAYS_STREAM, TURN_STREAM = 1, 2, 3, 4, 5
 
 _GOLDEN = 0.5 * (5**0.5 - 1)
 
@@ -64,6 +64,10 @@ class ContactPlan:
     def rng(self, stream: int, contact: PlannedContact) -> np.random.Generator:
         """The generator of one contact: the same whichever rank solves it, and in whatever order."""
         return np.random.default_rng([self.seed, stream, contact.state, contact.place, contact.rotation])
+
+    def rng_of_place(self, stream: int, contact: PlannedContact) -> np.random.Generator:
+        """The generator of all contacts at one place of one state."""
+        return np.random.default_rng([self.seed, stream, contact.state, contact.place])
 
     def _repeated(self, unit: int) -> bool:
         if self.repeat_share <= 0.0:

@@ -31,6 +31,14 @@ def spread_rotations(dim: int, count: int, rng: np.random.Generator) -> Array:
     return np.asarray(Rotation.from_quat(quaternions[chosen]).as_matrix(), dtype=float)
 
 
+def random_rotation(dim: int, rng: np.random.Generator) -> Array:
+    """(dim, dim), drawn evenly from SO(dim)."""
+    if dim == 2:
+        c, s = np.cos(angle := 2 * np.pi * rng.random()), np.sin(angle)
+        return np.array([[c, -s], [s, c]])
+    return np.asarray(Rotation.from_quat(rng.standard_normal(4)).as_matrix(), dtype=float)
+
+
 def _spread_in_the_plane(count: int, rng: np.random.Generator) -> Array:
     angles = 2 * np.pi * (np.arange(count) + rng.random()) / count
     turned = np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -213,8 +213,8 @@ def test_a_part_is_useful_and_damaged_shards_are_made_again(experiment: Path, re
     assert f"8 of {N_CONTACTS} contacts (partial" in finished.stdout
     with load_truth(out / "truth.h5") as truth:
         assert not truth.complete
-        assert set(truth.contacts["state"]) == {0, 1}  # 2 states x 4 places: each pair once
-        assert len(set(truth.contacts["place"])) == 4
+        assert set(truth.contacts["state"]) == {0, 1}  # 2 states x 4 places of its own
+        assert len(set(truth.contacts["place"])) == 8
     shards = sorted(out.glob("shards/contact_*.shard"))
     shards[0].write_bytes(shards[0].read_bytes()[:-100])
     altered = bytearray(shards[1].read_bytes())

@@ -5,17 +5,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from fem_truth.sampling.approach import Approach, OutOfReach
 from fem_truth.sampling.contact_path import node_speeds
-from fem_truth.sampling.contact_places import candidate_places, spread_places, surface_distances
+from fem_truth.sampling.contact_places import (
+    candidate_places,
+    places_by_state,
+    spread_places,
+    surface_distances,
+)
 from fem_truth.sampling.contact_plan import ContactPlan
 from fem_truth.sampling.depths import noisy_depths
 from fem_truth.sampling.farthest import farthest_selection
 from fem_truth.sampling.recorded_states import spread_states
 from fem_truth.sampling.rigid_free import RigidFreeDescriptor
-from fem_truth.sampling.rotations import spread_rotations
+from fem_truth.sampling.rotations import random_rotation, spread_rotations
 from runtime.body import assemble_body, frame_in_box, place_handles
 from runtime.body.body import ReducedBody
 from runtime.colliders import Box, Sphere
@@ -54,13 +58,6 @@ def moved(body: ReducedBody, rows: np.ndarray, rotation: np.ndarray, shift: np.n
     for frame in body.handles.frames:
         result[body.handles.rows_of(frame.name).stop - 1] += shift
     return result
-
-
-def random_rotation(dim: int, rng: np.random.Generator) -> np.ndarray:
-    if dim == 3:
-        return Rotation.from_quat(rng.standard_normal(4)).as_matrix()
-    a = rng.uniform(0, 2 * np.pi)
-    return np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
 
 
 def test_rigid_motion_leaves_descriptor_and_selection_unchanged(body: ReducedBody) -> None:
@@ -119,6 +116,27 @@ def test_places_keep_clear_of_frames_and_apart(body: ReducedBody) -> None:
     index = {int(node): k for k, node in enumerate(body.mesh.surface_nodes)}
     apart = [surface_distances(body.mesh, places[:k])[index[int(places[k])]] for k in range(1, len(places))]
     assert np.all(np.diff(apart) <= 1e-12)  # greedy: each is as far as can be, so distances only fall
+
+
+def test_states_share_no_place_while_there_are_enough(body: ReducedBody) -> None:
+    places = places_by_state(body, 4, 3, 0.015)
+    assert places.shape == (3, 4)
+    assert len(np.unique(places)) == 12
+    n_candidates = int(candidate_places(body, 0.015).sum())
+    many = places_by_state(body, n_candidates, 3, 0.015)
+    assert all(len(set(row)) == n_candidates for row in many.tolist())
+
+
+def test_random_rotations_are_rotations_drawn_evenly() -> None:
+    """The mean over SO(dim) is zero; of 2,000 draws with entries of variance 1/dim it is so to four sigma."""
+    for dim in (2, 3):
+        rng = np.random.default_rng(0)
+        drawn = np.stack([random_rotation(dim, rng) for _ in range(2000)])
+        np.testing.assert_allclose(
+            drawn @ drawn.transpose(0, 2, 1), np.broadcast_to(np.eye(dim), drawn.shape), atol=1e-14
+        )
+        assert (np.linalg.det(drawn) > 0).all()
+        assert np.abs(drawn.mean(axis=0)).max() < 4 / np.sqrt(dim * 2000)
 
 
 def test_too_many_places_are_refused_with_the_number_that_there_are(body: ReducedBody) -> None:

@@ -154,7 +154,9 @@ def test_hessian_without_corrections_is_the_derivative_of_the_gradient(dim, inte
     problem, rows, rng = step_energy(dim, False, internal, monkeypatch)
     at = problem.linearise(rows)
     problem._relags_left = 0
-    np.testing.assert_allclose(at.hessian, at.hessian.T, atol=1e-10 * np.abs(at.hessian).max())
+    # With the internal response the elastic part is in single precision.
+    symmetric = 1e-6 if internal else 1e-10
+    np.testing.assert_allclose(at.hessian, at.hessian.T, atol=symmetric * np.abs(at.hessian).max())
     # Second differences of the energy along retractions from one point: the gradient at another point is in
     # other tangent coordinates. Step 3e-5: truncation (3e-5/1e-3)^2 ~ 1e-3 of the contact's share, noise
     # 1e-15 E/1e-9.
