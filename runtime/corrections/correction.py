@@ -7,6 +7,7 @@ reduced state and collider pose. All of it is quasi-static: it has no memory and
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -69,16 +70,31 @@ class Potential(Protocol):
         """What pushes on the collider."""
         ...
 
+    def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
+        """Where points are in a state, dent included: (m, dim) [m] as a function of their numbers (m,), which are
+        those of `PressedLoads`."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class PressedLoads:
-    """The m points that bear pressure. position, normal: (m, dim) where they are and the gradient of the signed
-    distance there, world frame; pressure: p (m,) [N]; left: penetration that is left (m,) > 0 [m]."""
+    """The m points that bear pressure. index: (m,) their numbers; position, normal: (m, dim) where they are and the
+    gradient of the signed distance there, world frame; motion: (m, dim, n_rows*dim) d position / d rows, the dent
+    carried along as it is; pressure: p (m,) [N]; left: penetration that is left (m,) > 0 [m]."""
 
+    index: IntArray
     position: Array
+    motion: Array
     normal: Array
     pressure: Array
     left: Array
+
+    @classmethod
+    def none(cls, n_rows: int, dim: int) -> PressedLoads:
+        """Nothing is pressed."""
+        nowhere, nothing = np.empty((0, dim)), np.empty(0)
+        still = np.empty((0, dim, n_rows * dim))
+        return cls(np.empty(0, dtype=np.int64), nowhere, still, nowhere, nothing, nothing)
 
 
 class Correction(Protocol):

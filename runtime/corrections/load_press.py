@@ -17,6 +17,7 @@ the body's turn is held.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -95,7 +96,7 @@ class LoadPress:
     def gradient(self) -> Array:
         """dW/drows (R,) [N]."""
         b = self.bearing
-        moved = self._carried
+        moved = self.carried
         return -(self.solution.force[b].ravel() @ moved.reshape(-1, moved.shape[2]))
 
     @property
@@ -103,6 +104,11 @@ class LoadPress:
         """d2W/drows2 (R, R) [N/m]."""
         turned = self._turned.reshape(self._pull.shape)
         return self._pull.T @ self._stiffened - turned.T @ (self._among @ turned)
+
+    @cached_property
+    def carried(self) -> Array:
+        """dx + dF v (k, dim, R) of the loads that bear pressure: how they move with their displacement v held."""
+        return self._motion.carried(self.solution.given[self.bearing])
 
     @property
     def load_slope(self) -> Array:
@@ -113,10 +119,6 @@ class LoadPress:
     def _motion(self) -> LoadMotion:
         b = self.bearing
         return LoadMotion(self.motion.position[b], self.motion.basis_gradient[b])
-
-    @cached_property
-    def _carried(self) -> Array:
-        return self._motion.carried(self.solution.given[self.bearing])
 
     @cached_property
     def _turned(self) -> Array:
@@ -133,7 +135,7 @@ class LoadPress:
     @cached_property
     def _pull(self) -> Array:
         """C (k*dim, R)."""
-        b, carried = self.bearing, self._carried
+        b, carried = self.bearing, self.carried
         turned = self._turned.reshape(-1, carried.shape[2])
         back: Array = np.linalg.solve(self.problem.F[b], carried)
         return np.asarray(back.reshape(turned.shape) + self._among @ turned)
@@ -210,6 +212,21 @@ class LoadProbe:
             PosedDistance(self.collider, pose),
         )
         return LoadPress(index, problem, problem.solve(), self.motion(index, turn))
+
+    def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
+        """y = x + F v (m, dim) [m] of any loads (m,) at handle rows (n_rows, dim). Not kept as the last answer."""
+        press = self._press(rows, pose, turn)
+        x = self.positions(rows, turn)
+        if press is None:
+            return lambda index: x[index]
+        bearing, load = press.index[press.bearing], press.load
+
+        def positions(index: IntArray) -> Array:
+            given = np.tensordot(self.among(index, bearing), load, 2)
+            moved = self.deformation(rows, index) @ given[..., None]
+            return np.asarray(x[index] + moved[..., 0])
+
+        return positions
 
     def among(self, index: IntArray, loads: IntArray) -> Array:
         """G (len(index), dim, len(loads), dim) [m/N] at the loads `index` by forces on others."""
