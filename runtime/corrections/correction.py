@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
 
@@ -44,6 +44,10 @@ class BoundCorrection(Protocol):
         """u (n, dim) [m] in the world frame at handle rows (n_rows, dim); zero where the correction is
         inactive."""
         ...
+
+
+class BoundField(BoundCorrection, Protocol):
+    """One that dynamics can take along in a step."""
 
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
         """u and du/drows of the active points; called once for each Newton step (DESIGN.md, part 9)."""
@@ -109,8 +113,20 @@ class Correction(Protocol):
     potential: Potential | None
     internal: InternalResponse | None
 
-    def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundCorrection:
-        """The correction at these points, prepared once. Points whose *reduced* position is farther than
-        `reach` [m] from the collider (one number, or (n,) one a point) count as inactive: contact points need
-        the correction only where they could touch."""
+    def bind(self, points: MaterialPoints) -> BoundCorrection:
+        """The correction at these points, prepared once."""
         ...
+
+
+class FieldCorrection(Correction, Protocol):
+    """A correction without a potential: bodies touch at corrected points."""
+
+    def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundField:
+        """Points whose *reduced* position is farther than `reach` [m] from the collider (one number, or (n,) one a
+        point) count as inactive: contact points need the correction only where they could touch."""
+        ...
+
+
+def is_field(correction: Correction) -> TypeGuard[FieldCorrection]:
+    """Whether contact is penalty at corrected points."""
+    return correction.potential is None

@@ -110,11 +110,6 @@ class LoadPress:
         """dx + dF v (k, dim, R) of the loads that bear pressure: how they move with their displacement v held."""
         return self._motion.carried(self.solution.given[self.bearing])
 
-    @property
-    def load_slope(self) -> Array:
-        """d(F^T f)/drows (k, dim, R) = dF^T f - D w."""
-        return self._turned - self._stiffened.reshape(self._turned.shape)
-
     @cached_property
     def _motion(self) -> LoadMotion:
         b = self.bearing

@@ -21,7 +21,7 @@ from runtime.colliders.collider import Collider
 from runtime.colliders.path import KeyframedPath
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.correction import Correction
+from runtime.corrections.correction import Correction, is_field
 from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.condensed_contact import CondensedContact
 from runtime.dynamics.corrected_nodes import CorrectedNodes
@@ -122,7 +122,7 @@ class Simulator:
             if correction.potential is not None
         }
         self._condensed = CondensedContact(potentials, friction)
-        at_points = [(name, correction) for name, correction in self._corrections if name not in potentials]
+        at_points = [(name, correction) for name, correction in self._corrections if is_field(correction)]
         penalised = {name: shape for name, shape in shapes.items() if name not in potentials}
         sizes = [shapes[name].size for name, _ in at_points if np.isfinite(shapes[name].size)]
         self._points = CorrectedPoints(body, at_points, _REACH * max(sizes, default=np.inf))
