@@ -10,8 +10,12 @@ press, but v too, so that y is affine in the handle rows q and
 is a friction potential of the rows like any other. y_start is where the same loads were when the step began, in the
 dent of that state: a dent that travels over the body slips as far as its loads do.
 
-The dent itself stays that of frictionless contact: that tractions along the surface bend it as well is neglected. So
-where the contact sticks, the subspace alone follows the collider sideways, somewhat more stiffly than the body would.
+The dent itself stays that of frictionless contact: that tractions along the surface bend it as well is neglected, for
+then a state would have to remember how it was bent. So where the contact sticks, the subspace alone follows the
+collider sideways, too stiffly: a ball of 3 cm dragged over a block of 10 cm is held 1.3 (2D) to 1.8 (3D) times as
+stiffly as in full space. Once it slips, the force along the path is right to 3 % at mu = 0.3, and 2 % (2D) to 15 %
+(3D) too small at mu = 1. Over the held-out motion of the small Jelly at mu = 0.3 the force on the collider is 23 % off
+(RMS); without friction 51 %, on the subspace alone 146 %.
 """
 
 from __future__ import annotations
