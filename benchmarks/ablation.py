@@ -57,9 +57,10 @@ VARIANTS: dict[str, ModelSpec] = {
     "loads, softplus": ModelSpec(name="x", activation="softplus"),
     "loads, 2 x 48 neurons": ModelSpec(name="x", hidden=(48, 48)),
     "loads, 2 x 192 neurons": ModelSpec(name="x", hidden=(192, 192)),
-    "loads, at most 500": ModelSpec(name="x", loads=500),
+    "loads, at most 500 of them": ModelSpec(name="x", loads=500),
+    "loads, on a body that does not settle inside": ModelSpec(name="x", internal=False),
 }
-UNTRAINED = "loads, nothing learned (linear compliance)"
+UNTRAINED = "loads, nothing learned (linear elasticity)"
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class BoundContactCentric:
         self._basis, self._reach = points.basis, Reach(points, reach)
         self._points = PointTensors.of(points, self._model.output_scale)
 
-    def displacement(self, rows: Array, pose: RigidPose) -> Array:
+    def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame."""
         displacement = np.zeros((len(self._basis), self._model.dim))
         contact = self._contact(rows, pose)
@@ -97,10 +97,9 @@ class BoundContactCentric:
             return None
         local_rows = self._probe.collider_rows(rows, pose)
         z = self._basis @ local_rows
-        index, points = self._reach.select(z, self._probe.collider), self._points
-        if index is None:
-            index = np.arange(len(z))
-        else:
+        index, points = np.arange(len(z)), self._points
+        if self._reach.limited:
+            index = self._reach.select(z, self._probe.collider)
             points, z = points.take(torch.from_numpy(index)), z[index]
         state = PointStates.at(points, local_rows, z, self._probe.collider)
         return _Contact(patch, index, state, torch.from_numpy(pose.rotation.copy()).to(points.basis))

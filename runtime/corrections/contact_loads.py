@@ -58,35 +58,35 @@ class ContactLoadsProbe:
         stiffness: float,
         band: float,
     ) -> None:
-        self.loads = LoadProbe(body, collider, mechanics, stiffness)
+        self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
         self._patch_probe = ContactProbe(body, collider)
         self._points = PointTensors.of(self.loads.points, torch.zeros((), dtype=torch.float64))
         self._areas = torch.from_numpy(mechanics.compliance.areas)
-        self._last: tuple[Array, RigidPose, ContactLoads | None] | None = None
+        self._last: tuple[Array, RigidPose, Array, ContactLoads | None] | None = None
 
-    def measure(self, rows: Array, pose: RigidPose) -> ContactLoads | None:
-        """The loads at handle rows (n_rows, dim), or None where no load is inside the collider."""
+    def measure(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> ContactLoads | None:
+        """The loads at handle rows (n_rows, dim), or None where no load is inside the collider. turn: of the body,
+        that of the rows themselves by default."""
+        turn = self.loads.turn(rows) if turn is None else turn
         if self._last is not None:
-            last_rows, last_pose, loads = self._last
-            if last_pose is pose and np.array_equal(last_rows, rows):
+            last_rows, last_pose, last_turn, loads = self._last
+            if last_pose is pose and np.array_equal(last_rows, rows) and np.array_equal(last_turn, turn):
                 return loads
-        loads = self._measure(rows, pose)
-        self._last = (rows.copy(), pose, loads)
+        loads = self._measure(rows, pose, turn)
+        self._last = (rows.copy(), pose, turn, loads)
         return loads
 
     def collider_rows(self, rows: Array, pose: RigidPose) -> Array:
         """T^-1 q (n_rows, dim)."""
         return self._patch_probe.collider_rows(rows, pose)
 
-    def _measure(self, rows: Array, pose: RigidPose) -> ContactLoads | None:
+    def _measure(self, rows: Array, pose: RigidPose, turn: Array) -> ContactLoads | None:
         probe = self.loads
-        turn = probe.turn(rows)
         press = probe.press(rows, pose, turn)
         if press is None:
             return None
-        x = probe.positions(rows, turn)
-        index = np.union1d(probe.near(x, pose, self._band)[0], press.index)
+        x, index = press.positions, press.around
         pressed = press.index[press.bearing]
         given = np.tensordot(probe.among(index, pressed), press.load, 2)
         moved = (probe.deformation(rows, index) @ given[..., None])[..., 0]

@@ -40,9 +40,9 @@ class CorrectionField:
 class BoundCorrection(Protocol):
     """A correction at n fixed material points."""
 
-    def displacement(self, rows: Array, pose: RigidPose) -> Array:
+    def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame at handle rows (n_rows, dim); zero where the correction is
-        inactive."""
+        inactive. turn: as of `Potential`, by default that of the rows."""
         ...
 
 

@@ -70,9 +70,10 @@ class BoundElasticContact:
         self._points = points
         self._compliance = correction.mechanics.compliance.at(nodes)
 
-    def displacement(self, rows: Array, pose: RigidPose) -> Array:
-        """u (n, dim) [m] in the world frame; zero where no load is inside the collider."""
-        contact = self._probe.measure(rows, pose)
+    def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
+        """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
+        rows by default."""
+        contact = self._probe.measure(rows, pose, turn)
         if contact is None:
             return np.zeros(self._points.rest.shape)
         with torch.no_grad():

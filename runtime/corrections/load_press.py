@@ -74,12 +74,42 @@ class LoadMotion:
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """index: (m,) the loads that could bear pressure; at their positions the problem and its solution."""
+    """positions: x (n_loads, dim) [m] of all loads; around: those within the band around the collider; index: (m,)
+    those of them that could bear pressure; for these the problem and its solution. rows, pose: of the state."""
 
+    rows: Array
+    pose: RigidPose
+    positions: Array
+    around: IntArray
     index: IntArray
     problem: LoadProblem
     solution: LoadSolution
     motion: LoadMotion
+
+    def predict(self, rows: Array, pose: RigidPose, index: IntArray) -> tuple[Array, Array] | None:
+        """Penetrations (m,) and normals (m, dim) of the loads `index` at a state nearby, to first order, where they
+        bear pressure here; None for a state too far away. With dc what the collider carries a load along by,
+
+            dr = F (I + G D)^-1 [F^-1 (dxi - dc) + G dF^T f],    de = -g . dr,    dg = H dr, turned with the collider.
+        """
+        b, solution, F = self.bearing, self.solution, self.problem.F[self.bearing]
+        if not b.size:
+            return None
+        dq = (rows - self.rows).ravel()
+        y = self.problem.position[b] + solution.moved[b]
+        apart = self.carried @ dq - (pose.apply(self.pose.apply_inverse(y)) - y)
+        if np.abs(apart).max() > self.problem.depth:
+            return None
+        pull = np.linalg.solve(F, apart[..., None]).ravel() + self._among @ (self._turned @ dq).ravel()
+        dr = F @ np.linalg.solve(self._softening, pull).reshape(*apart.shape, 1)
+        g = solution.normal[b]
+        # A load that is about to let go keeps a little, so that Newton's method sees it.
+        e = np.maximum(solution.left[b] - (g * dr[..., 0]).sum(axis=1), 0.1 * solution.left[b])
+        turned = (g + (solution.curvature[b] @ dr)[..., 0]) @ (pose.rotation @ self.pose.rotation.T).T
+        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), len(turned[0])))
+        _, there, here = np.intersect1d(index, self.index[b], assume_unique=True, return_indices=True)
+        left[there], normal[there] = e[here], turned[here]
+        return left, normal
 
     @cached_property
     def bearing(self) -> IntArray:
@@ -138,7 +168,12 @@ class LoadPress:
     @cached_property
     def _answer(self) -> Array:
         """w = F^-1 dy (k*dim, R)."""
-        return np.linalg.solve(self.problem.softening(self.bearing, self._blocks), self._pull)
+        return np.linalg.solve(self._softening, self._pull)
+
+    @cached_property
+    def _softening(self) -> Array:
+        """I + G D (k*dim, k*dim)."""
+        return self.problem.softening(self.bearing, self._blocks)
 
     @cached_property
     def _stiffened(self) -> Array:
@@ -148,10 +183,16 @@ class LoadPress:
 
 
 class LoadProbe:
-    """Presses the loads of one body against one collider. stiffness: of the penalty contact [N/m^4]."""
+    """Presses the loads of one body against one collider. stiffness: of the penalty contact [N/m^4]; band: [m], of
+    loads around the collider that others ask for."""
 
     def __init__(
-        self, body: ReducedBody, collider: Collider, mechanics: RestMechanics, stiffness: float
+        self,
+        body: ReducedBody,
+        collider: Collider,
+        mechanics: RestMechanics,
+        stiffness: float,
+        band: float = 0.0,
     ) -> None:
         compliance, internal = mechanics
         points = body.node_points(compliance.nodes)
@@ -159,7 +200,7 @@ class LoadProbe:
         self.among_loads = compliance.among_loads()
         self.points = points
         self.internal = None if internal is None else internal.at(compliance.nodes)
-        self._stiffness = stiffness * compliance.areas
+        self._stiffness, self._band = stiffness * compliance.areas, band
         self._last: tuple[Array, RigidPose, Array, LoadPress | None] | None = None
 
     def turn(self, rows: Array) -> Array:
@@ -171,7 +212,7 @@ class LoadProbe:
         x = self.points.basis @ rows
         return x if self.internal is None else x + self.internal.displacement(rows, turn)
 
-    def near(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array]:
+    def _near(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array]:
         """The loads at positions x (n_loads, dim) that are closer to the collider than `distance` [m], and their
         signed distance."""
         z = pose.apply_inverse(x)
@@ -185,41 +226,48 @@ class LoadProbe:
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
         """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider. The last
         answer is kept: dynamics asks for energy, derivatives and forces of one state one after the other."""
+        near = None
         if self._last is not None:
-            last_rows, last_pose, last_turn, press = self._last
+            last_rows, last_pose, last_turn, near = self._last
             if last_pose is pose and last_turn is turn and np.array_equal(last_rows, rows):
-                return press
-        press = self._press(rows, pose, turn)
+                return near
+        press = self._press(rows, pose, turn, near)
         self._last = (rows.copy(), pose, turn, press)
         return press
 
-    def _press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
+    def _press(self, rows: Array, pose: RigidPose, turn: Array, near: LoadPress | None) -> LoadPress | None:
         x = self.positions(rows, turn)
-        index, distance = self.near(x, pose, 0.0)
-        if not index.size:
+        around, distance = self._near(x, pose, self._band)
+        depth = -float(distance.min(initial=0.0))
+        if depth <= 0.0:
             return None
-        index, distance = self.near(x, pose, -_ROOM * float(distance.min()))
+        if _ROOM * depth > self._band:
+            around, distance = self._near(x, pose, _ROOM * depth)
+        index = around[distance < _ROOM * depth]
         problem = LoadProblem(
             self.among(index, index),
             self._stiffness[index],
             x[index],
             self.deformation(rows, index),
+            depth,
             PosedDistance(self.collider, pose),
         )
-        return LoadPress(index, problem, problem.solve(), self.motion(index, turn))
+        start = None if near is None else near.predict(rows, pose, index)
+        return LoadPress(
+            rows.copy(), pose, x, around, index, problem, problem.solve(start), self.motion(index, turn)
+        )
 
     def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
-        """y = x + F v (m, dim) [m] of any loads (m,) at handle rows (n_rows, dim). Not kept as the last answer."""
-        press = self._press(rows, pose, turn)
-        x = self.positions(rows, turn)
+        """y = x + F v (m, dim) [m] of any loads (m,) at handle rows (n_rows, dim)."""
+        press = self.press(rows, pose, turn)
         if press is None:
-            return lambda index: x[index]
+            return self.positions(rows, turn).__getitem__
         bearing, load = press.index[press.bearing], press.load
 
         def positions(index: IntArray) -> Array:
             given = np.tensordot(self.among(index, bearing), load, 2)
             moved = self.deformation(rows, index) @ given[..., None]
-            return np.asarray(x[index] + moved[..., 0])
+            return np.asarray(press.positions[index] + moved[..., 0])
 
         return positions
 

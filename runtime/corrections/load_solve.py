@@ -30,8 +30,9 @@ from runtime.colliders.collider import SdfDerivatives
 
 log = logging.getLogger(__name__)
 
-# A state is in balance when no load is farther from it than this share of the deepest penetration.
-_TOLERANCE = 1e-8
+# A state is in balance when no load is farther from it than this share of the deepest penetration: far below what
+# matters, but Newton converges quadratically, and the energy is then exact for the line search of dynamics.
+_TOLERANCE = 1e-11
 _ITERATIONS = 12
 # Newton's method is given up when the error has grown so many times.
 _GROWTH = 10.0
@@ -68,19 +69,20 @@ class LoadProblem:
     """The m loads near the collider.
 
     compliance: G (m, dim, m, dim) [m/N]; stiffness: a_j k (m,) [N/m^2]; position: x (m, dim) [m]; F: (m, dim, dim);
-    distance: signed distance with derivatives at positions (n, dim).
+    depth: of the deepest load [m]; distance: signed distance with derivatives at positions (n, dim).
     """
 
     compliance: Array
     stiffness: Array
     position: Array
     F: Array
+    depth: float
     distance: Callable[[Array], SdfDerivatives]
 
-    def solve(self, left: Array | None = None) -> LoadSolution:
-        """The forces in balance, from penetrations e (m,) of a state nearby if there is one."""
-        found = self._newton(left)
-        if not found.converged and left is not None:
+    def solve(self, near: tuple[Array, Array] | None = None) -> LoadSolution:
+        """The forces in balance; near: penetrations e (m,) and normals (m, dim) of a state nearby, to start from."""
+        found = self._newton(near)
+        if not found.converged and near is not None:
             found = self._newton(None)
         if not found.converged:
             found = self._descend()
@@ -111,12 +113,12 @@ class LoadProblem:
         size = len(index) * self.F.shape[1]
         return np.asarray(self.compliance[index][:, :, index].reshape(size, size))
 
-    def _newton(self, left: Array | None) -> LoadSolution:
-        at = self.distance(self.position)
-        depth = -at.value
-        scale = float(depth.max(initial=0.0))
-        e = np.minimum(depth, _FIRST_GUESS * scale) if left is None else left
-        given = self._give(self._pressure(e), at.gradient)
+    def _newton(self, near: tuple[Array, Array] | None) -> LoadSolution:
+        if near is None:
+            at = self.distance(self.position)
+            near = np.minimum(-at.value, _FIRST_GUESS * self.depth), at.gradient
+        e, scale = near[0], self.depth
+        given = self._give(self._pressure(e), near[1])
         first = np.inf
         for iteration in range(_ITERATIONS + 1):
             moved = _carry(self.F, given)
@@ -173,8 +175,7 @@ class LoadProblem:
         """Newton's method on E over the forces, with a line search: slower, but it always goes down."""
         load = np.zeros_like(self.position)
         given = np.zeros_like(load)
-        at = self.distance(self.position)
-        scale = float(np.max(-at.value, initial=0.0))
+        at, scale = self.distance(self.position), self.depth
         for iteration in range(_DESCENT_ITERATIONS + 1):
             e = -at.value
             balanced_load = self._rest_load(self._pressure(e), at.gradient)

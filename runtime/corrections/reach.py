@@ -16,10 +16,13 @@ class Reach:
         self._reach = np.broadcast_to(np.asarray(reach, dtype=float), len(points))
         self._limited = np.isfinite(self._reach)
 
-    def select(self, z: Array, collider: Collider) -> IntArray | None:
-        """Indices of the points within reach, from collider coordinates z (n, dim); None for all of them."""
-        if not self._limited.any():
-            return None
+    @property
+    def limited(self) -> bool:
+        """Whether there are points that could be out of reach."""
+        return bool(self._limited.any())
+
+    def select(self, z: Array, collider: Collider) -> IntArray:
+        """Indices of the points within reach, from collider coordinates z (n, dim)."""
         margin = self._reach[:, None]
         active = ((z > collider.lower - margin) & (z < collider.upper + margin)).all(axis=1)
         doubtful = np.flatnonzero(active & self._limited)

@@ -6,11 +6,11 @@ cubature of the body's volume take part.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from runtime.arrays import Array
+from runtime.arrays import Array, IntArray
 from runtime.contact import CoulombFriction
 from runtime.corrections.correction import Potential
 from runtime.dynamics.condensed_friction import CondensedFriction
@@ -26,6 +26,12 @@ class CondensedContact:
     def __init__(self, potentials: Mapping[str, Potential], friction: CoulombFriction | None = None) -> None:
         self._potentials = potentials
         self._friction = None if friction is None else CondensedFriction(friction)
+
+    def settled(self, rows: Array, poses: Poses, turn: Array) -> dict[str, Callable[[IntArray], Array]]:
+        """Where loads are in a state, see `Potential`."""
+        return {
+            name: potential.settled(rows, poses[name], turn) for name, potential in self._potentials.items()
+        }
 
     def energy(self, rows: Array, poses: Poses, turn: Array, step: StepContact | None) -> float:
         """Of contact and (lagged) friction [J]."""

@@ -39,14 +39,9 @@ class CondensedFriction:
     def lag(
         self, name: str, potential: Potential, rows: Array, poses: Poses, turn: Array, step: StepContact
     ) -> None:
-        """Let friction take up the loads found at rows, with the colliders where the step ends. turn: that of the
-        step, which is that of its start."""
+        """Let friction take up the loads found at rows, with the colliders where the step ends."""
         loads = potential.pressed(rows, poses[name], turn)
-        start = loads.position
-        if len(loads.index):
-            if name not in step.settled:
-                step.settled[name] = potential.settled(step.rows, step.poses[name], turn)
-            start = step.settled[name](loads.index)
+        start = step.settled[name](loads.index)
         length = np.linalg.norm(loads.normal, axis=1)
         lagged = LaggedContact(
             index=np.arange(len(loads.index)),

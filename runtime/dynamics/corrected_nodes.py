@@ -29,10 +29,12 @@ class CorrectedNodes:
     def positions(self, state: ReducedState) -> Array:
         """(n, dim) [m]."""
         x: Array = self._basis @ state.rows
+        turn = state.turn
         if self._internal is not None:
-            x += self._internal.displacement(state.rows, self._internal.turn(state.rows))
+            turn = self._internal.turn(state.rows) if turn is None else turn
+            x += self._internal.displacement(state.rows, turn)
         for collider, correction in self._bound:
-            x += correction.displacement(state.rows, state.poses[collider])
+            x += correction.displacement(state.rows, state.poses[collider], turn)
         return x
 
     @cached_property

@@ -203,7 +203,11 @@ class Simulator:
         turn = self._turn(state.rows)
         contact = None
         if self._friction is not None:
-            contact = StepContact(self._surface_of(state, turn, timings), state.rows, state.poses, h)
+            before = turn if state.turn is None else state.turn
+            surface = self._surface_of(state, before, timings)
+            with timings.contact:
+                settled = self._condensed.settled(state.rows, state.poses, before)
+            contact = StepContact(surface, state.poses, h, settled)
         energy = self._energy(end, end_poses, turn, inertia, contact, timings)
         start = place_kinematic(
             self._carried_on(state), self.body.rest_rows, self.body.handles, self._kinematic, end
@@ -211,7 +215,7 @@ class Simulator:
         solved = minimise(energy, start, self.settings.newton, timings.solve)
         velocity = (solved.x - state.rows) / h
         return self._result(
-            solved, ReducedState(end, solved.x, velocity, end_poses), energy, inertia, timings
+            solved, ReducedState(end, solved.x, velocity, end_poses, turn), energy, inertia, timings
         )
 
     def _carried_on(self, state: ReducedState) -> Array:
@@ -256,7 +260,7 @@ class Simulator:
     def _static_result(
         self, solved: NewtonResult, begin: ReducedState, energy: StepEnergy, timings: Timings
     ) -> StepResult[ReducedState]:
-        state = ReducedState(begin.time, solved.x, np.zeros_like(solved.x), begin.poses)
+        state = ReducedState(begin.time, solved.x, np.zeros_like(solved.x), begin.poses, energy.turn)
         return self._result(solved, state, energy, self._no_inertia, timings)
 
     @cached_property
@@ -351,7 +355,7 @@ class Simulator:
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
-        turn = self._turn(state.rows)
+        turn = self._turn(state.rows) if state.turn is None else state.turn
         at_points = self._surface.forces(self._surface_of(state, turn, Timings()), state.poses, None)[2]
         return {**at_points, **self._condensed.forces(state.rows, state.poses, turn, None)[2]}
 

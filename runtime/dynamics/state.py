@@ -18,12 +18,14 @@ State = TypeVar("State")
 @dataclass(frozen=True, eq=False)
 class ReducedState:
     """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: where each
-    collider stands at this time."""
+    collider stands at this time; turn (dim, dim): the rotation that the internal response of the body followed in the
+    step that led here, None where no step did."""
 
     time: float
     rows: Array
     rows_velocity: Array
     poses: Mapping[str, RigidPose]
+    turn: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from runtime.arrays import Array, IntArray
@@ -27,14 +27,13 @@ class SlidingLoads:
 
 @dataclass
 class StepContact:
-    """surface: (s, dim) [m] the surface samples, rows: (n_rows, dim) the handle rows and poses those of the colliders,
-    all as the step of length time_step [s] began. By collider: lagged, what friction holds fixed at surface samples,
-    and sliding, at the loads of condensed contact; settled, where these loads were when the step began."""
+    """As the step of length time_step [s] began: surface, the surface samples (s, dim) [m], poses of the colliders, and
+    settled, where the loads of condensed contacts were, see `Potential`. By collider: lagged, what friction holds fixed
+    at surface samples, and sliding, at the loads of condensed contacts."""
 
     surface: Array
-    rows: Array
     poses: Poses
     time_step: float
+    settled: Mapping[str, Callable[[IntArray], Array]]
     lagged: dict[str, LaggedContact] = field(default_factory=dict)
     sliding: dict[str, SlidingLoads] = field(default_factory=dict)
-    settled: dict[str, Callable[[IntArray], Array]] = field(default_factory=dict)

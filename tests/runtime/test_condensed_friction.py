@@ -75,7 +75,8 @@ def lag_at(correction, friction, begin, end, rows, start_rows, turn):
     """The condensed contact of a step, its friction taken up at rows."""
     contact = CondensedContact({"ball": correction.potential}, friction)
     poses = {"ball": end}
-    step = StepContact(np.empty((0, rows.shape[1])), start_rows, {"ball": begin}, TIME_STEP)
+    settled = contact.settled(start_rows, {"ball": begin}, turn)
+    step = StepContact(np.empty((0, rows.shape[1])), {"ball": begin}, TIME_STEP, settled)
     energy, gradient, hessian = contact.linearise(rows, poses, turn, step, relag=True)
     return contact, poses, step, (energy, gradient, hessian)
 
@@ -183,11 +184,10 @@ def dragged(body, correction, mu):
         state = result.state
 
 
-def loads_and_slip(potential, simulator, before, after):
+def loads_and_slip(potential, before, after):
     """The loads that bear pressure after a step, and by how much they slipped along the ball (k, dim) [m]."""
-    turn = simulator._turn(before.rows)
-    loads = potential.pressed(after.rows, after.poses["ball"], turn)
-    start = potential.settled(before.rows, before.poses["ball"], turn)(loads.index)
+    loads = potential.pressed(after.rows, after.poses["ball"], after.turn)
+    start = potential.settled(before.rows, before.poses["ball"], before.turn)(loads.index)
     u = loads.position - after.poses["ball"].apply(before.poses["ball"].apply_inverse(start))
     normal = loads.normal / np.linalg.norm(loads.normal, axis=1, keepdims=True)
     return loads, u - (u * normal).sum(axis=1, keepdims=True) * normal
@@ -197,7 +197,7 @@ def measured(body, correction, mu):
     """Of every step of a drag: friction on the ball over mu N, along the path, and the mean slip over the stride."""
     shares, slips = [], []
     for simulator, before, result in dragged(body, correction, mu):
-        loads, u = loads_and_slip(correction.potential, simulator, before, result.state)
+        loads, u = loads_and_slip(correction.potential, before, result.state)
         normal = simulator.contact_forces(result.state)["ball"].force  # leaves friction out
         friction = result.contacts["ball"].force - normal
         bound = mu * loads.pressure.sum()
@@ -232,5 +232,6 @@ def test_a_coefficient_of_zero_is_no_friction(jelly_body, correction):
         dragged(jelly_body, correction, 0.0), dragged(jelly_body, correction, None), strict=True
     ):
         assert with_it[2].iterations == without[2].iterations
-        np.testing.assert_array_equal(with_it[2].state.rows, without[2].state.rows)
+        # Round-off of metres: presses start from others.
+        np.testing.assert_allclose(with_it[2].state.rows, without[2].state.rows, rtol=0, atol=1e-12)
         assert with_it[2].energies["friction"] == 0.0

@@ -50,7 +50,7 @@ class BoundWave:
         z = pose.apply_inverse(self.basis @ rows)
         return z @ self.waves[:dim, :dim].T + 7.0 * pose.apply_inverse(rows[:1])
 
-    def displacement(self, rows, pose):
+    def displacement(self, rows, pose, turn=None):
         u = np.zeros((len(self.basis), rows.shape[1]))
         u[self.active] = pose.rotate(self.amplitude * np.sin(self._phase(rows, pose)[self.active]))
         return u
