@@ -1,9 +1,10 @@
 """Training data of contact models: the samples of a truth file in collider space (thesis 5.3.1 and 5.3.2).
 
-A sample has thousands of nodes, and neighbours tell the same story. Each sample keeps a *pool* drawn once:
-nodes, half of them evenly over the body and half near the contact patch, and surface edges near the patch for
-the edge term of the loss. Every draw carries the weight that makes the sum over the pool an unbiased estimate
-of the integral.
+A sample has thousands of nodes, and neighbours tell the same story; one per cent of them carries half of the
+displacement's energy, and so does the deepest fifth of the samples. So the network learns from *pools*, a few
+nodes and surface edges of one sample, drawn once where there is something to learn: nodes and edges by the size
+of the displacement and of its difference, and more pools for a sample the larger its displacement. Weights make
+the mean over the pools an unbiased estimate of the mean over samples and volume (importance sampling).
 
 Splits are by *state*: the held-out error must measure states never seen. Samples that are not converged or
 that follow a branch jump are left out and counted.
@@ -12,7 +13,7 @@ that follow a branch jump are left out and counted.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -28,24 +29,23 @@ from runtime.corrections.points import PointStates, PointTensors
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData
 
-# Nodes near the patch are drawn with probability falling by 1/e over this share of the collider's size.
-_NEAR = 0.4
+# Shares of nodes, edges and pools that are spread evenly; the rest goes by the size of what is to be learned.
+_EVEN_POINTS, _EVEN_POOLS = 0.3, 0.2
+# Samples from which the mean displacement is estimated, to which the number of pools of each is relative.
+_SCALE_SAMPLES = 200
 
 
 @dataclass(frozen=True)
 class PoolSize:
-    """How many nodes and surface edges of each sample are kept."""
+    """pools: of a sample, on average; nodes, edges: of a pool."""
 
+    pools: int
     nodes: int
     edges: int
 
-    @property
-    def points(self) -> int:
-        return self.nodes + 2 * self.edges
-
 
 class Batch(NamedTuple):
-    """Pools of some samples. state: (b, k, ...); shared (b, n_shared); depth (b,); target (b, k, dim) [m] in
+    """Some pools. state: (b, k, ...); shared (b, n_shared); depth (b,); target (b, k, dim) [m] in
     collider space; node_weight (b, nodes), edge_weight (b, edges). Points are nodes, then first ends, then
     second ends of edges."""
 
@@ -59,15 +59,26 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Pools:
-    """Per sample s and pool point k: nodes (s, k), signed distance (s, k), its gradient and the target (s, k,
-    dim)."""
+    """contact: (p,) the sample of each pool, into the rows of a data set. Per pool p and point k: nodes (p, k),
+    signed distance (p, k), its gradient and the target (p, k, dim)."""
 
+    contact: Tensor
     nodes: Tensor
     sdf: Tensor
     slope: Tensor
     target: Tensor
     node_weight: Tensor
     edge_weight: Tensor
+
+    def balanced(self) -> Pools:
+        """With weights that make up for some samples having more pools than others."""
+        per_sample = torch.bincount(self.contact).clamp(min=1)
+        weight = (len(self.contact) / (len(per_sample) * per_sample))[self.contact, None]
+        return replace(
+            self,
+            node_weight=self.node_weight * weight,
+            edge_weight=self.edge_weight * weight,
+        )
 
     def to(self, device: torch.device) -> Pools:
         """The same pools on a device."""
@@ -76,8 +87,8 @@ class Pools:
 
 @dataclass(frozen=True, eq=False)
 class ContactDataset:
-    """Samples of one collider. rows: (s, n_rows, dim) collider rows; shared: (s, n_shared); depth: (s,) [m];
-    sample: (s,) row of the truth file; state: (s,) its state."""
+    """Samples of one collider, and the pools drawn from them. rows: (s, n_rows, dim) collider rows; shared: (s,
+    n_shared); depth: (s,) [m]; sample: (s,) row of the truth file; state: (s,) its state."""
 
     points: PointTensors
     rows: Tensor
@@ -88,18 +99,20 @@ class ContactDataset:
     pools: Pools
 
     def __len__(self) -> int:
-        return len(self.rows)
+        """Number of pools."""
+        return len(self.pools.contact)
 
     def batch(self, index: Tensor) -> Batch:
-        """The pools of samples `index` (b,)."""
-        pools, points, rows = self.pools, self.points.take(self.pools.nodes[index]), self.rows[index]
+        """Pools `index` (b,)."""
+        pools, contact = self.pools, self.pools.contact[index]
+        points, rows = self.points.take(pools.nodes[index]), self.rows[contact]
         z = points.basis @ rows
         F = torch.einsum("brj,bnrk->bnjk", rows, points.basis_gradient)
         state = PointStates(points, rows, z, F, pools.sdf[index], pools.slope[index])
         return Batch(
             state,
-            self.shared[index],
-            self.depth[index],
+            self.shared[contact],
+            self.depth[contact],
             pools.target[index],
             pools.node_weight[index],
             pools.edge_weight[index],
@@ -157,14 +170,18 @@ def load_dataset(
     rng: np.random.Generator,
     progress: Callable[[int], None] | None = None,
 ) -> ContactDataset:
-    """The given rows of a truth file. size None keeps all nodes and no edges, for measuring errors.
+    """The given rows of a truth file. size None makes one pool of all nodes and no edges for each sample, for
+    measuring errors.
 
     Samples in which the *reduced* body does not touch the collider hold no contact for a model to see; they
     are dropped.
     """
     probe = ContactProbe(body, collider)
-    drawing = _Drawing(body, collider, size, rng)
-    columns: list[tuple[Array, Tensor, float, int, tuple[NDArray[Any], ...]]] = []
+    drawing = (
+        _Whole(body) if size is None else _Drawing(body, size, _mean_size(truth, body, samples, rng), rng)
+    )
+    columns: list[tuple[Array, Tensor, float, int]] = []
+    pools: list[tuple[NDArray[Any], ...]] = []
     for sample in samples:
         if progress is not None:
             progress(1)
@@ -174,21 +191,28 @@ def load_dataset(
             continue
         local_rows = probe.collider_rows(rows, pose)
         target = pose.rotate_inverse(truth.displacement(int(sample)).astype(np.float64))
-        columns.append(
-            (
-                local_rows,
-                patch.shared,
-                patch.depth,
-                int(sample),
-                drawing.draw(local_rows, patch.shared, target),
-            )
+        points, node_weight, edge_weight = drawing.draw(target)
+        z = (body.basis @ local_rows)[points]
+        distance = collider.sdf_derivatives(z.reshape(-1, body.dim))
+        numbers = (
+            distance.value.reshape(points.shape),
+            distance.gradient.reshape(z.shape),
+            target[points],
+            node_weight,
+            edge_weight,
         )
+        contact = np.full(len(points), len(columns))
+        pools.append((contact, points, *(part.astype(np.float32) for part in numbers)))
+        columns.append((local_rows, patch.shared, patch.depth, int(sample)))
     if not columns:
         raise SoftprintError(
             f"{truth.path}: none of the {len(samples)} samples asked for touches the reduced body"
         )
-    rows_, shared, depth, kept, pools = zip(*columns, strict=True)
+    rows_, shared, depth, kept = zip(*columns, strict=True)
     kept_samples = np.array(kept)
+    drawn = Pools(*(torch.from_numpy(np.concatenate(column)) for column in zip(*pools, strict=True)))
+    if size is not None:
+        drawn = drawn.balanced()
     return ContactDataset(
         PointTensors.of(body.node_points(), torch.zeros(())),
         torch.from_numpy(np.array(rows_, dtype=np.float32)),
@@ -196,45 +220,61 @@ def load_dataset(
         torch.tensor(depth),
         kept_samples,
         truth.sample_state[kept_samples],
-        Pools(*(torch.from_numpy(np.array(column)) for column in zip(*pools, strict=True))),
+        drawn,
     )
 
 
+def _rms(values: NDArray[np.floating[Any]], weight: Array) -> float:
+    return float(np.sqrt(weight @ np.square(values).sum(axis=1) / weight.sum()))
+
+
+def _mean_size(truth: TruthData, body: ReducedBody, samples: IntArray, rng: np.random.Generator) -> float:
+    """Mean over samples, estimated, of the root-mean-square displacement [m]."""
+    some = np.sort(rng.permutation(samples)[:_SCALE_SAMPLES])
+    return float(np.mean([_rms(truth.displacement(int(sample)), body.mesh.node_volumes) for sample in some]))
+
+
+class _Whole:
+    """All nodes of a sample and no edges."""
+
+    def __init__(self, body: ReducedBody) -> None:
+        self._nodes = np.arange(body.n_nodes)
+        self._weight = body.mesh.node_volumes / body.mesh.node_volumes.mean()
+
+    def draw(self, _target: Array) -> tuple[IntArray, Array, Array]:
+        """As :meth:`_Drawing.draw`."""
+        return self._nodes[None], self._weight[None], np.empty((1, 0))
+
+
 class _Drawing:
-    """Draws the pool of one sample after the other."""
+    """Draws the pools of one sample after the other; mean_size: RMS displacement of an average sample [m]."""
 
-    def __init__(
-        self, body: ReducedBody, collider: Collider, size: PoolSize | None, rng: np.random.Generator
-    ) -> None:
-        mesh = body.mesh
-        self._basis, self._collider, self._size, self._rng = body.basis, collider, size, rng
-        self._dim = body.dim
-        self._volume = mesh.node_volumes / mesh.node_volumes.mean()
-        self._edges = mesh.surface_edges
+    def __init__(self, body: ReducedBody, size: PoolSize, mean_size: float, rng: np.random.Generator) -> None:
+        self._size, self._mean_size, self._rng = size, mean_size, rng
+        self._volume = body.mesh.node_volumes / body.mesh.node_volumes.mean()
+        self._edges = body.mesh.surface_edges
 
-    def draw(self, rows: Array, shared: Tensor, target: Array) -> tuple[NDArray[Any], ...]:
-        """Columns of :class:`Pools` for collider rows (n_rows, dim), shared inputs and target (n_nodes,
-        dim)."""
-        z = self._basis @ rows
-        if self._size is None:
-            nodes = np.arange(len(z))
-            weights = self._volume, np.empty(0)
-        else:
-            centre = shared[2 : 2 + self._dim].numpy()
-            nearness = np.exp(-np.linalg.norm(z - centre, axis=1) / (_NEAR * self._collider.size))
-            volume_nodes, node_weight = self._weighted_draw(nearness, 0.5, self._size.nodes)
-            edges, edge_weight = self._weighted_draw(
-                nearness[self._edges].mean(axis=1), 0.0, self._size.edges
-            )
-            nodes = np.concatenate([volume_nodes, *self._edges[edges].T])
-            weights = self._volume[volume_nodes] * node_weight, edge_weight
-        distance = self._collider.sdf_derivatives(z[nodes])
-        columns = (distance.value, distance.gradient, target[nodes], *weights)
-        return nodes, *(column.astype(np.float32) for column in columns)
+    def draw(self, target: Array) -> tuple[IntArray, Array, Array]:
+        """Pools of a sample with displacement target (n_nodes, dim): points (c, k), that is nodes, first ends and
+        second ends of edges, and the weights of nodes and edges."""
+        size, edges = self._size, self._edges
+        relative = _rms(target, self._volume) / self._mean_size
+        wanted = size.pools * (_EVEN_POOLS + (1.0 - _EVEN_POOLS) * relative)
+        # Rounded at random, so that on average there are as many as wanted.
+        count = max(1, int(wanted + self._rng.random()))
+        at_nodes = np.linalg.norm(target, axis=1)
+        along_edges = np.linalg.norm(target[edges[:, 0]] - target[edges[:, 1]], axis=1)
+        nodes, node_weight = self._weighted_draw(at_nodes, (count, size.nodes))
+        ends, edge_weight = self._weighted_draw(along_edges, (count, size.edges))
+        node_weight *= self._volume[nodes]
+        points = np.concatenate([nodes, edges[ends, 0], edges[ends, 1]], axis=1)
+        return points, node_weight, edge_weight
 
-    def _weighted_draw(self, weight: Array, even: float, count: int) -> tuple[IntArray, Array]:
-        """`count` numbers drawn with p = even / n + (1 - even) weight / sum, and the weights 1 / (n p)."""
+    def _weighted_draw(self, weight: Array, shape: tuple[int, int]) -> tuple[IntArray, Array]:
+        """Numbers drawn with p = even / n + (1 - even) weight / sum, and the weights 1 / (n p)."""
         n = len(weight)
-        p = even / n + (1.0 - even) * (0.9 * weight / weight.sum() + 0.1 / n)
-        drawn = self._rng.choice(n, size=count, p=p / p.sum())
+        p = np.full(n, 1.0 / n)
+        if (total := weight.sum()) > 0.0:
+            p = _EVEN_POINTS / n + (1.0 - _EVEN_POINTS) * weight / total
+        drawn = self._rng.choice(n, size=shape, p=p / p.sum())
         return drawn, 1.0 / (n * p[drawn])

@@ -39,13 +39,13 @@ from surrogate.tasks import seeded, some_samples
 
 @dataclass(frozen=True, eq=False)
 class LoadData:
-    """Samples, padded to the largest number m of loads. local: (s, m, n_local); shared: (s, n_shared); load:
+    """Samples, padded to the largest number m of loads. local: (s, m, n_local); depth: (s,); load:
     (s, m, dim); lever: (s, m, dim, dim); index: (s, m) into the loads of the body;
     present: (s, m) 1 where there is a load; h: (s, m, dim) and squared: (s,), c, with the edge term;
     volume_h, volume_squared: without it."""
 
     local: Tensor
-    shared: Tensor
+    depth: Tensor
     load: Tensor
     lever: Tensor
     index: Tensor
@@ -56,7 +56,7 @@ class LoadData:
     volume_squared: Tensor
 
     def __len__(self) -> int:
-        return len(self.shared)
+        return len(self.depth)
 
     def to(self, device: torch.device) -> LoadData:
         """The same data on a device."""
@@ -121,7 +121,7 @@ def load_load_data(
             progress(1)
         rows, pose = truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample))
         contact = probe.measure(rows, pose)
-        if contact is None or contact.patch is None:
+        if contact is None:
             continue
         if truth.sample_state[sample] != state:
             state = truth.sample_state[sample]
@@ -132,7 +132,7 @@ def load_load_data(
         columns.append(
             (
                 encoder.local_inputs(contact),
-                contact.patch.shared.float(),
+                contact.depth.float(),
                 contact.load.float(),
                 encoder.lever(contact),
                 torch.from_numpy(contact.index),
@@ -148,7 +148,7 @@ def load_load_data(
             f"{truth.path}: none of the {len(samples)} samples asked for touches the reduced body"
         )
     names = list(LoadData.__dataclass_fields__)
-    whole = {"shared", "squared", "volume_squared"}
+    whole = {"depth", "squared", "volume_squared"}
     stacked = (
         torch.stack(column).float() if name in whole else pad_sequence(list(column), batch_first=True)
         for name, column in zip(names, zip(*columns, strict=True), strict=True)
@@ -173,7 +173,7 @@ class LoadTask:
 
     @property
     def device(self) -> torch.device:
-        return self._data.shared.device
+        return self._data.depth.device
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -185,7 +185,7 @@ class LoadTask:
         model = seeded(lambda: LoadModel(self._options, dim, self._n_rows), seed).to(self.device)
         some = some_samples(len(data), seed, self.device)
         there = data.present[some] > 0
-        model.normalise(data.local[some][there], data.shared, data.load[some][there], data.lever[some][there])
+        model.normalise(data.local[some][there], data.depth, data.load[some][there], data.lever[some][there])
         return model
 
     def loss(self, model: LoadModel, index: Tensor) -> Tensor:
@@ -216,7 +216,7 @@ class LoadTask:
         m = int(data.present[index].sum(1).max())
         loads, present = data.index[index, :m], data.present[index, :m, None]
         lever = data.lever[index, :m]
-        phi = model(data.local[index, :m], data.shared[index], data.load[index, :m], lever) * present
+        phi = model(data.local[index, :m], data.depth[index], data.load[index, :m], lever) * present
         h, c = (data.volume_h, data.volume_squared) if volume_only else (data.h, data.squared)
         block = gamma[loads[:, :, None], loads[:, None, :]]
         quadratic = torch.einsum("bxi,bxyij,byj->b", phi, block, phi)

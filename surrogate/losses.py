@@ -43,7 +43,7 @@ class FieldError:
 
 
 @torch.no_grad()
-def field_error(model: ContactModel, data: ContactDataset, batch: int = 16) -> FieldError:
+def field_error(model: ContactModel, data: ContactDataset, batch: int = 2) -> FieldError:
     """Error of a model on a data set that holds all nodes (or, estimated, on pools)."""
     missed, whole = [], []
     device = data.rows.device

@@ -28,20 +28,21 @@ from runtime.files import atomic_path
 from runtime.truth_file import TruthData, load_truth
 from surrogate.dataset import ContactDataset, PoolSize, Split, load_dataset, split_by_state
 from surrogate.load_task import LoadMetric, LoadTask, load_load_data
-from surrogate.tasks import FieldTask, LearningTask, ModelT
+from surrogate.tasks import FieldTask, InputGains, LearningTask, ModelT
 from surrogate.train import TrainingResult, TrainingSettings, train
 
 log = logging.getLogger(__name__)
 
 
-def training_settings(spec: TrainingSpec, seed: int) -> TrainingSettings:
-    """The settings of a [training] table."""
+def training_settings(spec: TrainingSpec, form: str, seed: int) -> TrainingSettings:
+    """The settings of a [training] table for models of one form."""
+    chosen = spec.field if form == "field" else spec
     return TrainingSettings(
-        steps=spec.steps,
-        batch=spec.batch,
-        learning_rate=spec.learning_rate,
-        weight_decay=spec.weight_decay,
-        validations=spec.validations,
+        steps=chosen.steps,
+        batch=chosen.batch,
+        learning_rate=chosen.learning_rate,
+        weight_decay=chosen.weight_decay,
+        validations=chosen.validations,
         seed=seed,
     )
 
@@ -70,7 +71,7 @@ class Lessons:
     def fields(self) -> tuple[ContactDataset, ContactDataset]:
         """Training and validation data of field models."""
         spec, rng = self._spec, np.random.default_rng(self._context.seed)
-        size = PoolSize(spec.nodes, spec.edges)
+        size = PoolSize(spec.field.pools, spec.field.nodes, spec.field.edges)
         count = len(self.split.train) + len(self.held_out)
         with self._context.progress(count, "sample", "reading fields") as bar:
             training = load_dataset(
@@ -92,7 +93,8 @@ class Lessons:
 
     def field_task(self, spec: ModelSpec) -> FieldTask:
         """The learning task of a [[training.models]] table of form "field"."""
-        return FieldTask(model_options(spec), *self.fields, self._spec.edge_weight)
+        gains = InputGains(self._spec.field.input_gain, self._spec.field.position_gain)
+        return FieldTask(model_options(spec), *self.fields, self._spec.edge_weight, gains)
 
     def load_task(self, spec: ModelSpec, stiffness: float) -> LoadTask:
         """The learning task of a [[training.models]] table of form "loads"; stiffness of contact [N/m^4]."""
@@ -158,7 +160,7 @@ def _learn(
 ) -> None:
     """Train, and write the correction and its curves."""
     experiment, path, truth_hash = context.experiment, _path(context, spec.name), lessons.truth.content_hash
-    settings = training_settings(experiment.training, experiment.seed)
+    settings = training_settings(experiment.training, spec.form, experiment.seed)
     checkpoint = path.with_suffix(".checkpoint")
     if not context.resume:
         checkpoint.unlink(missing_ok=True)
@@ -172,8 +174,12 @@ def _learn(
             lambda steps, note: bar.skip(steps) if note == "resumed" else bar.update(steps, note),
         )
     seconds = time.perf_counter() - started
-    _write_curves(path.with_suffix(".json"), spec.name, result, lessons, task.n_samples)
-    training = {**_recipe(experiment, spec, truth_hash), "seconds": seconds, "samples": task.n_samples}
+    _write_curves(path.with_suffix(".json"), spec.name, result, lessons)
+    training = {
+        **_recipe(experiment, spec, truth_hash),
+        "seconds": seconds,
+        "samples": len(lessons.split.train),
+    }
     rms, collider = result.held_out.rms, lessons.collider.name
     save_correction(
         path, spec.name, result.model.cpu(), lessons.body, collider, truth_hash, rms, training, mechanics
@@ -217,14 +223,13 @@ def _write_curves(
     name: str,
     result: TrainingResult[ModelT],
     lessons: Lessons,
-    n_samples: int,
 ) -> None:
     """Loss and held-out error along the run, for the report."""
     curves = {
         "model": name,
         "held_out": {**asdict(result.held_out), "squared": result.held_out.squared},
         "noise_floor": lessons.truth.noise_floor,
-        "samples": n_samples,
+        "samples": len(lessons.split.train),
         "left_out": lessons.split.left_out,
         "history": result.history,
     }

@@ -4,6 +4,7 @@ states."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -41,17 +42,44 @@ class LearningTask(Protocol[ModelT]):
     def held_out_error(self, model: ModelT) -> FieldError: ...
 
 
+@dataclass(frozen=True)
+class InputGains:
+    """Initial weights of a field network's first layer, relative to torch's: of all inputs, and once more of the
+    position z.
+
+    Normalised inputs vary by 1 over the whole body, but a dent is a tenth of the body wide. Weights of order one
+    start from fields as wide as the body, and gradient descent takes very long to narrow them (spectral bias).
+    """
+
+    inputs: float
+    position: float
+
+    @torch.no_grad()
+    def apply(self, model: ContactModel) -> None:
+        """Scale the weights of a fresh model. Both encodings begin with z."""
+        layer = model.network.local
+        for weights in (layer.weight, layer.bias):
+            weights *= self.inputs
+        layer.weight[:, : model.dim] *= self.position
+
+
 class FieldTask:
     """A `ContactModel`, a network evaluated at every point, learned from pools of nodes and edges."""
 
     def __init__(
-        self, options: ModelOptions, data: ContactDataset, validation: ContactDataset, edge_weight: float
+        self,
+        options: ModelOptions,
+        data: ContactDataset,
+        validation: ContactDataset,
+        edge_weight: float,
+        gains: InputGains,
     ) -> None:
         self._options, self._data, self._validation = options, data, validation
-        self._edge_weight = edge_weight
+        self._edge_weight, self._gains = edge_weight, gains
 
     @property
     def n_samples(self) -> int:
+        """Pools, each a few points of a sample of the truth file."""
         return len(self._data)
 
     @property
@@ -60,7 +88,8 @@ class FieldTask:
 
     @property
     def identity(self) -> dict[str, Any]:
-        return {"form": "field", **self._options.to_json(), "edge_weight": self._edge_weight}
+        gains = asdict(self._gains)
+        return {"form": "field", **self._options.to_json(), "edge_weight": self._edge_weight, **gains}
 
     def fresh_model(self, seed: int) -> ContactModel:
         """Initial weights from the seed, normalisation from the data."""
@@ -70,6 +99,7 @@ class FieldTask:
         batch = data.batch(some_samples(len(data), seed, self.device))
         local = model.encoding.encode(batch.state).flatten(0, 1)
         model.normalise(local, data.shared, data.depth, batch.target.flatten(0, 1))
+        self._gains.apply(model)
         return model
 
     def loss(self, model: ContactModel, index: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""What a load model is told of a contact: the patch, the loads near the collider, and what mechanics makes of them.
+"""What a load model is told of a contact: the loads near the collider, and what mechanics makes of them.
 
 More loads than bear pressure take part, all within a band around the collider, so that what is learned can push where
 the linear body is not pushed. The last answer is kept, because the same state is asked for at several sets of points.
@@ -16,9 +16,8 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.contact_patch import ContactProbe, Patch
 from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.points import PointStates, PointTensors
+from runtime.corrections.points import PointStates, PointTensors, affine_part, collider_rows
 from runtime.corrections.rest_mechanics import RestMechanics
 
 
@@ -26,9 +25,8 @@ from runtime.corrections.rest_mechanics import RestMechanics
 class ContactLoads:
     """index: (m,) loads of the body; state: of their points; load: (m, dim) [N] in rest coordinates, moved: (m, dim)
     [m] in collider space and left: (m,) [m], penetration left (negative: a gap), of the contact that mechanics gives.
-    patch: None where the subspace alone does not touch. All float64."""
+    All float64."""
 
-    patch: Patch | None
     index: IntArray
     state: PointStates
     load: Tensor
@@ -42,6 +40,13 @@ class ContactLoads:
         """(m,) area times x^2 / (1 + x^2), x = 1 - s / band: C1, zero at the band's edge."""
         x = (1.0 - self.state.sdf / self.band).clamp(min=0.0)
         return self.areas * x**2 / (1.0 + x**2)
+
+    @property
+    def depth(self) -> Tensor:
+        """D () [m] = sum a d^3 / sum a d^2 of the depths d of the undisplaced loads: how deep it is as a whole;
+        loads enter and leave it smoothly."""
+        d = (-self.state.sdf).clamp(min=0.0)
+        return (self.areas @ d**3) / (self.areas @ d**2)
 
 
 class ContactLoadsProbe:
@@ -60,7 +65,7 @@ class ContactLoadsProbe:
     ) -> None:
         self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
-        self._patch_probe = ContactProbe(body, collider)
+        self._affine_part = affine_part(body.handles)
         self._points = PointTensors.of(self.loads.points, torch.zeros((), dtype=torch.float64))
         self._areas = torch.from_numpy(mechanics.compliance.areas)
         self._last: tuple[Array, RigidPose, Array, ContactLoads | None] | None = None
@@ -79,7 +84,7 @@ class ContactLoadsProbe:
 
     def collider_rows(self, rows: Array, pose: RigidPose) -> Array:
         """T^-1 q (n_rows, dim)."""
-        return self._patch_probe.collider_rows(rows, pose)
+        return collider_rows(rows, self._affine_part, pose)
 
     def _measure(self, rows: Array, pose: RigidPose, turn: Array) -> ContactLoads | None:
         probe = self.loads
@@ -100,7 +105,6 @@ class ContactLoadsProbe:
             self.collider,
         )
         return ContactLoads(
-            patch=self._patch_probe.measure(rows, pose),
             index=index,
             state=state,
             load=torch.from_numpy(load),

@@ -3,10 +3,9 @@
     phi_j = l_j + fade(D) [ y_0 l_j + w_j c F_j^T (y_1, ..., y_dim) ],        u_X = F_X sum_j G_Xj phi_j
 
 l_j the load that balances a linearly elastic body (`load_press.py`), w_j [m^(dim-1)] an area that fades with
-distance, D the depth of the contact patch, c [N/m^(dim-1)] a scale, and y(a_j, b) a network that runs on the few loads
-in contact and not on all points of the body. Its inputs a_j are the geometry of the contact at the load, what
-penetration the linear body leaves there, and how far it moves the load; b is the contact patch. With y = 0 the field is
-that of linear elasticity.
+distance, D the depth of the contact, c [N/m^(dim-1)] a scale, and y(a_j, D) a network that runs on the few loads in
+contact and not on all points of the body. Its inputs a_j are the geometry of the contact at the load, what penetration
+the linear body leaves there, and how far it moves the load. With y = 0 the field is that of linear elasticity.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import torch
 from torch import Tensor, nn
 
 from runtime.corrections.contact_loads import ContactLoads
-from runtime.corrections.contact_patch import n_shared_inputs
 from runtime.corrections.encoding import LocalGeometry
 from runtime.corrections.fade import Fade
 from runtime.corrections.network import Mlp, spread
@@ -51,8 +49,8 @@ class LoadModel(nn.Module):
 
     local_mean: Tensor
     local_scale: Tensor
-    shared_mean: Tensor
-    shared_scale: Tensor
+    depth_mean: Tensor
+    depth_scale: Tensor
     traction_scale: Tensor
 
     def __init__(self, options: LoadModelOptions, dim: int, n_rows: int) -> None:
@@ -60,26 +58,26 @@ class LoadModel(nn.Module):
         self.options, self.dim, self.n_rows = options, dim, n_rows
         self.encoding = LocalGeometry()
         self.n_geometry = self.encoding.n_inputs(dim, n_rows)
-        n_local, n_shared = self.n_geometry + 1 + dim, n_shared_inputs(dim)
-        self.network = Mlp(n_local, n_shared, options.widths, 1 + dim, options.activation)
+        n_local = self.n_geometry + 1 + dim
+        self.network = Mlp(n_local, 1, options.widths, 1 + dim, options.activation)
         # Untrained, the field is that of linear elasticity.
         nn.init.zeros_(self.network.head.weight)
         nn.init.zeros_(self.network.head.bias)
         self.fade = Fade("saturating", options.fade_depth)
         self.register_buffer("local_mean", torch.zeros(n_local))
         self.register_buffer("local_scale", torch.ones(n_local))
-        self.register_buffer("shared_mean", torch.zeros(n_shared))
-        self.register_buffer("shared_scale", torch.ones(n_shared))
+        self.register_buffer("depth_mean", torch.zeros(1))
+        self.register_buffer("depth_scale", torch.ones(1))
         self.register_buffer("traction_scale", torch.ones(()))
 
     @torch.no_grad()
-    def normalise(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> None:
-        """Set the normalisation from inputs (n, n_local) and (samples, n_shared), and from loads (n, dim)
-        with their levers (n, dim, dim), so that outputs of order one correct the loads by their size."""
+    def normalise(self, local: Tensor, depth: Tensor, load: Tensor, lever: Tensor) -> None:
+        """Set the normalisation from inputs (n, n_local) and (samples,), and from loads (n, dim) with their levers (n,
+        dim, dim), so that outputs of order one correct the loads by their size."""
         self.local_mean.copy_(local.mean(0))
         self.local_scale.copy_(spread(local))
-        self.shared_mean.copy_(shared.mean(0))
-        self.shared_scale.copy_(spread(shared))
+        self.depth_mean.copy_(depth.mean())
+        self.depth_scale.copy_(spread(depth[:, None]))
         self.traction_scale.copy_(
             load.square().sum(-1).mean().sqrt() / lever.square().sum((-1, -2)).mean().sqrt()
         )
@@ -93,20 +91,17 @@ class LoadModel(nn.Module):
         """w_j F_j^T (m, dim, dim)."""
         return (loads.weight[:, None, None] * loads.state.F.transpose(1, 2)).to(self.local_mean)
 
-    def forward(self, local: Tensor, shared: Tensor, load: Tensor, lever: Tensor) -> Tensor:
-        """phi (..., m, dim) [N] from inputs a (..., m, n_local) and b (..., n_shared), whose first is D, loads (..., m,
-        dim) and levers (..., m, dim, dim)."""
-        y = self.network(self._local(local), self._shared(shared))
-        fade = self.fade.value(shared[..., 0])[..., None, None]
-        return load + fade * self._correction(load, lever, y)
+    def forward(self, local: Tensor, depth: Tensor, load: Tensor, lever: Tensor) -> Tensor:
+        """phi (..., m, dim) [N] from inputs a (..., m, n_local) and D (...), loads (..., m, dim) and levers (..., m,
+        dim, dim)."""
+        y = self.network(self._local(local), self._depth(depth))
+        return load + self.fade.value(depth)[..., None, None] * self._correction(load, lever, y)
 
     def loads(self, contact: ContactLoads) -> Tensor:
-        """phi (m, dim) [N] of one contact; of mechanics alone where the subspace does not touch."""
+        """phi (m, dim) [N] of one contact."""
         like = self.local_mean
-        load = contact.load.to(like)
-        if contact.patch is None:
-            return load
-        return self(self.local_inputs(contact), contact.patch.shared.to(like), load, self.lever(contact))
+        load, depth = contact.load.to(like), contact.depth.to(like)
+        return self(self.local_inputs(contact), depth, load, self.lever(contact))
 
     def _correction(self, load: Tensor, lever: Tensor, y: Tensor) -> Tensor:
         """y_0 l + c w F^T (y_1, ...)."""
@@ -116,5 +111,5 @@ class LoadModel(nn.Module):
     def _local(self, local: Tensor) -> Tensor:
         return (local - self.local_mean) / self.local_scale
 
-    def _shared(self, shared: Tensor) -> Tensor:
-        return (shared - self.shared_mean) / self.shared_scale
+    def _depth(self, depth: Tensor) -> Tensor:
+        return (depth[..., None] - self.depth_mean) / self.depth_scale

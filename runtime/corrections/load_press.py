@@ -74,8 +74,8 @@ class LoadMotion:
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """positions: x (n_loads, dim) [m] of all loads; around: those within the band around the collider; index: (m,)
-    those of them that could bear pressure; for these the problem and its solution. rows, pose: of the state."""
+    """rows, pose: of the state; positions: x (n_loads, dim) [m] of all loads; around: those within the band around the
+    collider; index: (m,) those of them that could bear pressure; for these the problem and its solution."""
 
     rows: Array
     pose: RigidPose

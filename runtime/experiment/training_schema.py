@@ -47,14 +47,31 @@ class ModelSpec(Section):
     )
 
 
+class FieldTrainingSpec(Section):
+    """`[training.field]`: how models of form field are trained; they need smaller and far more steps than loads."""
+
+    steps: Count = Field(8500, description="optimiser steps for each model")
+    batch: Count = Field(64, description="pools of points of one optimiser step")
+    learning_rate: Positive = Field(5e-3, description="at the start; falls to zero along a cosine")
+    weight_decay: NotNegative = Field(0.0, description="decoupled weight decay (AdamW)")
+    pools: Count = Field(16, description="pools of points drawn from a sample, on average")
+    nodes: Count = Field(16, description="nodes of a pool")
+    edges: Count = Field(4, description="surface edges of a pool")
+    validations: Count = Field(
+        10, description="as training.validations; all nodes are evaluated, it takes a while"
+    )
+    input_gain: Positive = Field(3.0, description="initial weights of all inputs, relative to torch's")
+    position_gain: Positive = Field(
+        8.0, description="initial weights of the position z, relative to those of the other inputs"
+    )
+
+
 class TrainingSpec(Section):
-    """`[training]`: settings shared by all models."""
+    """`[training]`: settings of all models; what `[training.field]` has too is for models of form loads."""
 
     collider: str = Field("", description="name of the collider; may be left out where there is only one")
-    steps: Count = Field(2500, description="optimiser steps for each model")
+    steps: Count = Field(2500, description="optimiser steps for each model of form loads")
     batch: Count = Field(32, description="samples of one optimiser step")
-    nodes: Count = Field(128, description="form field: nodes kept of each sample")
-    edges: Count = Field(32, description="form field: surface edges kept of each sample")
     learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(1e-3, description="decoupled weight decay (AdamW)")
     edge_weight: NotNegative = Field(
@@ -64,4 +81,5 @@ class TrainingSpec(Section):
     validations: Count = Field(20, description="how often along a run the held-out error is measured")
     validation_samples: Count = Field(200, description="at most so many held-out samples, drawn evenly")
     device: Literal["cpu", "cuda"] = Field("cpu", description="where the networks are trained")
+    field: FieldTrainingSpec = FieldTrainingSpec()
     models: tuple[ModelSpec, ...] = Field((), description="the corrections to train")

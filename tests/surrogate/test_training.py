@@ -22,7 +22,7 @@ from runtime.truth_schema import TABLES
 from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from surrogate.dataset import PoolSize, load_dataset, split_by_state
 from surrogate.load_task import LoadMetric, LoadTask, load_load_data
-from surrogate.tasks import FieldTask
+from surrogate.tasks import FieldTask, InputGains
 from surrogate.train import TrainingSettings, train
 
 BALL = Sphere(0.02, 2, name="ball")
@@ -118,11 +118,12 @@ def load_task(truth: TruthData, body: ReducedBody, mechanics, edge_weight: float
     return LoadTask(OPTIONS, metric, data[0], data[1], body.n_rows)
 
 
-def field_task(truth: TruthData, body: ReducedBody) -> FieldTask:
+def field_task(truth: TruthData, body: ReducedBody, gains: InputGains | None = None) -> FieldTask:
     split = split_by_state(truth, "ball", 1)
     rng = np.random.default_rng(0)
-    training = load_dataset(truth, body, BALL, split.train, PoolSize(64, 16), rng)
-    return FieldTask(FIELD, training, load_dataset(truth, body, BALL, split.validation, None, rng), 0.3)
+    training = load_dataset(truth, body, BALL, split.train, PoolSize(4, 16, 4), rng)
+    validation = load_dataset(truth, body, BALL, split.validation, None, rng)
+    return FieldTask(FIELD, training, validation, 0.3, gains or InputGains(1.0, 3.0))
 
 
 def test_split_holds_out_states_and_counts_what_is_left_out(truth):
@@ -158,17 +159,50 @@ def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
         assert value == pytest.approx(expected, rel=1e-5)  # Gamma is float32
 
 
-def test_pool_weights_estimate_the_integral(truth, jelly2d_body):
-    """With many draws the weighted mean over the pool is the mean over the volume: 4000 draws, 5 %."""
-    data = load_dataset(
-        truth, jelly2d_body, BALL, np.array([0]), PoolSize(4000, 16), np.random.default_rng(2)
+def test_pools_estimate_the_loss_of_all_samples(truth, jelly2d_body):
+    """Whatever is drawn more often weighs less: means over many pools are those over samples, volume and edges.
+    20,000 nodes and edges a sample, drawn where the field is large: 3 %."""
+    body, samples = jelly2d_body, np.array([0, 1, 2])
+    size, rng = PoolSize(50, 400, 400), np.random.default_rng(2)
+    pools = load_dataset(truth, body, BALL, samples, size, rng)
+    whole = load_dataset(truth, body, BALL, samples, None, rng)
+    drawn, full = pools.batch(torch.arange(len(pools))), whole.batch(torch.arange(len(samples)))
+    exact = (full.node_weight * full.target.square().sum(-1)).mean()
+    at_nodes, first, second = drawn.target.split([400, 400, 400], dim=1)
+    estimate = (drawn.node_weight * at_nodes.square().sum(-1)).mean()
+    assert float(estimate) == pytest.approx(float(exact), rel=0.03)
+    assert float(drawn.node_weight.mean()) == pytest.approx(float(full.node_weight.mean()), rel=0.03)
+    edges = torch.from_numpy(body.mesh.surface_edges)
+    exact = (full.target[:, edges[:, 0]] - full.target[:, edges[:, 1]]).square().sum(-1).mean()
+    estimate = (drawn.edge_weight * (first - second).square().sum(-1)).mean()
+    assert float(estimate) == pytest.approx(float(exact), rel=0.03)
+
+
+def test_larger_displacements_have_more_pools(truth, jelly2d_body):
+    """As many as asked for on average, and every sample some."""
+    samples, rng = np.arange(3), np.random.default_rng(3)
+    data = load_dataset(truth, jelly2d_body, BALL, samples, PoolSize(40, 8, 2), rng)
+    count = torch.bincount(data.pools.contact)
+    assert len(data) == pytest.approx(3 * 40, abs=3)
+    whole = load_dataset(truth, jelly2d_body, BALL, samples, None, rng)
+    size = (whole.pools.node_weight * whole.pools.target.square().sum(-1)).mean(1).sqrt()
+    assert torch.equal(count.argsort(), size.argsort())
+    assert int(count.min()) > 0
+
+
+def test_input_gains_scale_the_first_layer(truth, jelly2d_body):
+    """The position by both gains, the other inputs by one; nothing else changes."""
+    plain, steep = (
+        field_task(truth, jelly2d_body, gains).fresh_model(3).state_dict()
+        for gains in (InputGains(1.0, 1.0), InputGains(3.0, 8.0))
     )
-    whole = load_dataset(truth, jelly2d_body, BALL, np.array([0]), None, np.random.default_rng(2))
-    pool, full = data.batch(torch.tensor([0])), whole.batch(torch.tensor([0]))
-    x = pool.state.points.rest[:, :4000, 0]
-    estimate = (pool.node_weight * (1.0 + 10.0 * x)).mean()
-    exact = (full.node_weight * (1.0 + 10.0 * full.state.points.rest[..., 0])).mean()
-    assert float(estimate) == pytest.approx(float(exact), rel=0.05)
+    for name, weights in plain.items():
+        expected = weights.clone()
+        if name.startswith("network.local"):
+            expected *= 3.0
+        if name == "network.local.weight":
+            expected[:, :2] *= 8.0
+        assert torch.equal(steep[name], expected), name
 
 
 def test_loads_are_learned(truth, jelly2d_body, mechanics):
