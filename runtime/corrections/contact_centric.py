@@ -44,7 +44,7 @@ class ContactCentric:
         self.probe = ContactProbe(body, collider)
 
     def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundContactCentric:
-        """See `Correction.bind`."""
+        """See `FieldCorrection.bind`."""
         return BoundContactCentric(self, points, reach)
 
 

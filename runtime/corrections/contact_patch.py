@@ -50,11 +50,6 @@ class Patch:
         slope += torch.einsum("mrj,fmbj->frb", points.basis_gradient, to_F)
         return slope @ self.rotation.T
 
-    @property
-    def depth_slope(self) -> Tensor:
-        """(n_rows, dim)."""
-        return self.shared_slope[0]
-
 
 def n_shared_inputs(dim: int) -> int:
     """Depth, size, four mean vectors and a covariance."""

@@ -7,9 +7,11 @@ loop.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from runtime.arrays import Array
+from runtime.arrays import Array, IntArray
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.correction import PressedLoads
 from runtime.corrections.load_press import LoadProbe
@@ -35,11 +37,21 @@ class ContactPotential:
         return press.solution.energy, press.gradient.reshape(rows.shape), press.hessian
 
     def pressed(self, rows: Array, pose: RigidPose, turn: Array) -> PressedLoads:
-        """The loads that push on the collider, for resultants."""
+        """The loads that push on the collider."""
         press = self._probe.press(rows, pose, turn)
         if press is None:
-            dim = rows.shape[1]
-            return PressedLoads(np.empty((0, dim)), np.empty((0, dim)), np.empty(0), np.empty(0))
+            return PressedLoads.none(*rows.shape)
         b, solution = press.bearing, press.solution
         position = press.problem.position[b] + solution.moved[b]
-        return PressedLoads(position, solution.normal[b], solution.pressure[b], solution.left[b])
+        return PressedLoads(
+            press.index[b],
+            position,
+            press.carried,
+            solution.normal[b],
+            solution.pressure[b],
+            solution.left[b],
+        )
+
+    def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
+        """See `LoadProbe.settled`."""
+        return self._probe.settled(rows, pose, turn)

@@ -7,8 +7,9 @@ reduced state and collider pose. All of it is quasi-static: it has no memory and
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
 
@@ -44,6 +45,10 @@ class BoundCorrection(Protocol):
         inactive. turn: as of `Potential`, by default that of the rows."""
         ...
 
+
+class BoundField(BoundCorrection, Protocol):
+    """One that dynamics can take along in a step."""
+
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
         """u and du/drows of the active points; called once for each Newton step (DESIGN.md, part 9)."""
         ...
@@ -69,16 +74,31 @@ class Potential(Protocol):
         """What pushes on the collider."""
         ...
 
+    def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
+        """Where points are in a state, dent included: (m, dim) [m] as a function of their numbers (m,), which are
+        those of `PressedLoads`."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class PressedLoads:
-    """The m points that bear pressure. position, normal: (m, dim) where they are and the gradient of the signed
-    distance there, world frame; pressure: p (m,) [N]; left: penetration that is left (m,) > 0 [m]."""
+    """The m points that bear pressure. index: (m,) their numbers; position, normal: (m, dim) where they are and the
+    gradient of the signed distance there, world frame; motion: (m, dim, n_rows*dim) d position / d rows, the dent
+    carried along as it is; pressure: p (m,) [N]; left: penetration that is left (m,) > 0 [m]."""
 
+    index: IntArray
     position: Array
+    motion: Array
     normal: Array
     pressure: Array
     left: Array
+
+    @classmethod
+    def none(cls, n_rows: int, dim: int) -> PressedLoads:
+        """Nothing is pressed."""
+        nowhere, nothing = np.empty((0, dim)), np.empty(0)
+        still = np.empty((0, dim, n_rows * dim))
+        return cls(np.empty(0, dtype=np.int64), nowhere, still, nowhere, nothing, nothing)
 
 
 class Correction(Protocol):
@@ -93,8 +113,20 @@ class Correction(Protocol):
     potential: Potential | None
     internal: InternalResponse | None
 
-    def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundCorrection:
-        """The correction at these points, prepared once. Points whose *reduced* position is farther than
-        `reach` [m] from the collider (one number, or (n,) one a point) count as inactive: contact points need
-        the correction only where they could touch."""
+    def bind(self, points: MaterialPoints) -> BoundCorrection:
+        """The correction at these points, prepared once."""
         ...
+
+
+class FieldCorrection(Correction, Protocol):
+    """A correction without a potential: bodies touch at corrected points."""
+
+    def bind(self, points: MaterialPoints, reach: float | Array = np.inf) -> BoundField:
+        """Points whose *reduced* position is farther than `reach` [m] from the collider (one number, or (n,) one a
+        point) count as inactive: contact points need the correction only where they could touch."""
+        ...
+
+
+def is_field(correction: Correction) -> TypeGuard[FieldCorrection]:
+    """Whether contact is penalty at corrected points."""
+    return correction.potential is None

@@ -25,13 +25,10 @@ class Encoding(Protocol):
         """Inputs (..., n, n_inputs)."""
         ...
 
-    def pull_back(
-        self, state: PointStates, jacobian: Tensor, rotation: Tensor, point: Tensor | None = None
-    ) -> Tensor:
+    def pull_back(self, state: PointStates, jacobian: Tensor, rotation: Tensor) -> Tensor:
         """From dy/d(inputs) (n, n_out, n_inputs) to dy/d(world rows) (n, n_out, n_rows, dim) of one contact.
 
-        rotation: (dim, dim) of the collider's pose, d(collider rows) = d(world rows) R; point: (n, dim, n_rows, dim)
-        dz/d(world rows) beyond what the basis gives.
+        rotation: (dim, dim) of the collider's pose, d(collider rows) = d(world rows) R.
         """
         ...
 
@@ -47,14 +44,11 @@ class WeightedRows:
         weighted = state.points.basis[..., None] * state.rows[..., None, :, :]
         return torch.cat([state.z, weighted.flatten(-2)], dim=-1)
 
-    def pull_back(
-        self, state: PointStates, jacobian: Tensor, rotation: Tensor, point: Tensor | None = None
-    ) -> Tensor:
+    def pull_back(self, state: PointStates, jacobian: Tensor, rotation: Tensor) -> Tensor:
         n, n_out, _ = jacobian.shape
         dim = state.z.shape[-1]
         to_z, to_rows = jacobian[..., :dim], jacobian[..., dim:].reshape(n, n_out, -1, dim)
-        world = state.points.basis[:, None, :, None] * ((to_z[:, :, None, :] + to_rows) @ rotation.T)
-        return _with_point(world, to_z, point)
+        return state.points.basis[:, None, :, None] * ((to_z[:, :, None, :] + to_rows) @ rotation.T)
 
 
 class LocalGeometry:
@@ -85,9 +79,7 @@ class LocalGeometry:
             dim=-1,
         )
 
-    def pull_back(
-        self, state: PointStates, jacobian: Tensor, rotation: Tensor, point: Tensor | None = None
-    ) -> Tensor:
+    def pull_back(self, state: PointStates, jacobian: Tensor, rotation: Tensor) -> Tensor:
         n, n_out, _ = jacobian.shape
         dim = state.z.shape[-1]
         to_z, to_sdf, to_slope, to_F, to_normal, _ = jacobian.split(
@@ -102,12 +94,7 @@ class LocalGeometry:
         basis = torch.cat([state.points.basis[..., None], state.points.basis_gradient], dim=-1)
         n_rows = basis.shape[1]
         world = torch.bmm(by_row, basis.transpose(1, 2))  # (n, n_out * dim, n_rows)
-        return _with_point(world.reshape(n, n_out, dim, n_rows).transpose(2, 3), to_z, point)
-
-
-def _with_point(world: Tensor, to_z: Tensor, point: Tensor | None) -> Tensor:
-    """Adds dy/dz (n, n_out, dim) along the motion of the points that the basis does not give."""
-    return world if point is None else world + torch.einsum("nob,nbrc->norc", to_z, point)
+        return world.reshape(n, n_out, dim, n_rows).transpose(2, 3)
 
 
 ENCODINGS: dict[str, Encoding] = {"weighted_rows": WeightedRows(), "local_geometry": LocalGeometry()}

@@ -103,47 +103,10 @@ class LoadModel(nn.Module):
         load, depth = contact.load.to(like), contact.depth.to(like)
         return self(self.local_inputs(contact), depth, load, self.lever(contact))
 
-    @torch.no_grad()
-    def linearise(self, contact: ContactLoads) -> tuple[Tensor, Tensor]:
-        """phi (m, dim) and dphi/d(world rows) (m, dim, R) of one contact."""
-        like = self.local_mean
-        load, load_slope = contact.load.to(like), contact.slopes.load.to(like)
-        y, y_slope = self._outputs(contact)
-        lever, depth = self.lever(contact), contact.depth.to(like)
-        fade, fade_slope = self.fade.value(depth), self.fade.slope(depth) * contact.slopes.depth.to(like)
-        added = self._correction(load, lever, y)
-        slope = load_slope * (1.0 + fade * y[:, :1, None]) + fade * load[:, :, None] * y_slope[:, :1]
-        slope = slope + fade * self.traction_scale * (lever @ y_slope[:, 1:])
-        slope = slope + fade * self.traction_scale * self._lever_slope(contact, y[:, 1:])
-        return load + fade * added, slope + added[:, :, None] * fade_slope
-
     def _correction(self, load: Tensor, lever: Tensor, y: Tensor) -> Tensor:
         """y_0 l + c w F^T (y_1, ...)."""
         traction = torch.einsum("...ij,...j->...i", lever, y[..., 1:])
         return load * y[..., :1] + self.traction_scale * traction
-
-    def _outputs(self, contact: ContactLoads) -> tuple[Tensor, Tensor]:
-        """y (m, 1 + dim) and dy/d(world rows) (m, 1 + dim, R)."""
-        like = self.local_mean
-        local, turn = self.local_inputs(contact), torch.eye(1 + self.dim).to(like)
-        y = self.network.derivatives(self._local(local), self._depth(contact.depth.to(like)), turn)
-        to_local = y.local / self.local_scale
-        slopes, rotation = contact.slopes, contact.rotation.to(like)
-        point = None if slopes.point is None else slopes.point.to(like)
-        y_slope = self.encoding.pull_back(
-            contact.state.to(like), to_local[..., : self.n_geometry], rotation, point
-        ).flatten(2)
-        extra_slope = torch.cat([slopes.left[:, None], slopes.moved], dim=1).to(like)
-        y_slope = y_slope + to_local[..., self.n_geometry :] @ extra_slope
-        return y.value, y_slope + (y.shared / self.depth_scale) * slopes.depth.to(like)
-
-    def _lever_slope(self, contact: ContactLoads, y: Tensor) -> Tensor:
-        """d(lever) y (m, dim, R): through the weight and F."""
-        state = contact.state
-        pulled = torch.einsum("mbj,mb->mj", state.F.to(y), y)
-        turned = (y @ contact.rotation.to(y).T) * contact.weight.to(y)[:, None]
-        by_F = torch.einsum("mrj,mc->mjrc", state.points.basis_gradient.to(y), turned)
-        return pulled[:, :, None] * contact.slopes.weight.to(y)[:, None, :] + by_F.flatten(2)
 
     def _local(self, local: Tensor) -> Tensor:
         return (local - self.local_mean) / self.local_scale

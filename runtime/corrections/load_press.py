@@ -17,6 +17,7 @@ the body's turn is held.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -96,7 +97,7 @@ class LoadPress:
             return None
         dq = (rows - self.rows).ravel()
         y = self.problem.position[b] + solution.moved[b]
-        apart = self._carried @ dq - (pose.apply(self.pose.apply_inverse(y)) - y)
+        apart = self.carried @ dq - (pose.apply(self.pose.apply_inverse(y)) - y)
         if np.abs(apart).max() > self.problem.depth:
             return None
         pull = np.linalg.solve(F, apart[..., None]).ravel() + self._among @ (self._turned @ dq).ravel()
@@ -125,7 +126,7 @@ class LoadPress:
     def gradient(self) -> Array:
         """dW/drows (R,) [N]."""
         b = self.bearing
-        moved = self._carried
+        moved = self.carried
         return -(self.solution.force[b].ravel() @ moved.reshape(-1, moved.shape[2]))
 
     @property
@@ -134,19 +135,15 @@ class LoadPress:
         turned = self._turned.reshape(self._pull.shape)
         return self._pull.T @ self._stiffened - turned.T @ (self._among @ turned)
 
-    @property
-    def load_slope(self) -> Array:
-        """d(F^T f)/drows (k, dim, R) = dF^T f - D w."""
-        return self._turned - self._stiffened.reshape(self._turned.shape)
+    @cached_property
+    def carried(self) -> Array:
+        """dx + dF v (k, dim, R) of the loads that bear pressure: how they move with their displacement v held."""
+        return self._motion.carried(self.solution.given[self.bearing])
 
     @cached_property
     def _motion(self) -> LoadMotion:
         b = self.bearing
         return LoadMotion(self.motion.position[b], self.motion.basis_gradient[b])
-
-    @cached_property
-    def _carried(self) -> Array:
-        return self._motion.carried(self.solution.given[self.bearing])
 
     @cached_property
     def _turned(self) -> Array:
@@ -163,7 +160,7 @@ class LoadPress:
     @cached_property
     def _pull(self) -> Array:
         """C (k*dim, R)."""
-        b, carried = self.bearing, self._carried
+        b, carried = self.bearing, self.carried
         turned = self._turned.reshape(-1, carried.shape[2])
         back: Array = np.linalg.solve(self.problem.F[b], carried)
         return np.asarray(back.reshape(turned.shape) + self._among @ turned)
@@ -259,6 +256,20 @@ class LoadProbe:
         return LoadPress(
             rows.copy(), pose, x, around, index, problem, problem.solve(start), self.motion(index, turn)
         )
+
+    def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
+        """y = x + F v (m, dim) [m] of any loads (m,) at handle rows (n_rows, dim)."""
+        press = self.press(rows, pose, turn)
+        if press is None:
+            return self.positions(rows, turn).__getitem__
+        bearing, load = press.index[press.bearing], press.load
+
+        def positions(index: IntArray) -> Array:
+            given = np.tensordot(self.among(index, bearing), load, 2)
+            moved = self.deformation(rows, index) @ given[..., None]
+            return np.asarray(press.positions[index] + moved[..., 0])
+
+        return positions
 
     def among(self, index: IntArray, loads: IntArray) -> Array:
         """G (len(index), dim, len(loads), dim) [m/N] at the loads `index` by forces on others."""

@@ -96,18 +96,6 @@ class PointStates:
     slope: Tensor
     curvature: Tensor | None = None
 
-    def to(self, like: Tensor) -> PointStates:
-        """With the type and device of `like`."""
-        return PointStates(
-            self.points.to(like),
-            self.rows.to(like),
-            self.z.to(like),
-            self.F.to(like),
-            self.sdf.to(like),
-            self.slope.to(like),
-            None if self.curvature is None else self.curvature.to(like),
-        )
-
     @classmethod
     def at(cls, points: PointTensors, rows: Array, z: Array, collider: Collider) -> PointStates:
         """All of it for points at z = basis @ rows (n, dim); rows and z in float64, the distance is taken

@@ -1,4 +1,4 @@
-"""Contact with colliders whose correction brings its own energy (`runtime/corrections/contact_potential.py`).
+"""Contact and friction with colliders whose correction brings its own energy (`contact_potential.py`).
 
 There the detail is condensed out: the energy is a function of the handle rows, and neither corrected points nor the
 cubature of the body's volume take part.
@@ -6,47 +6,78 @@ cubature of the body's volume take part.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.corrections.correction import Potential, PressedLoads
+from runtime.arrays import Array, IntArray
+from runtime.contact import CoulombFriction
+from runtime.corrections.correction import Potential
+from runtime.dynamics.condensed_friction import CondensedFriction
 from runtime.dynamics.corrected_points import Poses
 from runtime.dynamics.state import ContactForce, resultant
+from runtime.dynamics.step_contact import StepContact
 
 
 class CondensedContact:
-    """The potentials of a scene, by name of the collider."""
+    """The potentials of a scene, by name of the collider. turn: see `Potential`; step: what friction remembers, None
+    outside of steps."""
 
-    def __init__(self, potentials: Mapping[str, Potential]) -> None:
+    def __init__(self, potentials: Mapping[str, Potential], friction: CoulombFriction | None = None) -> None:
         self._potentials = potentials
+        self._friction = None if friction is None else CondensedFriction(friction)
 
-    def energy(self, rows: Array, poses: Poses, turn: Array) -> float:
-        """[J]; turn: see `Potential`."""
-        return sum(potential.energy(rows, poses[name], turn) for name, potential in self._potentials.items())
+    def settled(self, rows: Array, poses: Poses, turn: Array) -> dict[str, Callable[[IntArray], Array]]:
+        """Where loads are in a state, see `Potential`."""
+        return {
+            name: potential.settled(rows, poses[name], turn) for name, potential in self._potentials.items()
+        }
 
-    def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, Array | None]:
-        """Energy [J], gradient (n_rows, dim) [N] and Hessian [N/m] by the rows; no Hessian where nothing touches."""
+    def energy(self, rows: Array, poses: Poses, turn: Array, step: StepContact | None) -> float:
+        """Of contact and (lagged) friction [J]."""
+        total = 0.0
+        for name, potential in self._potentials.items():
+            total += potential.energy(rows, poses[name], turn)
+            if self._friction is not None and step is not None:
+                total += self._friction.terms(name, rows, step).energy
+        return total
+
+    def linearise(
+        self, rows: Array, poses: Poses, turn: Array, step: StepContact | None, relag: bool
+    ) -> tuple[float, Array, Array | None]:
+        """Energy [J], gradient (n_rows, dim) [N] and Hessian [N/m] by the rows; no Hessian where nothing touches.
+        ``relag``: let friction take up the loads found here."""
         energy, gradient = 0.0, np.zeros_like(rows)
         hessian: Array | None = None
         for name, potential in self._potentials.items():
-            more, slope, stiffness = potential.linearise(rows, poses[name], turn)
-            energy, gradient = energy + more, gradient + slope
-            if stiffness is not None:
-                hessian = stiffness if hessian is None else hessian + stiffness
+            parts = [potential.linearise(rows, poses[name], turn)]
+            if self._friction is not None and step is not None:
+                if relag:
+                    self._friction.lag(name, potential, rows, poses, turn, step)
+                parts.append(self._friction.linearise(name, rows, step))
+            for more, slope, stiffness in parts:
+                energy, gradient = energy + more, gradient + slope
+                if stiffness is not None:
+                    hessian = stiffness if hessian is None else hessian + stiffness
         return energy, gradient, hessian
 
-    def forces(self, rows: Array, poses: Poses, turn: Array) -> dict[str, ContactForce]:
-        """The force on each collider."""
-        return {
-            name: _force(potential.pressed(rows, poses[name], turn), poses[name].translation)
-            for name, potential in self._potentials.items()
-        }
-
-
-def _force(loads: PressedLoads, origin: Array) -> ContactForce:
-    """A load pushes the collider against the gradient of its signed distance."""
-    push = -loads.pressure[:, None] * loads.normal
-    force, torque = resultant([(loads.position, push)], origin)
-    return ContactForce(force, torque, float(loads.left.max(initial=0.0)), len(loads.pressure))
+    def forces(
+        self, rows: Array, poses: Poses, turn: Array, step: StepContact | None
+    ) -> tuple[float, float, dict[str, ContactForce]]:
+        """Contact energy, friction energy [J] and the force on each collider."""
+        normal_energy, friction_energy = 0.0, 0.0
+        forces = {}
+        for name, potential in self._potentials.items():
+            normal_energy += potential.energy(rows, poses[name], turn)
+            pressed = potential.pressed(rows, poses[name], turn)
+            # A load pushes the collider against the gradient of its signed distance.
+            loads = [(pressed.position, -pressed.pressure[:, None] * pressed.normal)]
+            if self._friction is not None and step is not None:
+                friction = self._friction.terms(name, rows, step)
+                friction_energy += friction.energy
+                loads.append((step.sliding[name].positions(rows), friction.gradient))
+            force, torque = resultant(loads, poses[name].translation)
+            forces[name] = ContactForce(
+                force, torque, float(pressed.left.max(initial=0.0)), len(pressed.index)
+            )
+        return normal_energy, friction_energy, forces

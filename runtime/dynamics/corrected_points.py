@@ -13,7 +13,7 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.correction import BoundCorrection, Correction, CorrectionField
+from runtime.corrections.correction import BoundField, CorrectionField, FieldCorrection
 from runtime.dynamics.timings import Phase
 
 Poses = Mapping[str, RigidPose]
@@ -24,11 +24,11 @@ class CorrectedPoints:
     surface, both as numbers of watched points.
 
     corrections: (name of the collider, correction); reach [m]: surface samples whose reduced position is
-    farther than that from the collider need no correction, see `Correction.bind`.
+    farther than that from the collider need no correction, see `FieldCorrection.bind`.
     """
 
     def __init__(
-        self, body: ReducedBody, corrections: Sequence[tuple[str, Correction]], reach: float = np.inf
+        self, body: ReducedBody, corrections: Sequence[tuple[str, FieldCorrection]], reach: float = np.inf
     ) -> None:
         corners = body.mesh.cells[body.cubature.cells]
         nodes = np.union1d(corners, body.surface.nodes)
@@ -38,7 +38,7 @@ class CorrectedPoints:
         reaches = np.full(len(nodes), reach)
         reaches[self.corners] = np.inf
         points = body.node_points(nodes) if corrections else None
-        self._corrections: list[tuple[str, BoundCorrection]] = (
+        self._corrections: list[tuple[str, BoundField]] = (
             []
             if points is None
             else [(name, correction.bind(points, reaches)) for name, correction in corrections]

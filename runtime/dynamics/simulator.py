@@ -21,7 +21,7 @@ from runtime.colliders.collider import Collider
 from runtime.colliders.path import KeyframedPath
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.correction import Correction
+from runtime.corrections.correction import Correction, is_field
 from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.condensed_contact import CondensedContact
 from runtime.dynamics.corrected_nodes import CorrectedNodes
@@ -32,8 +32,9 @@ from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinemat
 from runtime.dynamics.newton import NewtonResult, NewtonSettings, Status, minimise
 from runtime.dynamics.springs import HandleSpring, QuadraticForm, spring_form
 from runtime.dynamics.state import ContactForce, ReducedState, StepResult
+from runtime.dynamics.step_contact import StepContact
 from runtime.dynamics.step_energy import StepEnergy
-from runtime.dynamics.surface import StepContact, SurfaceEnergy
+from runtime.dynamics.surface import SurfaceEnergy
 from runtime.dynamics.timings import Timings
 from runtime.dynamics.weight import Weight
 from runtime.errors import SoftprintError
@@ -115,14 +116,13 @@ class Simulator:
         )
         shapes = {placed.name: placed.collider for placed in self.colliders}
         self._corrections = [(p.name, p.correction) for p in self.colliders if p.correction is not None]
-        # Friction acts at corrected points: with it, the condensed form of contact has to stand back.
         potentials = {
             name: correction.potential
             for name, correction in self._corrections
-            if correction.potential is not None and friction is None
+            if correction.potential is not None
         }
-        self._condensed = CondensedContact(potentials)
-        at_points = [(name, correction) for name, correction in self._corrections if name not in potentials]
+        self._condensed = CondensedContact(potentials, friction)
+        at_points = [(name, correction) for name, correction in self._corrections if is_field(correction)]
         penalised = {name: shape for name, shape in shapes.items() if name not in potentials}
         sizes = [shapes[name].size for name, _ in at_points if np.isfinite(shapes[name].size)]
         self._points = CorrectedPoints(body, at_points, _REACH * max(sizes, default=np.inf))
@@ -203,7 +203,11 @@ class Simulator:
         turn = self._turn(state.rows)
         contact = None
         if self._friction is not None:
-            contact = StepContact(self._surface_of(state, turn, timings), state.poses, h, {})
+            before = turn if state.turn is None else state.turn
+            surface = self._surface_of(state, before, timings)
+            with timings.contact:
+                settled = self._condensed.settled(state.rows, state.poses, before)
+            contact = StepContact(surface, state.poses, h, settled)
         energy = self._energy(end, end_poses, turn, inertia, contact, timings)
         start = place_kinematic(
             self._carried_on(state), self.body.rest_rows, self.body.handles, self._kinematic, end
@@ -353,7 +357,7 @@ class Simulator:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
         turn = self._turn(state.rows) if state.turn is None else state.turn
         at_points = self._surface.forces(self._surface_of(state, turn, Timings()), state.poses, None)[2]
-        return {**at_points, **self._condensed.forces(state.rows, state.poses, turn)}
+        return {**at_points, **self._condensed.forces(state.rows, state.poses, turn, None)[2]}
 
     def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""

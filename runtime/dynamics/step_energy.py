@@ -28,7 +28,8 @@ from runtime.dynamics.elastic import Elastic
 from runtime.dynamics.newton import Linearisation
 from runtime.dynamics.springs import QuadraticForm
 from runtime.dynamics.state import ContactForce
-from runtime.dynamics.surface import StepContact, SurfaceEnergy
+from runtime.dynamics.step_contact import StepContact
+from runtime.dynamics.surface import SurfaceEnergy
 from runtime.dynamics.timings import Timings
 
 # Energies are sums of some thousand float64 terms: differences below this share of their size are round-off.
@@ -101,7 +102,7 @@ class StepEnergy:
         found = self.evaluate(rows)
         with self._timings.contact:
             contact = self._surface.energy(found.surface, self._poses, self._step)
-            contact += self._condensed.energy(rows, self._poses, self.turn)
+            contact += self._condensed.energy(rows, self._poses, self.turn, self._step)
         return self._quadratic.energy(rows) + found.elastic + contact
 
     def evaluate(self, rows: Array) -> Evaluation:
@@ -128,8 +129,8 @@ class StepEnergy:
         """Contact energy, friction energy [J] and the force on each collider."""
         with self._timings.contact:
             normal, friction, forces = self._surface.forces(at.surface, self._poses, self._step)
-            normal += self._condensed.energy(at.rows, self._poses, self.turn)
-            return normal, friction, {**forces, **self._condensed.forces(at.rows, self._poses, self.turn)}
+            condensed = self._condensed.forces(at.rows, self._poses, self.turn, self._step)
+        return normal + condensed[0], friction + condensed[1], {**forces, **condensed[2]}
 
     def linearise(self, rows: Array) -> Linearisation:
         """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one
@@ -140,11 +141,12 @@ class StepEnergy:
         with self._timings.elastic:
             elastic, elastic_gradient, hessian = self._elastic.linearise(rows, self.turn, field)
         with self._timings.contact:
+            relag = self._relags_left > 0
             contact, contact_gradient, contact_hessian = self._surface.linearise(
-                surface, self.turn, field, self._poses, self._step, relag=self._relags_left > 0
+                surface, self.turn, field, self._poses, self._step, relag
             )
             condensed, condensed_gradient, condensed_hessian = self._condensed.linearise(
-                rows, self._poses, self.turn
+                rows, self._poses, self.turn, self._step, relag
             )
             contact, contact_gradient = contact + condensed, contact_gradient + condensed_gradient
         self._relags_left -= 1

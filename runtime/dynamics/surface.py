@@ -11,29 +11,18 @@ Kronecker-shaped sum_i U_i U_i^T (x) H_i: one small product.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
-from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
+from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, PenaltyContact
 from runtime.corrections.correction import CorrectionField
 from runtime.corrections.internal_response import InternalResponse
+from runtime.dynamics.chain_rule import through_basis, through_jacobian
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.state import ContactForce, resultant
-
-
-@dataclass
-class StepContact:
-    """What friction remembers within one step: where the surface was when it began, and the lagged normal
-    forces."""
-
-    start: Array
-    poses: Poses
-    time_step: float
-    lagged: dict[str, LaggedContact]
+from runtime.dynamics.step_contact import StepContact
 
 
 class SurfaceEnergy:
@@ -96,8 +85,8 @@ class SurfaceEnergy:
         if not len(index):
             return energy, np.zeros((self._basis.shape[1], x.shape[1])), None
         if field is None and self._internal is None:
-            return energy, *_through_basis(self._basis[index], gradient, hessian)
-        return energy, *_through_jacobian(self._jacobian(index, turn, field), gradient, hessian)
+            return energy, *through_basis(self._basis[index], gradient, hessian)
+        return energy, *through_jacobian(self._jacobian(index, turn, field), gradient, hessian)
 
     def _at_points(
         self, x: Array, poses: Poses, step: StepContact | None, relag: bool
@@ -110,7 +99,9 @@ class SurfaceEnergy:
             terms.append(contact)
             if self._friction is not None and step is not None:
                 if relag:
-                    step.lagged[name] = self._friction.lag(contact, step.start, step.poses[name], poses[name])
+                    step.lagged[name] = self._friction.lag(
+                        contact, step.surface, step.poses[name], poses[name]
+                    )
                 terms.append(self._friction.terms(x, step.lagged[name], step.time_step))
         dim = x.shape[1]
         index = np.unique(np.concatenate([term.index for term in terms] or [np.empty(0, dtype=np.int64)]))
@@ -153,19 +144,3 @@ class SurfaceEnergy:
                 force, torque, float(contact.depth.max(initial=0.0)), len(contact.index)
             )
         return normal_energy, friction_energy, forces
-
-
-def _through_basis(basis: Array, gradient: Array, hessian: Array) -> tuple[Array, Array]:
-    """sum_i U_i (x) f_i and sum_i U_i U_i^T (x) H_i; basis (m, n_rows)."""
-    count, n_rows = basis.shape
-    dim = gradient.shape[1]
-    right = (hessian[:, :, :, None] * basis[:, None, None, :]).reshape(count, -1)  # (m, i.k.s)
-    blocks = (basis.T @ right).reshape(n_rows, dim, dim, n_rows)
-    return basis.T @ gradient, blocks.transpose(0, 1, 3, 2).reshape(n_rows * dim, n_rows * dim)
-
-
-def _through_jacobian(jacobian: Array, gradient: Array, hessian: Array) -> tuple[Array, Array]:
-    """J^T f and J^T H J; jacobian (m*dim, n_rows*dim)."""
-    count, dim = gradient.shape
-    right = (hessian @ jacobian.reshape(count, dim, -1)).reshape(jacobian.shape)
-    return (jacobian.T @ gradient.ravel()).reshape(-1, dim), jacobian.T @ right

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,6 +30,7 @@ STIFFNESS = 1e9
 DIFFERENCES = 1e-6
 
 FORMS = ("thesis", "geometry", "loads", "internal")
+FIELDS = ("thesis", "geometry")
 
 
 @pytest.fixture(scope="module")
@@ -97,16 +96,10 @@ def bent_rows(body: ReducedBody) -> np.ndarray:
     return rows
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", FIELDS)
 def test_jacobian_is_the_derivative(form, jelly_body, mechanics):
-    correction = make_correction(form, jelly_body, mechanics)
-    bound = correction.bind(jelly_body.node_points())
+    bound = make_correction(form, jelly_body, mechanics).bind(jelly_body.node_points())
     rows, pose = bent_rows(jelly_body), pressed_pose(jelly_body)
-    if correction.internal is not None:
-        turn = correction.internal.turn(rows)  # held, as in a time step
-        bound = SimpleNamespace(
-            linearise=partial(bound.linearise, turn=turn), displacement=partial(bound.displacement, turn=turn)
-        )
     field = bound.linearise(rows, pose)
     assert np.allclose(field.displacement, bound.displacement(rows, pose)[field.index], rtol=0, atol=1e-15)
     assert np.abs(field.displacement).max() > 1e-5
@@ -159,7 +152,9 @@ def test_fades_out_as_contact_opens(form, jelly_body, mechanics):
     assert size(4e-3) > 0.0
     assert size(1e-5) < 1e-2 * size(4e-3)
     assert size(-2e-3) == 0.0
-    assert len(bound.linearise(rows, lifted(1.0)).index) == 0
+    assert not bound.displacement(rows, lifted(1.0)).any()
+    if form in FIELDS:
+        assert len(bound.linearise(rows, lifted(1.0)).index) == 0
 
 
 def test_patch_depth_is_the_depth_of_a_flat_press(jelly_body):
@@ -176,7 +171,7 @@ def test_patch_depth_is_the_depth_of_a_flat_press(jelly_body):
 
 
 def test_points_out_of_reach_are_inactive(jelly_body, mechanics):
-    correction = make_correction("loads", jelly_body, mechanics)
+    correction = make_correction("geometry", jelly_body, mechanics)
     rows, pose = jelly_body.rest_rows, pressed_pose(jelly_body)
     points = jelly_body.node_points()
     everywhere, near = correction.bind(points), correction.bind(points, reach=0.005)
