@@ -23,14 +23,36 @@ from runtime.colliders.collider import SdfDerivatives
 CHUNK = 2048
 
 
-def _polynomials(f: Array) -> Array:
-    """The four polynomials at fractions f (dim, n) and their first two derivatives: (3, 4, dim, n)."""
-    g = 1.0 - f
-    ff, gg = f * f, g * g
-    values = [g * gg / 6, (0.5 * f - 1) * ff + 2 / 3, (0.5 * g - 1) * gg + 2 / 3, f * ff / 6]
-    first = [-0.5 * gg, (1.5 * f - 2) * f, (2 - 1.5 * g) * g, 0.5 * ff]
-    second = [g, 3 * f - 2, 3 * g - 2, f]
-    return np.stack(values + first + second).reshape(3, 4, *f.shape)
+# The four polynomials, their first and their second derivatives, as coefficients of 1, f, f^2, f^3: (12, 4).
+_CUBICS = (
+    np.array(
+        [
+            [1, -3, 3, -1],
+            [4, 0, -6, 3],
+            [1, 3, 3, -3],
+            [0, 0, 0, 1],
+            [-3, 6, -3, 0],
+            [0, -12, 9, 0],
+            [3, 6, -9, 0],
+            [0, 0, 3, 0],
+            [6, -6, 0, 0],
+            [-12, 18, 0, 0],
+            [6, -18, 0, 0],
+            [0, 6, 0, 0],
+        ]
+    )
+    / 6.0
+)
+
+
+def _polynomials(f: Array, orders: int) -> Array:
+    """The four polynomials at fractions f (dim, n) and their derivatives below `orders`: (orders, 4, dim, n)."""
+    powers = np.empty((4, *f.shape))
+    powers[0], powers[1] = 1.0, f
+    np.multiply(f, f, out=powers[2])
+    np.multiply(powers[2], f, out=powers[3])
+    values = _CUBICS[: 4 * orders] @ powers.reshape(4, -1)
+    return values.reshape(orders, 4, *f.shape)
 
 
 class SplineGrid:
@@ -46,6 +68,10 @@ class SplineGrid:
         self._strides = np.array([int(np.prod(padded.shape[a + 1 :])) for a in range(values.ndim)])
         stencil = [sum(i * s for i, s in zip(corner, self._strides, strict=True)) for corner in self._corners]
         self._stencil: IntArray = np.array(stencil, dtype=np.int64)
+        # Where the derivatives stand among the 3^dim combinations of orders along the axes.
+        unit = 3 ** np.arange(values.ndim)[::-1]
+        self._gradient_orders: IntArray = unit
+        self._hessian_orders: IntArray = (unit[:, None] + unit).ravel()
 
     @property
     def dim(self) -> int:
@@ -69,7 +95,7 @@ class SplineGrid:
         for start in range(0, len(z), CHUNK):
             chunk = slice(start, start + CHUNK)
             c, fractions = self._gather(z[chunk])
-            basis = _polynomials(fractions)[0]
+            basis = _polynomials(fractions, 1)[0]
             for axis in reversed(range(self.dim)):
                 c = (c * basis[:, axis]).sum(axis=-2)
             result[chunk] = c
@@ -85,18 +111,15 @@ class SplineGrid:
 
     def _fill(self, z: Array, out: SdfDerivatives) -> None:
         c, fractions = self._gather(z)
-        basis = _polynomials(fractions)
+        basis = _polynomials(fractions, 3)
         # Sum the stencil axes from the last to the first, each into a front axis for the order of its derivative.
         # Orders above two come along unused: cheaper than picking them out, for the few points that contact asks for.
         partial = c
         for axis in reversed(range(self.dim)):
             weights = basis[:, :, axis].reshape(3, *(1,) * (partial.ndim - 2), 4, -1)
             partial = (partial * weights).sum(axis=-2)
-        unit = np.eye(self.dim, dtype=int)
-        out.value[:] = partial[(0,) * self.dim]
-        for i in range(self.dim):
-            out.gradient[:, i] = partial[tuple(unit[i])] / self.spacing
-            for j in range(i, self.dim):
-                out.hessian[:, i, j] = out.hessian[:, j, i] = (
-                    partial[tuple(unit[i] + unit[j])] / self.spacing**2
-                )
+        orders = partial.reshape(-1, partial.shape[-1])
+        out.value[:] = orders[0]
+        np.divide(orders[self._gradient_orders].T, self.spacing, out=out.gradient)
+        hessian = orders[self._hessian_orders].T / self.spacing**2
+        out.hessian[:] = hessian.reshape(out.hessian.shape)

@@ -69,6 +69,8 @@ class BoundElasticContact:
         self._model, self._probe = correction.model, correction.probe
         self._points = points
         self._compliance = correction.mechanics.compliance.at(nodes)
+        # In the precision of the model: an evaluation reads all of it.
+        self._gradient = torch.from_numpy(points.basis_gradient).to(self._model.local_mean).numpy()
 
     def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
@@ -78,6 +80,6 @@ class BoundElasticContact:
             return np.zeros(self._points.rest.shape)
         with torch.no_grad():
             phi = self._model.loads(contact)
-        given = self._compliance.apply(contact.index, phi[..., None].numpy()).astype(np.float64)
-        F = rows.T @ self._points.basis_gradient
-        return np.asarray((F @ given)[..., 0])
+        given = self._compliance.apply(contact.index, phi[..., None].numpy())
+        F = rows.T.astype(given.dtype) @ self._gradient
+        return np.asarray((F @ given)[..., 0], dtype=np.float64)

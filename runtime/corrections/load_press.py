@@ -1,15 +1,14 @@
 """The contact of a reduced state as mechanics alone gives it, and how it changes with the state.
 
-Loads near the collider are pressed by `load_solve.py` at their positions x(q), internal response included. With
-f = p g the forces in balance, D their stiffening in rest coordinates, and dxi = dx + dF v the motion of a load that
-keeps its displacement v,
+Loads near the collider are pressed by `load_solve.py` at their positions x(q), internal response included. Let f = p g
+be the forces in balance, D their stiffening, and G the compliance carried along, F_i G_ij F_j^T. With
+dxi = dx + dF v the motion of a load that keeps its displacement v in rest coordinates, and eta = F^-T dF^T f,
 
-    dv  = G (dF^T f + F^T df),    (I + G D) w = F^-1 dxi + G dF^T f =: C,    F^T df = -D w,    dy = F w.
+    (I + G D) dy = dxi + G eta =: c,    df = -D dy.
 
 So the energy W(q) of contact and dent together has (Clapeyron's theorem, envelope theorem)
 
-    dW  = -sum_j f_j . dxi_j,
-    d2W = C^T D (I + G D)^-1 C - (dF^T f)^T G (dF^T f),
+    dW = -sum_j f_j . dxi_j,    d2W = c^T D (I + G D)^-1 c - eta^T G eta,
 
 both exact: no derivative beyond the Hessian of the distance is needed, for x and F are affine in the handle rows while
 the body's turn is held.
@@ -27,7 +26,7 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.load_solve import LoadProblem, LoadSolution
+from runtime.corrections.load_solve import LoadProblem, LoadSolution, softening
 from runtime.corrections.rest_mechanics import RestMechanics
 
 # Loads outside the collider by up to this share of its depth could be pushed into it by the dent beside them. In
@@ -64,35 +63,30 @@ class LoadMotion:
             moved[:, axis, :, axis] += turned
         return moved.reshape(k, dim, -1)
 
-    def turned(self, force: Array) -> Array:
-        """dF^T f (k, dim, R) for f = force (k, dim)."""
-        k, dim = force.shape
-        return (self.basis_gradient.transpose(0, 2, 1)[..., None] * force[:, None, None, :]).reshape(
-            k, dim, -1
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
     """rows, pose: of the state; positions: x (n_loads, dim) [m] of all loads; around: those within the band around the
-    collider; index: (m,) those of them that could bear pressure; for these the problem and its solution."""
+    collider; index: (m,) those of them that could bear pressure; for these F (m, dim, dim), how they move, the problem
+    and its solution."""
 
     rows: Array
     pose: RigidPose
     positions: Array
     around: IntArray
     index: IntArray
+    F: Array
+    motion: LoadMotion
     problem: LoadProblem
     solution: LoadSolution
-    motion: LoadMotion
 
     def predict(self, rows: Array, pose: RigidPose, index: IntArray) -> tuple[Array, Array] | None:
         """Penetrations (m,) and normals (m, dim) of the loads `index` at a state nearby, to first order, where they
         bear pressure here; None for a state too far away. With dc what the collider carries a load along by,
 
-            dr = F (I + G D)^-1 [F^-1 (dxi - dc) + G dF^T f],    de = -g . dr,    dg = H dr, turned with the collider.
+            dr = (I + G D)^-1 (dxi - dc + G eta),    de = -g . dr,    dg = H dr, turned with the collider.
         """
-        b, solution, F = self.bearing, self.solution, self.problem.F[self.bearing]
+        b, solution = self.bearing, self.solution
         if not b.size:
             return None
         dq = (rows - self.rows).ravel()
@@ -100,13 +94,15 @@ class LoadPress:
         apart = self.carried @ dq - (pose.apply(self.pose.apply_inverse(y)) - y)
         if np.abs(apart).max() > self.problem.depth:
             return None
-        pull = np.linalg.solve(F, apart[..., None]).ravel() + self._among @ (self._turned @ dq).ravel()
-        dr = F @ np.linalg.solve(self._softening, pull).reshape(*apart.shape, 1)
+        right = apart.ravel() + self._among @ (self._eta @ dq)
+        dr = np.linalg.solve(self._softening, right).reshape(apart.shape)
         g = solution.normal[b]
         # A load that is about to let go keeps a little, so that Newton's method sees it.
-        e = np.maximum(solution.left[b] - (g * dr[..., 0]).sum(axis=1), 0.1 * solution.left[b])
-        turned = (g + (solution.curvature[b] @ dr)[..., 0]) @ (pose.rotation @ self.pose.rotation.T).T
-        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), len(turned[0])))
+        e = np.maximum(solution.left[b] - (g * dr).sum(axis=1), 0.1 * solution.left[b])
+        turned = (g + (solution.curvature[b] @ dr[..., None])[..., 0]) @ (
+            pose.rotation @ self.pose.rotation.T
+        ).T
+        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), g.shape[1]))
         _, there, here = np.intersect1d(index, self.index[b], assume_unique=True, return_indices=True)
         left[there], normal[there] = e[here], turned[here]
         return left, normal
@@ -120,66 +116,54 @@ class LoadPress:
     def load(self) -> Array:
         """F^T f (k, dim) [N] of those that do."""
         b = self.bearing
-        return np.asarray((self.problem.F[b].transpose(0, 2, 1) @ self.solution.force[b][..., None])[..., 0])
+        return np.asarray((self.F[b].transpose(0, 2, 1) @ self.solution.force[b][..., None])[..., 0])
 
     @property
     def gradient(self) -> Array:
         """dW/drows (R,) [N]."""
-        b = self.bearing
         moved = self.carried
-        return -(self.solution.force[b].ravel() @ moved.reshape(-1, moved.shape[2]))
+        return -(self.solution.force[self.bearing].ravel() @ moved.reshape(-1, moved.shape[2]))
 
     @property
     def hessian(self) -> Array:
         """d2W/drows2 (R, R) [N/m]."""
-        turned = self._turned.reshape(self._pull.shape)
-        return self._pull.T @ self._stiffened - turned.T @ (self._among @ turned)
+        moved = self.carried
+        given = self._among @ self._eta
+        c = moved.reshape(given.shape) + given
+        stiffened = self._stiffening @ np.linalg.solve(self._softening, c).reshape(moved.shape)
+        return c.T @ stiffened.reshape(c.shape) - self._eta.T @ given
 
     @cached_property
     def carried(self) -> Array:
         """dx + dF v (k, dim, R) of the loads that bear pressure: how they move with their displacement v held."""
-        return self._motion.carried(self.solution.given[self.bearing])
-
-    @cached_property
-    def _motion(self) -> LoadMotion:
         b = self.bearing
-        return LoadMotion(self.motion.position[b], self.motion.basis_gradient[b])
+        given = np.linalg.solve(self.F[b], self.solution.moved[b][..., None])[..., 0]
+        return LoadMotion(self.motion.position[b], self.motion.basis_gradient[b]).carried(given)
 
     @cached_property
-    def _turned(self) -> Array:
-        return self._motion.turned(self.solution.force[self.bearing])
+    def _eta(self) -> Array:
+        """F^-T dF^T f (k*dim, R)."""
+        b = self.bearing
+        gradient = self.motion.basis_gradient[b]
+        # dF_aj = drow_ra dU_rj, so that (F^-T dF^T f)_i = sum_r (F^-T dU_r)_i drow_ra f_a.
+        turned = gradient @ np.linalg.inv(self.F[b])
+        force = self.solution.force[b]
+        return np.asarray(
+            (turned.transpose(0, 2, 1)[..., None] * force[:, None, None, :]).reshape(force.size, -1)
+        )
 
     @cached_property
     def _among(self) -> Array:
         return self.problem.among(self.bearing)
 
     @cached_property
-    def _blocks(self) -> Array:
+    def _stiffening(self) -> Array:
         return self.problem.stiffening(self.solution, self.bearing)
-
-    @cached_property
-    def _pull(self) -> Array:
-        """C (k*dim, R)."""
-        b, carried = self.bearing, self.carried
-        turned = self._turned.reshape(-1, carried.shape[2])
-        back: Array = np.linalg.solve(self.problem.F[b], carried)
-        return np.asarray(back.reshape(turned.shape) + self._among @ turned)
-
-    @cached_property
-    def _answer(self) -> Array:
-        """w = F^-1 dy (k*dim, R)."""
-        return np.linalg.solve(self._softening, self._pull)
 
     @cached_property
     def _softening(self) -> Array:
         """I + G D (k*dim, k*dim)."""
-        return self.problem.softening(self.bearing, self._blocks)
-
-    @cached_property
-    def _stiffened(self) -> Array:
-        """D w (k*dim, R)."""
-        k, dim, _ = self._blocks.shape
-        return (self._blocks @ self._answer.reshape(k, dim, -1)).reshape(k * dim, -1)
+        return softening(self._among, self._stiffening)
 
 
 class LoadProbe:
@@ -244,18 +228,18 @@ class LoadProbe:
         if _ROOM * depth > self._band:
             around, distance = self._near(x, pose, _ROOM * depth)
         index = around[distance < _ROOM * depth]
-        problem = LoadProblem(
-            self.among(index, index),
-            self._stiffness[index],
-            x[index],
-            self.deformation(rows, index),
-            depth,
-            PosedDistance(self.collider, pose),
-        )
+        F = self.deformation(rows, index)
+        distance_to = PosedDistance(self.collider, pose)
+        problem = LoadProblem(self._carried(index, F), self._stiffness[index], x[index], depth, distance_to)
         start = None if near is None else near.predict(rows, pose, index)
-        return LoadPress(
-            rows.copy(), pose, x, around, index, problem, problem.solve(start), self.motion(index, turn)
-        )
+        solution = problem.solve(start)
+        return LoadPress(rows.copy(), pose, x, around, index, F, self.motion(index, turn), problem, solution)
+
+    def _carried(self, index: IntArray, F: Array) -> Array:
+        """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads `index`."""
+        m, dim, _ = F.shape
+        half = F @ self.among(index, index).transpose(2, 3, 0, 1).reshape(m, dim, m * dim)  # F_j G_ji
+        return np.ascontiguousarray(F @ half.reshape(m * dim, m, dim).transpose(1, 2, 0)).reshape(m * dim, -1)
 
     def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
         """y = x + F v (m, dim) [m] of any loads (m,) at handle rows (n_rows, dim)."""

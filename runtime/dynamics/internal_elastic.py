@@ -41,6 +41,8 @@ class InternalElasticEnergy:
         self._elasticity = watched_elasticity(body, points)
         corners = internal.at(body.mesh.cells[body.cubature.cells].ravel())
         self._by_strain, self._by_gravity = _derivatives(self._elasticity, corners)
+        # For the Hessian in single precision, at half the cost: Newton's method takes no more than a direction from it.
+        self._single = self._by_strain.astype(np.float32)
         shape = (self._elasticity.n_cells, body.dim, body.dim)
         self._rest = np.broadcast_to(np.eye(body.dim), shape).copy()
         self._missed = _stiffness_at_rest(body, internal) - _stiffness(
@@ -57,17 +59,17 @@ class InternalElasticEnergy:
         self, rows: Array, turn: Array, field: CorrectionField | None
     ) -> tuple[float, Array, Array]:
         """See `Elastic`."""
-        z, B = self._unknowns(rows, turn), self._by_strain
+        z, B, single = self._unknowns(rows, turn), self._by_strain, self._single
         if field is not None:
             field = _turned(field, turn)
             by_cell = B.reshape(*self._rest.shape, *rows.shape)
             B = with_field(by_cell, self._elasticity, self._points, field).reshape(B.shape)
+            single = B.astype(np.float32)
         F = self._gradients(z, self._points.scatter(field))
         elasticity, missed = self._elasticity, self._missed[: rows.size]
         stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(F)
         slope = (stress.ravel() @ B + missed @ z).reshape(rows.shape)
-        # In single precision at half the cost: Newton's method takes no more from it than the direction of its step.
-        hessian = _stiffness(elasticity, F, B.astype(np.float32)) + missed[:, : rows.size]
+        hessian = _stiffness(elasticity, F, single) + missed[:, : rows.size]
         return self._energy(F, z), slope @ turn.T, turn_back(hessian, turn)
 
     def _unknowns(self, rows: Array, turn: Array) -> Array:
