@@ -14,7 +14,7 @@ OUT ?= runs/$(basename $(notdir $(EXPERIMENT)))
 # Further options for every verb of the demo, such as: make demo OPTIONS="--set sampling.places=8"
 OPTIONS ?=
 VERB_OPTIONS = $(EXPERIMENT) --out $(OUT) $(OPTIONS)
-MODELS := full bare thesis5 ours
+MODELS := full bare thesis5 mechanics ours
 
 # One thread for each rank, and one for steps of simulations: small matrices gain nothing from more. Training does.
 export OMP_NUM_THREADS ?= 1

@@ -19,6 +19,7 @@ from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.corrections.compliance import n_columns
 from runtime.corrections.correction_file import read_header, save_correction
+from runtime.corrections.load_model import LoadModelOptions
 from runtime.corrections.options import load_model_options, model_options
 from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mechanics
 from runtime.errors import SoftprintError
@@ -27,7 +28,7 @@ from runtime.experiment.training_schema import ModelSpec, TrainingSpec
 from runtime.files import atomic_path
 from runtime.truth_file import TruthData, load_truth
 from surrogate.dataset import ContactDataset, PoolSize, Split, load_dataset, split_by_state
-from surrogate.load_task import LoadMetric, LoadTask, load_load_data
+from surrogate.load_task import LoadData, LoadMetric, LoadTask, load_load_data
 from surrogate.tasks import FieldTask, InputGains, LearningTask, ModelT
 from surrogate.train import TrainingResult, TrainingSettings, train
 
@@ -66,6 +67,7 @@ class Lessons:
         self.held_out = np.sort(held_out[: spec.validation_samples])
         self._device = training_device(spec.device)
         self._mechanics: dict[tuple[int, bool], RestMechanics] = {}
+        self._load_data: dict[tuple[int, bool, float, float], tuple[LoadMetric, LoadData, LoadData]] = {}
 
     @cached_property
     def fields(self) -> tuple[ContactDataset, ContactDataset]:
@@ -98,17 +100,25 @@ class Lessons:
 
     def load_task(self, spec: ModelSpec, stiffness: float) -> LoadTask:
         """The learning task of a [[training.models]] table of form "loads"; stiffness of contact [N/m^4]."""
-        options, mechanics = load_model_options(spec, stiffness), self.mechanics(spec)
-        metric = LoadMetric(self.body, mechanics.compliance, self._spec.edge_weight)
-        count = len(self.split.train) + len(self.held_out)
-        with self._context.progress(count, "sample", "reading loads") as bar:
-            training, validation = (
-                load_load_data(
-                    self.truth, self.body, self.collider, mechanics, options, metric, samples, bar.update
-                ).to(self._device)
-                for samples in (self.split.train, self.held_out)
-            )
-        return LoadTask(options, metric, training, validation, self.body.n_rows)
+        options = load_model_options(spec, stiffness)
+        return LoadTask(options, *self._loads(spec, options), self.body.n_rows)
+
+    def _loads(self, spec: ModelSpec, options: LoadModelOptions) -> tuple[LoadMetric, LoadData, LoadData]:
+        """Metric, training and validation data: the same for all networks on the same mechanics."""
+        key = (spec.loads, spec.internal, options.band, options.stiffness)
+        if key not in self._load_data:
+            mechanics = self.mechanics(spec)
+            metric = LoadMetric(self.body, mechanics.compliance, self._spec.edge_weight)
+            count = len(self.split.train) + len(self.held_out)
+            with self._context.progress(count, "sample", "reading loads") as bar:
+                training, validation = (
+                    load_load_data(
+                        self.truth, self.body, self.collider, mechanics, options, metric, samples, bar.update
+                    ).to(self._device)
+                    for samples in (self.split.train, self.held_out)
+                )
+            self._load_data[key] = (metric, training, validation)
+        return self._load_data[key]
 
 
 def train_models(context: Context, only: str | None) -> None:
@@ -165,14 +175,18 @@ def _learn(
     if not context.resume:
         checkpoint.unlink(missing_ok=True)
     started = time.perf_counter()
-    with context.progress(settings.steps, "step", f"training {spec.name}") as bar:
-        result = train(
-            task,
-            settings,
-            checkpoint,
-            truth_hash,
-            lambda steps, note: bar.skip(steps) if note == "resumed" else bar.update(steps, note),
-        )
+    if spec.form == "loads" and not spec.learned:
+        unlearned = task.fresh_model(experiment.seed)
+        result = TrainingResult(unlearned, task.held_out_error(unlearned), [])
+    else:
+        with context.progress(settings.steps, "step", f"training {spec.name}") as bar:
+            result = train(
+                task,
+                settings,
+                checkpoint,
+                truth_hash,
+                lambda steps, note: bar.skip(steps) if note == "resumed" else bar.update(steps, note),
+            )
     seconds = time.perf_counter() - started
     _write_curves(path.with_suffix(".json"), spec.name, result, lessons)
     training = {

@@ -577,7 +577,7 @@ def test_commands_out_of_order(bench2d):
         (["simulate", "--model=nobody"], ("nobody", "bare")),
         (["simulate", "--scene=nowhere"], ("nowhere", "press, held_out")),
         (["simulate", "--model=../body"], ("../body",)),
-        (["train", "--model=nobody"], ("nobody", "thesis5, ours")),
+        (["train", "--model=nobody"], ("nobody", "thesis5, mechanics, ours")),
         (["bench", "--scene=nowhere"], ("nowhere", "press, held_out")),
         (["bench", "--iterations=0"], ("--iterations", "at least 1")),
         (["generate", "--units=-1"], ("--units", "negative")),

@@ -19,7 +19,7 @@ def test_from_mesh_to_report(softprint, tmp_path, dim):
         (("body",), 1),
         (("generate",), 2),
         (("train",), 1),
-        (("simulate", *(f"--model={name}" for name in ("full", "bare", "thesis5", "ours"))), 1),
+        (("simulate", *(f"--model={name}" for name in ("full", "bare", "thesis5", "mechanics", "ours"))), 1),
         (("report",), 1),
     ]
     for (verb, *options), ranks in steps:
@@ -27,8 +27,10 @@ def test_from_mesh_to_report(softprint, tmp_path, dim):
         assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
     made = {path.relative_to(run).as_posix() for path in run.rglob("*") if path.is_file()}
     assert {"body.h5", "truth.h5", "report.html", "report.json"} <= made
-    assert {f"corrections/{model}.safetensors" for model in ("thesis5", "ours")} <= made
-    assert {f"motions/held_out_{model}.h5" for model in ("full", "bare", "thesis5", "ours")} <= made
+    assert {f"corrections/{model}.safetensors" for model in ("thesis5", "mechanics", "ours")} <= made
+    assert {
+        f"motions/held_out_{model}.h5" for model in ("full", "bare", "thesis5", "mechanics", "ours")
+    } <= made
     left_over = {name for name in made if Path(name).name.startswith(".") or name.endswith(".shard")}
     assert left_over <= {".generate.lock"}
 

@@ -42,6 +42,9 @@ hidden = [16, 16]
 activation = "tanh"
 fade = "saturating"
 [[training.models]]
+name = "mechanics"
+learned = false
+[[training.models]]
 name = "ours"
 hidden = [16, 16]
 """

@@ -51,7 +51,17 @@ _KNOWN = (
         _DASH_DOT,
     ),
     ModelStyle("thesis5", "thesis5", "the thesis's network (ch. 5)", "#0072b2", "#56b4e9", _DASHED),
-    ModelStyle("ours", "Ours", "the learned correction", "#d2500a", "#ff8b4d", _SOLID),
+    ModelStyle(
+        "mechanics",
+        "Mechanics",
+        "ours before anything is learned: linear elasticity",
+        "#9b2c4d",
+        "#f28ba6",
+        _DASH_DOT,
+    ),
+    ModelStyle(
+        "ours", "Ours", "mechanics, and a network that corrects its forces", "#d2500a", "#ff8b4d", _SOLID
+    ),
     ModelStyle(
         "truth",
         "Constrained truth",
@@ -69,7 +79,7 @@ _KNOWN = (
         _DOTTED,
     ),
 )
-_SPARE = (("#5b4bb5", "#a79cf0"), ("#2a7f9e", "#7fd0ea"), ("#8a6d3b", "#d8bd8a"), ("#9b2c4d", "#f28ba6"))
+_SPARE = (("#5b4bb5", "#a79cf0"), ("#2a7f9e", "#7fd0ea"), ("#8a6d3b", "#d8bd8a"))
 
 
 def styles_for(models: Iterable[str]) -> dict[str, ModelStyle]:

@@ -34,6 +34,10 @@ class ModelSpec(Section):
         True,
         description="form loads: the body settles inside where the subspace cannot follow (linear, nothing learned)",
     )
+    learned: bool = Field(
+        True,
+        description="form loads: false for linear mechanics alone, what the network would have to improve on",
+    )
     encoding: Literal["weighted_rows", "local_geometry"] = Field(
         "weighted_rows",
         description="form field: the thesis's weighted handle rows, or the geometry of the contact",
