@@ -65,7 +65,7 @@ _KNOWN = (
     ModelStyle(
         "truth",
         "Constrained truth",
-        "the exact contact displacement at that q: what a perfect correction would give",
+        "the exact contact displacement at that q, without internal deformation",
         "#00805d",
         "#2fc79a",
         _DOTTED,
