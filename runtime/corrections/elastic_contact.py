@@ -69,8 +69,12 @@ class BoundElasticContact:
         self._model, self._probe = correction.model, correction.probe
         self._points = points
         self._compliance = correction.mechanics.compliance.at(nodes)
-        # In the precision of the model: an evaluation reads all of it.
-        self._gradient = torch.from_numpy(points.basis_gradient).to(self._model.local_mean).numpy()
+        # dU_r/dX_j (n*dim, n_rows) over (point, j): F^T of all points in one product. In the precision of the model, for
+        # an evaluation reads all of it.
+        turned = np.ascontiguousarray(points.basis_gradient.transpose(0, 2, 1))
+        self._gradient = (
+            torch.from_numpy(turned).to(self._model.local_mean).numpy().reshape(-1, turned.shape[2])
+        )
 
     def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
@@ -81,5 +85,5 @@ class BoundElasticContact:
         with torch.no_grad():
             phi = self._model.loads(contact)
         given = self._compliance.apply(contact.index, phi[..., None].numpy())
-        F = rows.T.astype(given.dtype) @ self._gradient
-        return np.asarray((F @ given)[..., 0], dtype=np.float64)
+        F_transposed = (self._gradient @ rows.astype(given.dtype)).reshape(*given.shape[:2], -1)
+        return np.einsum("nj,nji->ni", given[..., 0], F_transposed).astype(np.float64)

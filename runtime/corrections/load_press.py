@@ -91,26 +91,25 @@ class LoadPress:
             return None
         dq = (rows - self.rows).ravel()
         y = self.problem.position[b] + solution.moved[b]
-        apart = self.carried @ dq - (pose.apply(self.pose.apply_inverse(y)) - y)
-        if np.abs(apart).max() > self.problem.depth:
+        follows = pose.apply(self.pose.apply_inverse(y)) - y
+        if np.abs(self.carried @ dq - follows).max() > self.problem.depth:
             return None
-        right = apart.ravel() + self._among @ (self._eta @ dq)
-        dr = np.linalg.solve(self._softening, right).reshape(apart.shape)
+        right = self._c @ dq - follows.ravel()
+        dr = np.linalg.solve(self._softening, right).reshape(y.shape)
         g = solution.normal[b]
         # A load that is about to let go keeps a little, so that Newton's method sees it.
         e = np.maximum(solution.left[b] - (g * dr).sum(axis=1), 0.1 * solution.left[b])
         turned = (g + (solution.curvature[b] @ dr[..., None])[..., 0]) @ (
             pose.rotation @ self.pose.rotation.T
         ).T
-        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), g.shape[1]))
-        _, there, here = np.intersect1d(index, self.index[b], assume_unique=True, return_indices=True)
-        left[there], normal[there] = e[here], turned[here]
-        return left, normal
+        left, normal = np.full(len(self.positions), -np.inf), np.zeros_like(self.positions)
+        left[self.index[b]], normal[self.index[b]] = e, turned
+        return left[index], normal[index]
 
-    @cached_property
+    @property
     def bearing(self) -> IntArray:
         """(k,) which of the m bear pressure."""
-        return np.flatnonzero(self.solution.pressure > 0.0)
+        return self.solution.bearing
 
     @property
     def load(self) -> Array:
@@ -128,29 +127,37 @@ class LoadPress:
     def hessian(self) -> Array:
         """d2W/drows2 (R, R) [N/m]."""
         moved = self.carried
-        given = self._among @ self._eta
-        c = moved.reshape(given.shape) + given
+        c = self._c
         stiffened = self._stiffening @ np.linalg.solve(self._softening, c).reshape(moved.shape)
-        return c.T @ stiffened.reshape(c.shape) - self._eta.T @ given
+        return c.T @ stiffened.reshape(c.shape) - self._eta.T @ self._given
 
     @cached_property
     def carried(self) -> Array:
         """dx + dF v (k, dim, R) of the loads that bear pressure: how they move with their displacement v held."""
         b = self.bearing
-        given = np.linalg.solve(self.F[b], self.solution.moved[b][..., None])[..., 0]
-        return LoadMotion(self.motion.position[b], self.motion.basis_gradient[b]).carried(given)
+        return self.motion.carried(np.linalg.solve(self.F[b], self.solution.moved[b][..., None])[..., 0])
 
     @cached_property
     def _eta(self) -> Array:
         """F^-T dF^T f (k*dim, R)."""
         b = self.bearing
-        gradient = self.motion.basis_gradient[b]
+        gradient = self.motion.basis_gradient
         # dF_aj = drow_ra dU_rj, so that (F^-T dF^T f)_i = sum_r (F^-T dU_r)_i drow_ra f_a.
         turned = gradient @ np.linalg.inv(self.F[b])
         force = self.solution.force[b]
         return np.asarray(
             (turned.transpose(0, 2, 1)[..., None] * force[:, None, None, :]).reshape(force.size, -1)
         )
+
+    @cached_property
+    def _given(self) -> Array:
+        """G eta (k*dim, R)."""
+        return self._among @ self._eta
+
+    @cached_property
+    def _c(self) -> Array:
+        """c (k*dim, R)."""
+        return self.carried.reshape(self._given.shape) + self._given
 
     @cached_property
     def _among(self) -> Array:
@@ -199,13 +206,7 @@ class LoadProbe:
     def _near(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array]:
         """The loads at positions x (n_loads, dim) that are closer to the collider than `distance` [m], and their
         signed distance."""
-        z = pose.apply_inverse(x)
-        collider = self.collider
-        within = ((z > collider.lower - distance) & (z < collider.upper + distance)).all(axis=1)
-        index = np.flatnonzero(within)
-        value = collider.sdf(z[index])
-        close = value < distance
-        return index[close], value[close]
+        return self.collider.closer(pose.apply_inverse(x), distance)
 
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
         """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider. The last
@@ -233,7 +234,8 @@ class LoadProbe:
         problem = LoadProblem(self._carried(index, F), self._stiffness[index], x[index], depth, distance_to)
         start = None if near is None else near.predict(rows, pose, index)
         solution = problem.solve(start)
-        return LoadPress(rows.copy(), pose, x, around, index, F, self.motion(index, turn), problem, solution)
+        motion = self.motion(index[solution.bearing], turn)
+        return LoadPress(rows.copy(), pose, x, around, index, F, motion, problem, solution)
 
     def _carried(self, index: IntArray, F: Array) -> Array:
         """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads `index`."""
