@@ -4,9 +4,9 @@ Along each axis the value in a cell is the sum of four basis polynomials b_i of 
 
     b_0 = (1-f)^3/6,  b_1 = (3 f^3 - 6 f^2 + 4)/6,  b_2 = (-3 f^3 + 3 f^2 + 3 f + 1)/6,  b_3 = f^3/6,
 
-times the coefficients of the 4^dim nodes around (Unser 1999). All derivatives up to the second along each axis come from
-one chain of matrix products a point, axis by axis from the last: contact asks for some tens of points many times a
-step, where the number of operations is what costs.
+times the coefficients of the 4^dim nodes around (Unser 1999). All derivatives up to the second along each axis come
+from one chain of matrix products a point, axis by axis from the last: contact asks for some tens of points many times
+a step, where the number of operations is what costs.
 
 The b_i are not negative and sum to one, so that the value is never below the least of the coefficients around.
 """

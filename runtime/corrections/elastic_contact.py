@@ -69,7 +69,7 @@ class BoundElasticContact:
         self._model, self._probe = correction.model, correction.probe
         self._points = points
         self._compliance = correction.mechanics.compliance.at(nodes)
-        # dU_r/dX_j (n*dim, n_rows) over (point, j): F^T of all points in one product. In the precision of the model, for
+        # dU_r/dX_j (n*dim, n_rows) over (point, j): F^T of all points in one product. In the precision of the model, as
         # an evaluation reads all of it.
         turned = np.ascontiguousarray(points.basis_gradient.transpose(0, 2, 1))
         self._gradient = (
