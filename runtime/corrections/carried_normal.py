@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 # cof(F) N shorter than this belongs to a crushed point; its direction means nothing and is left unnormalised.
-_SHORTEST = 1e-6
+SHORTEST = 1e-6
 
 
 def levi_civita(dim: int, like: Tensor) -> Tensor:
@@ -46,7 +46,7 @@ def _cofactor(F: Tensor) -> Tensor:
 def carried_normal(F: Tensor, normal: Tensor) -> Tensor:
     """n (..., dim) of deformation gradients F (..., dim, dim) and rest normals (..., dim)."""
     c = (_cofactor(F) @ normal[..., None])[..., 0]
-    return c / c.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
+    return c / c.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
 
 
 def carried_normal_derivative(F: Tensor, normal: Tensor) -> tuple[Tensor, Tensor]:
@@ -54,7 +54,7 @@ def carried_normal_derivative(F: Tensor, normal: Tensor) -> tuple[Tensor, Tensor
     slope = _cofactor_slope(F, normal)
     # Euler's theorem: c is homogeneous of degree dim - 1 in F.
     c = torch.einsum("...ijm,...jm->...i", slope, F) / (F.shape[-1] - 1)
-    length = c.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
+    length = c.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
     n = c / length
     slope = slope / length[..., None, None]
     return n, slope - n[..., :, None, None] * torch.einsum("...i,...ijm->...jm", n, slope)[..., None, :, :]
