@@ -47,6 +47,10 @@ class Collider(Protocol):
         """Signed distance, gradient and Hessian at local points z (n, dim)."""
         ...
 
+    def about(self, z: Array, distance: float) -> IntArray:
+        """Which of the local points z (n, dim) are within `distance` [m] of the bounds."""
+        ...
+
     def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
         """Which of the local points z (n, dim) are closer than `distance` [m], (m,), and their signed distance."""
         ...
@@ -65,13 +69,13 @@ class ColliderBase:
 
     def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
         """See `Collider`."""
-        index = self._about(z, distance)
+        index = self.about(z, distance)
         value = self.sdf(z[index])
         close = value < distance
         return index[close], value[close]
 
-    def _about(self, z: Array, distance: float) -> IntArray:
-        """Which points are within `distance` of the bounds."""
+    def about(self, z: Array, distance: float) -> IntArray:
+        """See `Collider`."""
         lower, upper = self.lower - distance, self.upper + distance
         within = (z[:, 0] > lower[0]) & (z[:, 0] < upper[0])
         for axis in range(1, z.shape[1]):

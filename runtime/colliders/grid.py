@@ -121,7 +121,7 @@ class GridCollider(ColliderBase):
 
     def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
         """See `Collider`. The distance is taken only of points that the spline's coefficients leave in doubt."""
-        index = self._about(z, distance)
+        index = self.about(z, distance)
         # The core of the fine grid reaches farther than the rest of its margin beyond the bounds.
         if distance < (1.0 - BLEND_BAND) * self._fine_margin:
             index = index[self.fine.grid.at_least(z[index]) < distance]

@@ -90,17 +90,18 @@ class ContactLoadsProbe:
         press = probe.press(rows, pose, turn)
         if press is None:
             return None
-        x, index = press.positions, press.around
+        index = press.around
+        x = probe.positions(rows, turn, index)
         pressed = press.index[press.bearing]
         given = np.tensordot(probe.among(index, pressed), press.load, 2)
         moved = (probe.deformation(rows, index) @ given[..., None])[..., 0]
-        left = -self.collider.sdf(pose.apply_inverse(x[index] + moved))
+        left = -self.collider.sdf(pose.apply_inverse(x + moved))
         load = np.zeros_like(moved)
         load[np.searchsorted(index, pressed)] = press.load
         state = PointStates.at(
             PointTensors.of(probe.points.take(index), torch.zeros((), dtype=torch.float64)),
             self.collider_rows(rows, pose),
-            pose.apply_inverse(x[index]),
+            pose.apply_inverse(x),
             self.collider,
         )
         return ContactLoads(

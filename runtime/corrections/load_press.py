@@ -66,13 +66,12 @@ class LoadMotion:
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """rows, pose: of the state; positions: x (n_loads, dim) [m] of all loads; around: those within the band around the
-    collider; index: (m,) those of them that could bear pressure; for these F (m, dim, dim), how they move, the problem
-    and its solution."""
+    """rows, pose: of the state; around: the loads within the band around the collider; index: (m,) those of them that
+    could bear pressure; for these F (m, dim, dim), the problem and its solution; motion: how the k of them move that do
+    bear pressure."""
 
     rows: Array
     pose: RigidPose
-    positions: Array
     around: IntArray
     index: IntArray
     F: Array
@@ -102,9 +101,11 @@ class LoadPress:
         turned = (g + (solution.curvature[b] @ dr[..., None])[..., 0]) @ (
             pose.rotation @ self.pose.rotation.T
         ).T
-        left, normal = np.full(len(self.positions), -np.inf), np.zeros_like(self.positions)
-        left[self.index[b]], normal[self.index[b]] = e, turned
-        return left[index], normal[index]
+        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), g.shape[1]))
+        at = np.minimum(np.searchsorted(index, self.index[b]), len(index) - 1)
+        both = index[at] == self.index[b]
+        left[at[both]], normal[at[both]] = e[both], turned[both]
+        return left, normal
 
     @property
     def bearing(self) -> IntArray:
@@ -198,15 +199,21 @@ class LoadProbe:
         """Of the body at handle rows, see `InternalResponse.turn`; the identity where there is none."""
         return np.eye(rows.shape[1]) if self.internal is None else self.internal.turn(rows)
 
-    def positions(self, rows: Array, turn: Array) -> Array:
-        """x (n_loads, dim) [m], internal response included."""
-        x = self.points.basis @ rows
-        return x if self.internal is None else x + self.internal.displacement(rows, turn)
+    def positions(self, rows: Array, turn: Array, index: IntArray | slice = slice(None)) -> Array:
+        """x (m, dim) [m] of some of the loads, internal response included."""
+        x = self.points.basis[index] @ rows
+        return x if self.internal is None else x + self.internal.displacement(rows, turn, index)
 
-    def _near(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array]:
-        """The loads at positions x (n_loads, dim) that are closer to the collider than `distance` [m], and their
-        signed distance."""
-        return self.collider.closer(pose.apply_inverse(x), distance)
+    def _near(
+        self, rows: Array, pose: RigidPose, turn: Array, distance: float
+    ) -> tuple[IntArray, Array, Array]:
+        """The loads closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. The
+        internal response, many times as costly as U rows, is taken only of loads that it could move there."""
+        reach = 0.0 if self.internal is None else self.internal.farthest(rows, turn)
+        candidates = self.collider.about(pose.apply_inverse(self.points.basis @ rows), distance + reach)
+        x = self.positions(rows, turn, candidates)
+        close, value = self.collider.closer(pose.apply_inverse(x), distance)
+        return candidates[close], value, x[close]
 
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
         """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider. The last
@@ -221,21 +228,23 @@ class LoadProbe:
         return press
 
     def _press(self, rows: Array, pose: RigidPose, turn: Array, near: LoadPress | None) -> LoadPress | None:
-        x = self.positions(rows, turn)
-        around, distance = self._near(x, pose, self._band)
+        around, distance, x = self._near(rows, pose, turn, self._band)
         depth = -float(distance.min(initial=0.0))
         if depth <= 0.0:
             return None
         if _ROOM * depth > self._band:
-            around, distance = self._near(x, pose, _ROOM * depth)
-        index = around[distance < _ROOM * depth]
+            around, distance, x = self._near(rows, pose, turn, _ROOM * depth)
+        could_bear = distance < _ROOM * depth
+        index = around[could_bear]
         F = self.deformation(rows, index)
         distance_to = PosedDistance(self.collider, pose)
-        problem = LoadProblem(self._carried(index, F), self._stiffness[index], x[index], depth, distance_to)
+        problem = LoadProblem(
+            self._carried(index, F), self._stiffness[index], x[could_bear], depth, distance_to
+        )
         start = None if near is None else near.predict(rows, pose, index)
         solution = problem.solve(start)
         motion = self.motion(index[solution.bearing], turn)
-        return LoadPress(rows.copy(), pose, x, around, index, F, motion, problem, solution)
+        return LoadPress(rows.copy(), pose, around, index, F, motion, problem, solution)
 
     def _carried(self, index: IntArray, F: Array) -> Array:
         """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads `index`."""
@@ -253,7 +262,7 @@ class LoadProbe:
         def positions(index: IntArray) -> Array:
             given = np.tensordot(self.among(index, bearing), load, 2)
             moved = self.deformation(rows, index) @ given[..., None]
-            return np.asarray(press.positions[index] + moved[..., 0])
+            return np.asarray(self.positions(press.rows, turn, index) + moved[..., 0])
 
         return positions
 
