@@ -47,6 +47,14 @@ class Collider(Protocol):
         """Signed distance, gradient and Hessian at local points z (n, dim)."""
         ...
 
+    def about(self, z: Array, distance: float) -> IntArray:
+        """Which of the local points z (n, dim) are within `distance` [m] of the bounds."""
+        ...
+
+    def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
+        """Which of the local points z (n, dim) are closer than `distance` [m], (m,), and their signed distance."""
+        ...
+
 
 class ColliderBase:
     """What follows from the bounds and the derivatives."""
@@ -58,6 +66,21 @@ class ColliderBase:
     @property
     def dim(self) -> int:
         return int(self.lower.size)
+
+    def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
+        """See `Collider`."""
+        index = self.about(z, distance)
+        value = self.sdf(z[index])
+        close = value < distance
+        return index[close], value[close]
+
+    def about(self, z: Array, distance: float) -> IntArray:
+        """See `Collider`."""
+        lower, upper = self.lower - distance, self.upper + distance
+        within = (z[:, 0] > lower[0]) & (z[:, 0] < upper[0])
+        for axis in range(1, z.shape[1]):
+            within &= (z[:, axis] > lower[axis]) & (z[:, axis] < upper[axis])
+        return np.flatnonzero(within)
 
     @property
     def size(self) -> float:

@@ -38,7 +38,9 @@ class _Level(NamedTuple):
 
     def core(self, z: Array) -> BoolArray:
         """Where the grid alone counts."""
-        inside = (z >= self.grid.origin + self.band) & (z <= self.grid.upper - self.band)
+        grid = self.grid
+        half = 0.5 * (grid.upper - grid.origin) - self.band
+        inside = np.abs(z - 0.5 * (grid.origin + grid.upper)) <= half
         return np.asarray(inside.all(axis=1))
 
     def within(self, z: Array) -> IntArray:
@@ -83,7 +85,8 @@ class GridCollider(ColliderBase):
         self.lower, self.upper = vertices.min(axis=0), vertices.max(axis=0)
         longest = float((self.upper - self.lower).max())
         self.spacing = longest / resolution
-        self.fine = self._sample(FINE_MARGIN * longest, self.spacing)
+        self._fine_margin = FINE_MARGIN * longest
+        self.fine = self._sample(self._fine_margin, self.spacing)
         self.coarse = self._sample(COARSE_MARGIN * longest, COARSENING * self.spacing)
         self._centre = 0.5 * (self.lower + self.upper)
         self._ball_radius = float(np.linalg.norm(vertices - self._centre, axis=1).max())
@@ -115,6 +118,16 @@ class GridCollider(ColliderBase):
             for column, own in zip(result, values, strict=True):
                 column[part] = own
         return result
+
+    def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
+        """See `Collider`. The distance is taken only of points that the spline's coefficients leave in doubt."""
+        index = self.about(z, distance)
+        # The core of the fine grid reaches farther than the rest of its margin beyond the bounds.
+        if distance < (1.0 - BLEND_BAND) * self._fine_margin:
+            index = index[self.fine.grid.at_least(z[index]) < distance]
+        value = self.sdf(z[index])
+        close = value < distance
+        return index[close], value[close]
 
     def _around(self, z: Array) -> SdfDerivatives:
         """Outside the core of the fine grid: ball, coarse and fine, blended."""

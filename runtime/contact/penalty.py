@@ -47,13 +47,8 @@ def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[I
     Their index (m,), local coordinates (m, dim) and signed distances (m,), all negative.
     """
     z = pose.apply_inverse(x)
-    near = np.flatnonzero(((z >= collider.lower) & (z <= collider.upper)).all(axis=1))
-    if near.size == 0:
-        return near, z[near], np.empty(0)
-    distance = collider.sdf(z[near])
-    inside = distance < 0
-    near = near[inside]
-    return near, z[near], distance[inside]
+    inside, distance = collider.closer(z, 0.0)
+    return inside, z[inside], distance
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 # cof(F) N shorter than this belongs to a crushed point; its direction means nothing and is left unnormalised.
-_SHORTEST = 1e-6
+SHORTEST = 1e-6
 
 
 def levi_civita(dim: int, like: Tensor) -> Tensor:
@@ -34,18 +34,27 @@ def _cofactor_slope(F: Tensor, normal: Tensor) -> Tensor:
     return torch.einsum("ijk,...kn,lmn,...l->...ijm", e, F, e, normal)
 
 
+def _cofactor(F: Tensor) -> Tensor:
+    """cof(F) (..., dim, dim): in 3D its columns are the cross products of the two other columns of F."""
+    if F.shape[-1] == 2:
+        e = levi_civita(2, F)
+        return e @ F @ e.T
+    after, before = F[..., [1, 2, 0]], F[..., [2, 0, 1]]
+    return torch.linalg.cross(after, before, dim=-2)
+
+
 def carried_normal(F: Tensor, normal: Tensor) -> Tensor:
     """n (..., dim) of deformation gradients F (..., dim, dim) and rest normals (..., dim)."""
-    # Euler's theorem: c is homogeneous of degree dim - 1 in F.
-    c = torch.einsum("...ijm,...jm->...i", _cofactor_slope(F, normal), F) / (F.shape[-1] - 1)
-    return c / c.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
+    c = (_cofactor(F) @ normal[..., None])[..., 0]
+    return c / c.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
 
 
 def carried_normal_derivative(F: Tensor, normal: Tensor) -> tuple[Tensor, Tensor]:
     """n (..., dim) and dn_i/dF_jm (..., dim, dim, dim) [i, j, m] = (I - n n^T) dc/dF / |c|."""
     slope = _cofactor_slope(F, normal)
+    # Euler's theorem: c is homogeneous of degree dim - 1 in F.
     c = torch.einsum("...ijm,...jm->...i", slope, F) / (F.shape[-1] - 1)
-    length = c.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
+    length = c.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
     n = c / length
     slope = slope / length[..., None, None]
     return n, slope - n[..., :, None, None] * torch.einsum("...i,...ijm->...jm", n, slope)[..., None, :, :]

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,7 @@ class Compliance:
     def apply(self, loads: IntArray, forces: NDArray[Any]) -> NDArray[Any]:
         """sum_j G_Xj forces_j (n_nodes, dim, k) for k sets of forces (m, dim, k) on the loads (m,), in their type."""
         dim, k = self.dim, forces.shape[2]
-        shared = (self.share[loads].T @ forces.reshape(len(loads), -1)).astype(forces.dtype)
+        shared = (self._dense_share[loads].T @ forces.reshape(len(loads), -1)).astype(forces.dtype)
         anchors = np.flatnonzero(shared.any(axis=1))
         flat = self.operator.reshape(len(self.operator), dim, -1)
         total = self.near[_components(loads, dim)].T @ forces.reshape(-1, k)
@@ -87,6 +88,11 @@ class Compliance:
         for anchor, force in zip(anchors, shared[anchors].reshape(-1, dim, k), strict=True):
             total += flat[anchor].T @ force
         return np.asarray(total.reshape(self.n_nodes, dim, k))
+
+    @cached_property
+    def _dense_share(self) -> Array:
+        """P, for its rows: to take some out of the sparse matrix costs more than their product."""
+        return np.asarray(self.share.toarray())
 
     def dense(self) -> NDArray[np.float32]:
         """G^T (n_loads, dim, n_nodes, dim) of all loads: gigabytes at thesis size."""

@@ -66,8 +66,7 @@ class ContactLoadsProbe:
         self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
         self._affine_part = affine_part(body.handles)
-        self._points = PointTensors.of(self.loads.points, torch.zeros((), dtype=torch.float64))
-        self._areas = torch.from_numpy(mechanics.compliance.areas)
+        self._areas = mechanics.compliance.areas
         self._last: tuple[Array, RigidPose, Array, ContactLoads | None] | None = None
 
     def measure(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> ContactLoads | None:
@@ -91,17 +90,18 @@ class ContactLoadsProbe:
         press = probe.press(rows, pose, turn)
         if press is None:
             return None
-        x, index = press.positions, press.around
+        index = press.around
+        x = probe.positions(rows, turn, index)
         pressed = press.index[press.bearing]
         given = np.tensordot(probe.among(index, pressed), press.load, 2)
         moved = (probe.deformation(rows, index) @ given[..., None])[..., 0]
-        displaced = press.problem.distance(x[index] + moved)
+        left = -self.collider.sdf(pose.apply_inverse(x + moved))
         load = np.zeros_like(moved)
         load[np.searchsorted(index, pressed)] = press.load
         state = PointStates.at(
-            self._points.take(torch.from_numpy(index)),
+            PointTensors.of(probe.points.take(index), torch.zeros((), dtype=torch.float64)),
             self.collider_rows(rows, pose),
-            pose.apply_inverse(x[index]),
+            pose.apply_inverse(x),
             self.collider,
         )
         return ContactLoads(
@@ -109,7 +109,7 @@ class ContactLoadsProbe:
             state=state,
             load=torch.from_numpy(load),
             moved=torch.from_numpy(pose.rotate_inverse(moved)),
-            left=torch.from_numpy(-displaced.value),
-            areas=self._areas[index],
+            left=torch.from_numpy(left),
+            areas=torch.from_numpy(self._areas[index]),
             band=self._band,
         )

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, Hessian, IntArray
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.correction import PressedLoads
 from runtime.corrections.load_press import LoadProbe
@@ -28,13 +28,13 @@ class ContactPotential:
         press = self._probe.press(rows, pose, turn)
         return 0.0 if press is None else press.solution.energy
 
-    def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, Array | None]:
+    def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, Hessian | None]:
         """W [J], dW/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where
         nothing is pressed."""
         press = self._probe.press(rows, pose, turn)
         if press is None or not press.bearing.size:
             return 0.0, np.zeros_like(rows), None
-        return press.solution.energy, press.gradient.reshape(rows.shape), press.hessian
+        return press.solution.energy, press.gradient.reshape(rows.shape), lambda: press.hessian
 
     def pressed(self, rows: Array, pose: RigidPose, turn: Array) -> PressedLoads:
         """The loads that push on the collider."""

@@ -9,7 +9,6 @@ contact stands for it (`contact_potential.py`).
 from __future__ import annotations
 
 import numpy as np
-import torch
 from scipy.spatial import cKDTree
 
 from runtime.arrays import Array, IntArray
@@ -21,6 +20,7 @@ from runtime.corrections.contact_loads import ContactLoadsProbe
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.correction import Potential
 from runtime.corrections.internal_response import InternalResponse
+from runtime.corrections.load_evaluation import LoadEvaluation
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.errors import SoftprintError
@@ -66,11 +66,13 @@ class BoundElasticContact:
     """An elastic contact correction at n nodes."""
 
     def __init__(self, correction: ElasticContact, points: MaterialPoints, nodes: IntArray) -> None:
-        self._model, self._probe = correction.model, correction.probe
+        self._model, self._probe = LoadEvaluation(correction.model), correction.probe
         self._points = points
         self._compliance = correction.mechanics.compliance.at(nodes)
-        # In the precision of the model: an evaluation reads all of it.
-        self._gradient = torch.from_numpy(points.basis_gradient).to(self._model.local_mean).numpy()
+        # dU_r/dX_j (n*dim, n_rows) over (point, j): F^T of all points in one product. In the precision of the model, as
+        # an evaluation reads all of it.
+        turned = np.ascontiguousarray(points.basis_gradient.transpose(0, 2, 1))
+        self._gradient = turned.astype(self._model.dtype).reshape(-1, turned.shape[2])
 
     def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
@@ -78,8 +80,6 @@ class BoundElasticContact:
         contact = self._probe.measure(rows, pose, turn)
         if contact is None:
             return np.zeros(self._points.rest.shape)
-        with torch.no_grad():
-            phi = self._model.loads(contact)
-        given = self._compliance.apply(contact.index, phi[..., None].numpy())
-        F = rows.T.astype(given.dtype) @ self._gradient
-        return np.asarray((F @ given)[..., 0], dtype=np.float64)
+        given = self._compliance.apply(contact.index, self._model.loads(contact)[..., None])
+        F_transposed = (self._gradient @ rows.astype(given.dtype)).reshape(*given.shape[:2], -1)
+        return np.einsum("nj,nji->ni", given[..., 0], F_transposed).astype(np.float64)

@@ -58,13 +58,20 @@ class InternalResponse:
         """R (dim, dim), the rotation of the body as a whole at handle rows (n_rows, dim)."""
         return nearest_rotation(rows.T @ self.mean_gradient)
 
-    def displacement(self, rows: Array, turn: Array) -> Array:
-        """u (n, dim) [m], world frame."""
-        kind = self.modes.dtype
+    def displacement(self, rows: Array, turn: Array, index: IntArray | slice = slice(None)) -> Array:
+        """u (m, dim) [m] of some of the nodes, world frame."""
+        kind, dim = self.modes.dtype, len(turn)
         strain = self.strain(rows, turn).astype(kind).ravel()
         hanging = (self.gravity @ turn).astype(kind)
-        u = self._mode_matrix @ strain + self._weight_matrix @ hanging
-        return np.asarray(u.astype(np.float64).reshape(-1, len(turn)) @ turn.T)
+        modes, weight = self.modes[index].reshape(-1, strain.size), self.weight[index].reshape(-1, dim)
+        u = modes @ strain + weight @ hanging
+        return np.asarray(u.astype(np.float64).reshape(-1, dim) @ turn.T)
+
+    def farthest(self, rows: Array, turn: Array) -> float:
+        """[m], what no |u| exceeds: |u| <= |L| |d| + |w| |g| at every node, in Euclidean and spectral norms."""
+        by_strain, by_gravity = self._largest
+        strain = float(np.linalg.norm(self.strain(rows, turn)))
+        return by_strain * strain + by_gravity * float(np.linalg.norm(self.gravity))
 
     def strain(self, rows: Array, turn: Array) -> Array:
         """d (n_rows, dim), less its mean translation, which strains nothing and would only be rounded: a body may
@@ -95,15 +102,11 @@ class InternalResponse:
         return np.asarray(self.positions / self.positions.sum())
 
     @cached_property
-    def _mode_matrix(self) -> NDArray[np.floating[Any]]:
-        """(n*dim, n_rows*dim), a view."""
-        n, dim, n_rows, _ = self.modes.shape
-        return self.modes.reshape(n * dim, n_rows * dim)
-
-    @cached_property
-    def _weight_matrix(self) -> NDArray[np.floating[Any]]:
-        """(n*dim, dim), a view."""
-        return self.weight.reshape(-1, self.weight.shape[2])
+    def _largest(self) -> tuple[float, float]:
+        """Spectral norms of L and of w at the nodes where they are largest."""
+        n, dim, _, _ = self.modes.shape
+        modes = np.linalg.norm(self.modes.reshape(n, dim, -1), 2, axis=(1, 2))
+        return float(modes.max()), float(np.linalg.norm(self.weight, 2, axis=(1, 2)).max())
 
 
 def compute_internal_response(

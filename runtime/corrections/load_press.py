@@ -66,13 +66,12 @@ class LoadMotion:
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """rows, pose: of the state; positions: x (n_loads, dim) [m] of all loads; around: those within the band around the
-    collider; index: (m,) those of them that could bear pressure; for these F (m, dim, dim), how they move, the problem
-    and its solution."""
+    """rows, pose: of the state; around: the loads within the band around the collider; index: (m,) those of them that
+    could bear pressure; for these F (m, dim, dim), the problem and its solution; motion: how the k of them move that do
+    bear pressure."""
 
     rows: Array
     pose: RigidPose
-    positions: Array
     around: IntArray
     index: IntArray
     F: Array
@@ -91,11 +90,11 @@ class LoadPress:
             return None
         dq = (rows - self.rows).ravel()
         y = self.problem.position[b] + solution.moved[b]
-        apart = self.carried @ dq - (pose.apply(self.pose.apply_inverse(y)) - y)
-        if np.abs(apart).max() > self.problem.depth:
+        follows = pose.apply(self.pose.apply_inverse(y)) - y
+        if np.abs(self.carried @ dq - follows).max() > self.problem.depth:
             return None
-        right = apart.ravel() + self._among @ (self._eta @ dq)
-        dr = np.linalg.solve(self._softening, right).reshape(apart.shape)
+        right = self._c @ dq - follows.ravel()
+        dr = np.linalg.solve(self._softening, right).reshape(y.shape)
         g = solution.normal[b]
         # A load that is about to let go keeps a little, so that Newton's method sees it.
         e = np.maximum(solution.left[b] - (g * dr).sum(axis=1), 0.1 * solution.left[b])
@@ -103,14 +102,15 @@ class LoadPress:
             pose.rotation @ self.pose.rotation.T
         ).T
         left, normal = np.full(len(index), -np.inf), np.zeros((len(index), g.shape[1]))
-        _, there, here = np.intersect1d(index, self.index[b], assume_unique=True, return_indices=True)
-        left[there], normal[there] = e[here], turned[here]
+        at = np.minimum(np.searchsorted(index, self.index[b]), len(index) - 1)
+        both = index[at] == self.index[b]
+        left[at[both]], normal[at[both]] = e[both], turned[both]
         return left, normal
 
-    @cached_property
+    @property
     def bearing(self) -> IntArray:
         """(k,) which of the m bear pressure."""
-        return np.flatnonzero(self.solution.pressure > 0.0)
+        return self.solution.bearing
 
     @property
     def load(self) -> Array:
@@ -128,29 +128,37 @@ class LoadPress:
     def hessian(self) -> Array:
         """d2W/drows2 (R, R) [N/m]."""
         moved = self.carried
-        given = self._among @ self._eta
-        c = moved.reshape(given.shape) + given
+        c = self._c
         stiffened = self._stiffening @ np.linalg.solve(self._softening, c).reshape(moved.shape)
-        return c.T @ stiffened.reshape(c.shape) - self._eta.T @ given
+        return c.T @ stiffened.reshape(c.shape) - self._eta.T @ self._given
 
     @cached_property
     def carried(self) -> Array:
         """dx + dF v (k, dim, R) of the loads that bear pressure: how they move with their displacement v held."""
         b = self.bearing
-        given = np.linalg.solve(self.F[b], self.solution.moved[b][..., None])[..., 0]
-        return LoadMotion(self.motion.position[b], self.motion.basis_gradient[b]).carried(given)
+        return self.motion.carried(np.linalg.solve(self.F[b], self.solution.moved[b][..., None])[..., 0])
 
     @cached_property
     def _eta(self) -> Array:
         """F^-T dF^T f (k*dim, R)."""
         b = self.bearing
-        gradient = self.motion.basis_gradient[b]
+        gradient = self.motion.basis_gradient
         # dF_aj = drow_ra dU_rj, so that (F^-T dF^T f)_i = sum_r (F^-T dU_r)_i drow_ra f_a.
         turned = gradient @ np.linalg.inv(self.F[b])
         force = self.solution.force[b]
         return np.asarray(
             (turned.transpose(0, 2, 1)[..., None] * force[:, None, None, :]).reshape(force.size, -1)
         )
+
+    @cached_property
+    def _given(self) -> Array:
+        """G eta (k*dim, R)."""
+        return self._among @ self._eta
+
+    @cached_property
+    def _c(self) -> Array:
+        """c (k*dim, R)."""
+        return self.carried.reshape(self._given.shape) + self._given
 
     @cached_property
     def _among(self) -> Array:
@@ -191,21 +199,21 @@ class LoadProbe:
         """Of the body at handle rows, see `InternalResponse.turn`; the identity where there is none."""
         return np.eye(rows.shape[1]) if self.internal is None else self.internal.turn(rows)
 
-    def positions(self, rows: Array, turn: Array) -> Array:
-        """x (n_loads, dim) [m], internal response included."""
-        x = self.points.basis @ rows
-        return x if self.internal is None else x + self.internal.displacement(rows, turn)
+    def positions(self, rows: Array, turn: Array, index: IntArray | slice = slice(None)) -> Array:
+        """x (m, dim) [m] of some of the loads, internal response included."""
+        x = self.points.basis[index] @ rows
+        return x if self.internal is None else x + self.internal.displacement(rows, turn, index)
 
-    def _near(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array]:
-        """The loads at positions x (n_loads, dim) that are closer to the collider than `distance` [m], and their
-        signed distance."""
-        z = pose.apply_inverse(x)
-        collider = self.collider
-        within = ((z > collider.lower - distance) & (z < collider.upper + distance)).all(axis=1)
-        index = np.flatnonzero(within)
-        value = collider.sdf(z[index])
-        close = value < distance
-        return index[close], value[close]
+    def _near(
+        self, rows: Array, pose: RigidPose, turn: Array, distance: float
+    ) -> tuple[IntArray, Array, Array]:
+        """The loads closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. The
+        internal response, many times as costly as U rows, is taken only of loads that it could move there."""
+        reach = 0.0 if self.internal is None else self.internal.farthest(rows, turn)
+        candidates = self.collider.about(pose.apply_inverse(self.points.basis @ rows), distance + reach)
+        x = self.positions(rows, turn, candidates)
+        close, value = self.collider.closer(pose.apply_inverse(x), distance)
+        return candidates[close], value, x[close]
 
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
         """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider. The last
@@ -220,20 +228,23 @@ class LoadProbe:
         return press
 
     def _press(self, rows: Array, pose: RigidPose, turn: Array, near: LoadPress | None) -> LoadPress | None:
-        x = self.positions(rows, turn)
-        around, distance = self._near(x, pose, self._band)
+        around, distance, x = self._near(rows, pose, turn, self._band)
         depth = -float(distance.min(initial=0.0))
         if depth <= 0.0:
             return None
         if _ROOM * depth > self._band:
-            around, distance = self._near(x, pose, _ROOM * depth)
-        index = around[distance < _ROOM * depth]
+            around, distance, x = self._near(rows, pose, turn, _ROOM * depth)
+        could_bear = distance < _ROOM * depth
+        index = around[could_bear]
         F = self.deformation(rows, index)
         distance_to = PosedDistance(self.collider, pose)
-        problem = LoadProblem(self._carried(index, F), self._stiffness[index], x[index], depth, distance_to)
+        problem = LoadProblem(
+            self._carried(index, F), self._stiffness[index], x[could_bear], depth, distance_to
+        )
         start = None if near is None else near.predict(rows, pose, index)
         solution = problem.solve(start)
-        return LoadPress(rows.copy(), pose, x, around, index, F, self.motion(index, turn), problem, solution)
+        motion = self.motion(index[solution.bearing], turn)
+        return LoadPress(rows.copy(), pose, around, index, F, motion, problem, solution)
 
     def _carried(self, index: IntArray, F: Array) -> Array:
         """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads `index`."""
@@ -251,7 +262,7 @@ class LoadProbe:
         def positions(index: IntArray) -> Array:
             given = np.tensordot(self.among(index, bearing), load, 2)
             moved = self.deformation(rows, index) @ given[..., None]
-            return np.asarray(press.positions[index] + moved[..., 0])
+            return np.asarray(self.positions(press.rows, turn, index) + moved[..., 0])
 
         return positions
 

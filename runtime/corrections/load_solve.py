@@ -22,6 +22,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -57,7 +58,12 @@ class LoadSolution:
     iterations: int
     residual: float
 
-    @property
+    @cached_property
+    def bearing(self) -> IntArray:
+        """(k,) which of the m bear pressure."""
+        return np.flatnonzero(self.pressure > 0.0)
+
+    @cached_property
     def force(self) -> Array:
         """f (m, dim) [N]."""
         return self.pressure[:, None] * self.normal

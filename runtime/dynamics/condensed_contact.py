@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, Hessian, IntArray
 from runtime.contact import CoulombFriction
 from runtime.corrections.correction import Potential
 from runtime.dynamics.condensed_friction import CondensedFriction
@@ -44,22 +44,22 @@ class CondensedContact:
 
     def linearise(
         self, rows: Array, poses: Poses, turn: Array, step: StepContact | None, relag: bool
-    ) -> tuple[float, Array, Array | None]:
-        """Energy [J], gradient (n_rows, dim) [N] and Hessian [N/m] by the rows; no Hessian where nothing touches.
+    ) -> tuple[float, Array, list[Hessian]]:
+        """Energy [J], gradient (n_rows, dim) [N] and Hessians [N/m], to be summed, by the rows.
         ``relag``: let friction take up the loads found here."""
         energy, gradient = 0.0, np.zeros_like(rows)
-        hessian: Array | None = None
+        hessians: list[Hessian] = []
         for name, potential in self._potentials.items():
             parts = [potential.linearise(rows, poses[name], turn)]
             if self._friction is not None and step is not None:
                 if relag:
                     self._friction.lag(name, potential, rows, poses, turn, step)
                 parts.append(self._friction.linearise(name, rows, step))
-            for more, slope, stiffness in parts:
+            for more, slope, hessian in parts:
                 energy, gradient = energy + more, gradient + slope
-                if stiffness is not None:
-                    hessian = stiffness if hessian is None else hessian + stiffness
-        return energy, gradient, hessian
+                if hessian is not None:
+                    hessians.append(hessian)
+        return energy, gradient, hessians
 
     def forces(
         self, rows: Array, poses: Poses, turn: Array, step: StepContact | None

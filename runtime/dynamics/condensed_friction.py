@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
+from runtime.arrays import Array, Hessian
 from runtime.contact import CoulombFriction, FrictionTerms, LaggedContact
 from runtime.corrections.correction import Potential
 from runtime.dynamics.chain_rule import through_jacobian
@@ -56,11 +56,12 @@ class CondensedFriction:
         loads = step.sliding[name]
         return self._law.terms(loads.positions(rows), loads.lagged, step.time_step)
 
-    def linearise(self, name: str, rows: Array, step: StepContact) -> tuple[float, Array, Array | None]:
+    def linearise(self, name: str, rows: Array, step: StepContact) -> tuple[float, Array, Hessian | None]:
         """D [J], dD/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where there is
         no load."""
         terms = self.terms(name, rows, step)
         if not len(terms.index):
             return 0.0, np.zeros_like(rows), None
         motion = step.sliding[name].motion.reshape(terms.gradient.size, -1)
-        return terms.energy, *through_jacobian(motion, terms.gradient, terms.hessian)
+        gradient, hessian = through_jacobian(motion, terms.gradient, terms.hessian)
+        return terms.energy, gradient, lambda: hessian

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from runtime.arrays import Array
+from runtime.arrays import Array, Hessian
 from runtime.body.body import ReducedBody
 from runtime.corrections.correction import CorrectionField
 from runtime.dynamics.corrected_points import CorrectedPoints
@@ -30,7 +30,7 @@ class Elastic(Protocol):
 
     def linearise(
         self, rows: Array, turn: Array, field: CorrectionField | None
-    ) -> tuple[float, Array, Array]:
+    ) -> tuple[float, Array, Hessian]:
         """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""
         ...
 
@@ -49,14 +49,14 @@ class ElasticEnergy:
 
     def linearise(
         self, rows: Array, turn: Array, field: CorrectionField | None
-    ) -> tuple[float, Array, Array]:
+    ) -> tuple[float, Array, Hessian]:
         """See `Elastic`."""
         F = self._gradients(rows, self._points.scatter(field))
         energy = self._elasticity.energy(F)
         if field is None:
-            return energy, self._elasticity.gradient(F), self._elasticity.hessian(F)
+            return energy, self._elasticity.gradient(F), lambda: self._elasticity.hessian(F)
         B = with_field(self._basis_derivative, self._elasticity, self._points, field)
-        return energy, self._elasticity.general_gradient(F, B), self._elasticity.general_hessian(F, B)
+        return energy, self._elasticity.general_gradient(F, B), lambda: self._elasticity.general_hessian(F, B)
 
     def _gradients(self, rows: Array, displacement: Array | None) -> Array:
         F = self._elasticity.deformation_gradients(rows)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array
+from runtime.arrays import Array, Hessian
 from runtime.body.body import ReducedBody
 from runtime.body.cubature import elastic_cells
 from runtime.corrections.correction import CorrectionField
@@ -57,7 +57,7 @@ class InternalElasticEnergy:
 
     def linearise(
         self, rows: Array, turn: Array, field: CorrectionField | None
-    ) -> tuple[float, Array, Array]:
+    ) -> tuple[float, Array, Hessian]:
         """See `Elastic`."""
         z, B, single = self._unknowns(rows, turn), self._by_strain, self._single
         if field is not None:
@@ -69,8 +69,11 @@ class InternalElasticEnergy:
         elasticity, missed = self._elasticity, self._missed[: rows.size]
         stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(F)
         slope = (stress.ravel() @ B + missed @ z).reshape(rows.shape)
-        hessian = _stiffness(elasticity, F, single) + missed[:, : rows.size]
-        return self._energy(F, z), slope @ turn.T, turn_back(hessian, turn)
+
+        def hessian() -> Array:
+            return turn_back(_stiffness(elasticity, F, single) + missed[:, : rows.size], turn)
+
+        return self._energy(F, z), slope @ turn.T, hessian
 
     def _unknowns(self, rows: Array, turn: Array) -> Array:
         """z = (d, R^T g)."""

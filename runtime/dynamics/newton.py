@@ -19,12 +19,13 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from runtime.arrays import Array
+from runtime.arrays import Array, Hessian
 from runtime.errors import SoftprintError
 
 
@@ -73,18 +74,24 @@ class NewtonSettings:
             raise SoftprintError(f"the Newton tolerance must be positive, not {self.tolerance}")
 
 
-class Linearisation(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Linearisation:
     """E at a point, to second order in tangent coordinates (n,).
 
-    energy [J]; noise [J]: differences of energy below it mean nothing; gradient (n,); hessian (n, n); scale:
-    the residual is |gradient| / scale.
+    energy [J]; noise [J]: differences of energy below it mean nothing; gradient (n,); second_derivative: gives the
+    Hessian, which only an iteration that goes on asks for; scale: the residual is |gradient| / scale.
     """
 
     energy: float
     noise: float
     gradient: Array
-    hessian: Array
+    second_derivative: Hessian
     scale: float
+
+    @cached_property
+    def hessian(self) -> Array:
+        """(n, n)."""
+        return self.second_derivative()
 
 
 class Problem(Protocol):
@@ -130,11 +137,13 @@ def minimise(
     residual, decrement = np.inf, np.inf
     for iteration in range(settings.max_iterations):
         at = problem.linearise(x)
-        if not (np.isfinite(at.energy) and np.isfinite(at.gradient).all() and np.isfinite(at.hessian).all()):
+        if not (np.isfinite(at.energy) and np.isfinite(at.gradient).all()):
             return NewtonResult(x, Status.NOT_FINITE, iteration, residual, decrement)
         residual = float(np.linalg.norm(at.gradient)) / at.scale
         if residual <= settings.tolerance:
             return NewtonResult(x, Status.CONVERGED, iteration, residual, decrement)
+        if not np.isfinite(at.hessian).all():
+            return NewtonResult(x, Status.NOT_FINITE, iteration, residual, decrement)
         with clock:
             direction = descent_direction(at.hessian, at.gradient)
         slope = float(at.gradient @ direction)

@@ -139,32 +139,38 @@ class StepEnergy:
         with self._timings.positions:
             surface = self._surface_at(rows, field)
         with self._timings.elastic:
-            elastic, elastic_gradient, hessian = self._elastic.linearise(rows, self.turn, field)
+            elastic, elastic_gradient, elastic_hessian = self._elastic.linearise(rows, self.turn, field)
         with self._timings.contact:
             relag = self._relags_left > 0
             contact, contact_gradient, contact_hessian = self._surface.linearise(
                 surface, self.turn, field, self._poses, self._step, relag
             )
-            condensed, condensed_gradient, condensed_hessian = self._condensed.linearise(
+            condensed, condensed_gradient, condensed_hessians = self._condensed.linearise(
                 rows, self._poses, self.turn, self._step, relag
             )
             contact, contact_gradient = contact + condensed, contact_gradient + condensed_gradient
         self._relags_left -= 1
         self._latest = Evaluation(rows, surface, elastic)
         with self._timings.solve:
-            if contact_hessian is not None:
-                hessian = hessian + contact_hessian
-            if condensed_hessian is not None:
-                hessian = hessian + condensed_hessian
             quadratic_gradient = self._quadratic.gradient(rows)
             tangent = self._handles.tangent(rows)[:, self._free] * self._units
             parts: list[Array] = [
                 part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)
             ]
             slope = quadratic_gradient + elastic_gradient + contact_gradient
-            curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
-            hessian = tangent.T @ (hessian + self._blocks) @ tangent
-            hessian += self._units[:, None] * curvature * self._units
+
+        def hessian() -> Array:
+            with self._timings.elastic:
+                by_rows = self._blocks + elastic_hessian()
+            with self._timings.contact:
+                if contact_hessian is not None:
+                    by_rows += contact_hessian
+                for condensed_hessian in condensed_hessians:
+                    by_rows += condensed_hessian()
+            with self._timings.solve:
+                curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
+                return tangent.T @ by_rows @ tangent + self._units[:, None] * curvature * self._units
+
         quadratic = self._quadratic.energy(rows)
         return Linearisation(
             energy=quadratic + elastic + contact,
@@ -172,6 +178,6 @@ class StepEnergy:
             + (_SINGLE_ROUND_OFF if self._points.corrected or self._surface.settled else _ROUND_OFF)
             * (elastic + contact),
             gradient=parts[0] + parts[1] + parts[2],
-            hessian=hessian,
+            second_derivative=hessian,
             scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),
         )

@@ -131,7 +131,7 @@ def test_friction_alone_has_exact_derivatives(jelly_body, dim, correction, slip_
     change = (ahead[1] - behind[1]) / (2 * h)
     # In 2D what slips has no stiffness: what is left is round-off of a force over 1e-7 m.
     round_off = 1e-15 * np.abs(at[1]).max() / h
-    found = (at[2] @ way.ravel()).reshape(rows.shape)
+    found = (at[2]() @ way.ravel()).reshape(rows.shape)
     assert np.abs(found - change).max() < 1e-6 * np.abs(change).max() + round_off
 
 

@@ -52,7 +52,7 @@ def test_derivatives(pressed):
         change = (potential.linearise(ahead, pose, turn)[1] - potential.linearise(behind, pose, turn)[1]) / (
             2 * h
         )
-        found = (hessian @ way.ravel()).reshape(rows.shape)
+        found = (hessian() @ way.ravel()).reshape(rows.shape)
         # Exact as well; the penalty's second derivative has a kink where a load starts to bear.
         assert np.abs(found - change).max() < 1e-4 * np.abs(change).max()
 

@@ -150,3 +150,19 @@ def test_arrays_of_a_file_give_it_back(body, response):
     np.testing.assert_array_equal(again.modes, response.modes)
     np.testing.assert_array_equal(again.rest_rows, response.rest_rows)
     assert take_internal(arrays) is None
+
+
+def test_no_node_is_displaced_farther_than_the_bound(jelly_body, dim):
+    gravity = np.append(np.zeros(dim - 1), -9.81)
+    internal = compute_internal_response(jelly_body, gravity, RestResponse(jelly_body))
+    rng = np.random.default_rng(8)
+    for size in (0.0, 1e-3, 1e-2):
+        rows = jelly_body.rest_rows + size * rng.normal(size=jelly_body.rest_rows.shape)
+        turn = internal.turn(rows)
+        u = internal.displacement(rows, turn)
+        farthest = np.linalg.norm(u, axis=1).max()
+        assert (
+            0.0 < farthest <= internal.farthest(rows, turn) < 100.0 * farthest
+        )  # a bound, and not a useless one
+        some = np.array([3, 1, 7])
+        np.testing.assert_allclose(internal.displacement(rows, turn, some), u[some], rtol=1e-5, atol=1e-9)

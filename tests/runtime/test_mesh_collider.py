@@ -48,6 +48,34 @@ def test_spline_is_fourth_order_and_exact_on_its_nodes(dim):
     assert errors[0] / errors[1] > 2**3.5  # order 4, less sampling noise of the maximum
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_spline_is_nowhere_below_the_bound_by_its_coefficients(dim):
+    rng = np.random.default_rng(2)
+    grid = SplineGrid(
+        rng.normal(size=(6, 7, 8)[:dim]), rng.normal(size=dim), 0.5
+    )  # as rough as a grid can be
+    z = rng.uniform(grid.origin, grid.upper, (2000, dim))
+    z[:2] = grid.origin, grid.upper  # the first and the last cell too
+    value, least = grid.value(z), grid.at_least(z)
+    assert (least <= value + 1e-14).all()
+    assert least.min() > grid._coefficients.min() - 1e-14  # a bound of the cell, not of nothing
+    assert len(np.unique(least)) > 5
+
+
+@pytest.mark.parametrize("name", ["pointy", "star"])
+@pytest.mark.parametrize(
+    "share", [-0.1, 0.0, 0.1, 0.3, 1.0, 4.0]
+)  # of the size: within the fine grid and beyond
+def test_closer_finds_what_the_distance_of_all_points_finds(name, share, request):
+    collider = request.getfixturevalue(name)
+    centre = 0.5 * (collider.lower + collider.upper)
+    z = centre + np.random.default_rng(6).uniform(-3, 3, (4000, collider.dim)) * collider.size
+    index, value = collider.closer(z, share * collider.size)
+    expected = collider.sdf(z)
+    np.testing.assert_array_equal(index, np.flatnonzero(expected < share * collider.size))
+    np.testing.assert_allclose(value, expected[index], rtol=0.0, atol=1e-15)  # one formula, in other chunks
+
+
 @pytest.mark.parametrize("name", ["pointy", "star"])
 @pytest.mark.parametrize(
     "reach", [1.0, 1.6, 3.0, 6.0]

@@ -15,7 +15,7 @@ class Smooth:
 
     def linearise(self, x):
         energy, gradient, hessian = self.pieces(x)
-        return Linearisation(energy, 1e-13 * abs(energy), gradient, hessian, scale=1.0)
+        return Linearisation(energy, 1e-13 * abs(energy), gradient, lambda: hessian, scale=1.0)
 
     def energy(self, x):
         return self.pieces(x)[0]

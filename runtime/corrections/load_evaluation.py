@@ -1,0 +1,88 @@
+"""The load model of `load_model.py` for one contact, in numpy: some tens of rows, where what counts is the number of
+operations and not their size. Between a step's other work each of torch's costs several times one of numpy's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from runtime.corrections.carried_normal import SHORTEST
+from runtime.corrections.contact_loads import ContactLoads
+from runtime.corrections.load_model import LoadModel
+from runtime.elasticity.determinant import cofactor
+
+Floats = NDArray[np.floating[Any]]
+
+_ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
+    "tanh": np.tanh,
+    "silu": lambda x: 0.5 * x * (1.0 + np.tanh(0.5 * x)),
+    "softplus": lambda x: np.logaddexp(0.0, x),
+}
+
+
+class LoadEvaluation:
+    """phi(loads) of a model on the CPU. Its parameters are shared, not copied."""
+
+    def __init__(self, model: LoadModel) -> None:
+        network = model.network
+        self._fade, self._scale = model.fade, float(model.traction_scale)
+        self._mean, self._spread = _shared(model.local_mean), _shared(model.local_scale)
+        self._depth_mean, self._depth_spread = float(model.depth_mean), float(model.depth_scale)
+        assert network.shared is not None  # the depth of the contact
+        self._by_depth = _shared(network.shared.weight)[:, 0]
+        layers = (network.local, *network.hidden, network.head)
+        self._layers = [(_shared(layer.weight).T, _shared(layer.bias)) for layer in layers]
+        self._activation = _ACTIVATIONS[model.options.activation]
+
+    @property
+    def dtype(self) -> np.dtype[np.floating[Any]]:
+        """Of the model."""
+        return self._mean.dtype
+
+    def loads(self, contact: ContactLoads) -> Floats:
+        """phi (m, dim) [N], as `LoadModel.loads`, in the precision of the model."""
+        kind = self.dtype
+        F, load = contact.state.F.numpy(), contact.load.numpy()
+        depth = float(contact.depth)
+        y = self._network((self._inputs(contact).astype(kind) - self._mean) / self._spread, depth)
+        traction = contact.weight.numpy()[:, None] * np.einsum("mji,mj->mi", F, y[:, 1:])
+        phi = load + self._fade.value(depth) * (load * y[:, :1] + self._scale * traction)
+        return np.asarray(phi.astype(kind))
+
+    def _network(self, local: Floats, depth: float) -> Floats:
+        """y (m, 1 + dim)."""
+        (first, bias), *hidden, (head, last) = self._layers
+        shared = (depth - self._depth_mean) / self._depth_spread * self._by_depth
+        h = self._activation(local @ first + (bias + shared.astype(local.dtype)))
+        for weight, offset in hidden:
+            h = self._activation(h @ weight + offset)
+        return h @ head + last
+
+    @staticmethod
+    def _inputs(contact: ContactLoads) -> Floats:
+        """a (m, n_local): those of `LocalGeometry`, then penetration left and displacement."""
+        state, points = contact.state, contact.state.points
+        F = state.F.numpy()
+        carried = np.einsum("mij,mj->mi", cofactor(F), points.surface_normal.numpy())
+        length = np.sqrt((carried * carried).sum(axis=1, keepdims=True))
+        columns = (
+            state.z.numpy(),
+            state.sdf.numpy()[:, None],
+            state.slope.numpy(),
+            F.reshape(len(F), -1),
+            carried / np.maximum(length, SHORTEST),
+            points.surface_distance.numpy()[:, None],
+            points.rest.numpy(),
+            contact.left.numpy()[:, None],
+            contact.moved.numpy(),
+        )
+        return np.concatenate(columns, axis=1)
+
+
+def _shared(parameter: Tensor) -> Floats:
+    return np.asarray(parameter.detach().numpy())
