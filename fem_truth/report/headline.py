@@ -40,7 +40,9 @@ def _accuracy(summary: Mapping[str, Any], model: str, styles: Mapping[str, Model
     ]
     perfect = look_up(summary, "errors_solved/truth/relative_rms")
     if perfect is not None:
-        others.append(f"The exact contact displacement, without internal deformation, would leave {_percent(perfect)}.")
+        others.append(
+            f"The exact contact displacement, without internal deformation, would leave {_percent(perfect)}."
+        )
     return Card(
         row["relative_rms"],
         "percent",
