@@ -79,9 +79,7 @@ def main() -> None:
         trained = path.is_file()
         correction = load_correction(path, body, collider) if trained else stand_in(spec, body, experiment)
         name = spec.name if trained else f"{spec.name}*"
-        models[name] = ReducedModel(
-            scene_simulator(body, parts, [correction], correction.internal), parts.held
-        )
+        models[name] = ReducedModel(scene_simulator(body, parts, [correction]), parts.held)
     speeds = [
         measure(name, model, scene_steps(experiment, scene), options.steps) for name, model in models.items()
     ]

@@ -121,7 +121,7 @@ def corrected_model(
             from runtime.corrections.correction_file import load_correction
 
             correction = load_correction(path, body, placed.collider)
-            return ReducedModel(scene_simulator(body, parts, [correction], correction.internal), parts.held)
+            return ReducedModel(scene_simulator(body, parts, [correction]), parts.held)
     raise SoftprintError(
         f"scene {scene.name!r} has no collider {trained_for!r}, for which {path.name} was trained: "
         f"play it with the model {BARE!r}"

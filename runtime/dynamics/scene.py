@@ -14,7 +14,6 @@ from runtime.colliders import KeyframedPath
 from runtime.colliders.build import build_collider
 from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.corrections.correction import Correction
-from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.kinematic import KinematicHandle
 from runtime.dynamics.newton import NewtonSettings
 from runtime.dynamics.simulator import DynamicsSettings, PlacedCollider, Simulator
@@ -112,10 +111,8 @@ def scene_simulator(
     body: ReducedBody,
     parts: SceneParts,
     corrections: Iterable[Correction] = (),
-    internal: InternalResponse | None = None,
 ) -> Simulator:
-    """The reduced simulator of a scene: the bare subspace, or with one correction for a collider, and with the
-    internal response of the body."""
+    """The reduced simulator of a scene: the bare subspace, or with one correction for a collider."""
     by_collider = {correction.collider: correction for correction in corrections}
     colliders = tuple(
         PlacedCollider(placed.name, placed.collider, placed.path, by_collider.get(placed.name))
@@ -130,5 +127,4 @@ def scene_simulator(
         springs=parts.springs,
         kinematic=parts.kinematic,
         settings=parts.settings,
-        internal=internal,
     )

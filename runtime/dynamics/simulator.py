@@ -82,8 +82,8 @@ class Simulator:
 
     gravity (dim,) [m/s^2]; kinematic: handles that are held or led and not solved for. Corrections come with
     their colliders. internal: how the body settles where the subspace cannot follow, for all of its nodes and
-    the same gravity; with it the reduced positions are U rows + u_int everywhere. Raises SoftprintError where
-    body, colliders, paths and handles do not fit together.
+    the same gravity; with it the reduced positions are U rows + u_int everywhere; that which a correction brings by
+    default. Raises SoftprintError where body, colliders, paths and handles do not fit together.
     """
 
     def __init__(
@@ -104,6 +104,11 @@ class Simulator:
         self.settings = settings or DynamicsSettings()
         self._springs = tuple(springs)
         self._kinematic = tuple(kinematic)
+        if internal is None:
+            brought = (
+                placed.correction.internal for placed in self.colliders if placed.correction is not None
+            )
+            internal = next((response for response in brought if response is not None), None)
         self._internal = internal
         acceleration = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
         self._check(acceleration)

@@ -10,7 +10,10 @@ from runtime.body.cubature import Cubature, elastic_cells
 from runtime.body.rotations import rotation_exponential
 from runtime.colliders import KeyframedPath, RigidPose, Sphere
 from runtime.contact import CoulombFriction, PenaltyContact
+from runtime.corrections.elastic_contact import ElasticContact
 from runtime.corrections.internal_response import compute_internal_response
+from runtime.corrections.load_model import LoadModel, LoadModelOptions
+from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.corrections.rest_response import RestResponse
 from runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider, Simulator
 from runtime.dynamics.state import ReducedState
@@ -196,3 +199,27 @@ def test_another_gravity_or_body_is_refused():
     Simulator(body, contact=CONTACT, internal=internal.under(np.zeros(2)))
     with pytest.raises(SoftprintError, match="all of them"):
         Simulator(body, contact=CONTACT, gravity=down(2), internal=internal.at(np.arange(3)))
+
+
+def test_a_correction_brings_its_internal_response(jelly_body, dim):
+    """What was trained on a settled body is used on one, whether or not the caller thinks of it."""
+    gravity = np.append(np.zeros(dim - 1), -9.81)
+    mechanics = compute_rest_mechanics(jelly_body, 200, internal=True, gravity=gravity)
+    ball = Sphere(0.02, dim, "ball")
+    model = LoadModel(LoadModelOptions((8,), "silu", 5e-4, 2e-3, 1e9), dim, jelly_body.n_rows)
+    correction = ElasticContact("untrained", model, jelly_body, ball, mechanics)
+    poses = {"ball": RigidPose(np.eye(dim), np.append(np.zeros(dim - 1), 0.06 + 0.02 - 0.003))}
+
+    def settled(**given):
+        simulator = Simulator(
+            jelly_body,
+            [PlacedCollider("ball", ball, correction=correction)],
+            contact=PenaltyContact(1e9),
+            gravity=gravity,
+            kinematic=[KinematicHandle("base")],
+            **given,
+        )
+        return simulator.positions(simulator.settle(simulator.rest_state(poses=poses)).state)
+
+    # Newton and the loads are solved to 1e-6 and 1e-8, from where the last solve left them.
+    np.testing.assert_allclose(settled(), settled(internal=mechanics.internal), rtol=0, atol=1e-8)
