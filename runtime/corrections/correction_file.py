@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
@@ -95,7 +95,8 @@ def save_correction(
         "digest": _digest(text, tensors),
     }
     with atomic_path(path) as temporary:
-        save_file(tensors, temporary, metadata=metadata)
+        # Not `save_file`, which makes files that no one else may read.
+        temporary.write_bytes(save(tensors, metadata=metadata))
 
 
 def read_header(path: Path) -> CorrectionHeader:

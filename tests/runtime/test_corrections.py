@@ -234,3 +234,10 @@ def test_bad_files_are_refused(jelly2d_body, jelly3d_body, mechanics, tmp_path):
     save_file({name: tensors[name] for name in list(tensors)[1:]}, other, metadata=metadata)
     with pytest.raises(SoftprintError, match="do not fit together"):
         load_correction(other, jelly2d_body, ball)
+
+
+def test_a_correction_may_be_read_by_those_who_may_read_a_run(tmp_path, jelly2d_body, mechanics):
+    """Like every other file of a run: the rights that the user's mask gives."""
+    plain = tmp_path / "plain"
+    plain.write_text("")
+    assert written(tmp_path, "thesis", jelly2d_body, mechanics).stat().st_mode == plain.stat().st_mode
