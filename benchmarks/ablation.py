@@ -30,6 +30,14 @@ from surrogate.run_training import Lessons, training_settings
 from surrogate.tasks import LearningTask, ModelT
 from surrogate.train import TrainingSettings, train
 
+GEOMETRY = ModelSpec(
+    name="x",
+    form="field",
+    hidden=(128, 128, 128),
+    activation="silu",
+    encoding="local_geometry",
+    fade="proportional",
+)
 # Name in the table, and the [[training.models]] table it stands for.
 VARIANTS: dict[str, ModelSpec] = {
     "thesis5": ModelSpec(name="x", form="field", hidden=(250, 250), activation="tanh", fade_depth=2e-3),
@@ -37,23 +45,8 @@ VARIANTS: dict[str, ModelSpec] = {
     "thesis5, displacement per depth": ModelSpec(
         name="x", form="field", hidden=(250, 250), activation="tanh", fade="proportional"
     ),
-    "field, geometry of the contact": ModelSpec(
-        name="x",
-        form="field",
-        hidden=(128, 128, 128),
-        activation="silu",
-        encoding="local_geometry",
-        fade="proportional",
-    ),
-    "field, geometry and patch": ModelSpec(
-        name="x",
-        form="field",
-        hidden=(128, 128, 128),
-        activation="silu",
-        encoding="local_geometry",
-        fade="proportional",
-        patch_inputs=True,
-    ),
+    "field, geometry of the contact": GEOMETRY,
+    "field, geometry and patch": GEOMETRY.model_copy(update={"patch_inputs": True}),
     "loads (ours)": ModelSpec(name="x"),
     "loads, tanh": ModelSpec(name="x", activation="tanh"),
     "loads, softplus": ModelSpec(name="x", activation="softplus"),

@@ -66,7 +66,7 @@ class Lessons:
         held_out = np.random.default_rng(context.seed).permutation(self.split.validation)
         self.held_out = np.sort(held_out[: spec.validation_samples])
         self._device = training_device(spec.device)
-        self._mechanics: dict[tuple[int, bool], RestMechanics] = {}
+        self._mechanics: dict[int, RestMechanics] = {}
         self._load_data: dict[tuple[int, bool, float, float], tuple[LoadMetric, LoadData, LoadData]] = {}
 
     @cached_property
@@ -86,12 +86,14 @@ class Lessons:
 
     def mechanics(self, spec: ModelSpec) -> RestMechanics:
         """The body's mechanics at rest as a [[training.models]] table of form "loads" asks for them."""
-        key = (spec.loads, spec.internal)
-        if key not in self._mechanics:
+        if spec.loads not in self._mechanics:
             gravity = self._context.experiment.dynamics.gravity
             with self._context.progress(n_columns(self.body, spec.loads), "column", "compliance") as bar:
-                self._mechanics[key] = compute_rest_mechanics(self.body, *key, gravity, bar.update)
-        return self._mechanics[key]
+                self._mechanics[spec.loads] = compute_rest_mechanics(
+                    self.body, spec.loads, True, gravity, bar.update
+                )
+        found = self._mechanics[spec.loads]
+        return found if spec.internal else found._replace(internal=None)
 
     def field_task(self, spec: ModelSpec) -> FieldTask:
         """The learning task of a [[training.models]] table of form "field"."""
@@ -171,7 +173,7 @@ def _learn(
     """Train, and write the correction and its curves."""
     experiment, path, truth_hash = context.experiment, _path(context, spec.name), lessons.truth.content_hash
     settings = training_settings(experiment.training, spec.form, experiment.seed)
-    checkpoint = path.with_suffix(".checkpoint")
+    recipe, checkpoint = _recipe(experiment, spec, truth_hash), path.with_suffix(".checkpoint")
     if not context.resume:
         checkpoint.unlink(missing_ok=True)
     started = time.perf_counter()
@@ -184,13 +186,13 @@ def _learn(
                 task,
                 settings,
                 checkpoint,
-                truth_hash,
+                json.dumps(recipe, sort_keys=True),
                 lambda steps, note: bar.skip(steps) if note == "resumed" else bar.update(steps, note),
             )
     seconds = time.perf_counter() - started
     _write_curves(path.with_suffix(".json"), spec.name, result, lessons)
     training = {
-        **_recipe(experiment, spec, truth_hash),
+        **recipe,
         "seconds": seconds,
         "samples": len(lessons.split.train),
     }

@@ -91,6 +91,13 @@ class Handles:
             )
         return number
 
+    @property
+    def affine_part(self) -> Array:
+        """(n_rows,) 1 for rows that are positions (points, frame translations), 0 for the linear rows of frames: a
+        translation t moves rows by affine_part (x) t."""
+        frame = np.append(np.zeros(self.dim), 1.0)
+        return np.concatenate([np.ones(self.n_points), *([frame] * len(self.frames))])
+
     def rest_rows(self, points: Array) -> Array:
         """(n_rows, dim) rows at rest, from the rest positions (n_nodes, dim) of the mesh's nodes."""
         frame = np.vstack([np.eye(self.dim), np.zeros(self.dim)])

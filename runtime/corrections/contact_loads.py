@@ -17,7 +17,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.points import PointStates, PointTensors, affine_part, collider_rows
+from runtime.corrections.points import PointStates, PointTensors, collider_rows
 from runtime.corrections.rest_mechanics import RestMechanics
 
 
@@ -65,7 +65,7 @@ class ContactLoadsProbe:
     ) -> None:
         self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
-        self._affine_part = affine_part(body.handles)
+        self._affine_part = body.handles.affine_part
         self._areas = mechanics.compliance.areas
         self._last: tuple[Array, RigidPose, Array, ContactLoads | None] | None = None
 

@@ -27,7 +27,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.carried_normal import carried_normal, carried_normal_derivative
-from runtime.corrections.points import PointTensors, affine_part, collider_rows
+from runtime.corrections.points import PointTensors, collider_rows
 from runtime.errors import SoftprintError
 
 
@@ -67,7 +67,7 @@ class ContactProbe:
         self.body_hash = body.content_hash
         self.collider = collider
         points = body.node_points(body.surface.nodes)
-        self.affine_part = affine_part(body.handles)
+        self.affine_part = body.handles.affine_part
         self._basis = points.basis
         self._areas = body.surface.areas
         self._points = PointTensors.of(points, torch.zeros((), dtype=torch.float64))

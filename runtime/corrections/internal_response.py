@@ -118,7 +118,6 @@ def compute_internal_response(
     spread = np.einsum("nr,ab->narb", body.basis, identity).reshape(-1, size)
     forces = -(rest_stiffness(body) @ spread).reshape(body.n_nodes, dim, size)
     weights = body.node_mass[:, None, None] * identity
-    frame = np.append(np.zeros(dim), 1.0)
     mesh = body.mesh
     share = np.zeros_like(mesh.points)  # int of the gradient of every hat function
     np.add.at(share, mesh.cells, mesh.cell_volumes[:, None, None] * mesh.cell_gradients)
@@ -128,7 +127,7 @@ def compute_internal_response(
         np.zeros(dim) if gravity is None else np.array(gravity, dtype=np.float64),
         body.rest_rows,
         body.basis.T @ share / mesh.cell_volumes.sum(),
-        np.concatenate([np.ones(body.handles.n_points), np.tile(frame, len(body.handles.frames))]),
+        body.handles.affine_part,
     )
 
 

@@ -15,28 +15,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from runtime.arrays import Array
-from runtime.body.handles import Handles
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 
 
 def collider_rows(rows: Array, affine_part: Array, pose: RigidPose) -> Array:
-    """T^-1 q: handle rows (n_rows, dim) in collider space; affine_part: (n_rows,), see
-    :func:`affine_part`."""
+    """T^-1 q: handle rows (n_rows, dim) in collider space; affine_part: (n_rows,), see `Handles.affine_part`."""
     return (rows - affine_part[:, None] * pose.translation) @ pose.rotation
-
-
-def affine_part(handles: Handles) -> Array:
-    """(n_rows,) 1 for rows that are positions (points, frame translations), 0 for the linear rows of
-    frames."""
-    frame = np.append(np.zeros(handles.dim), 1.0)
-    return np.concatenate([np.ones(handles.n_points), *([frame] * len(handles.frames))])
 
 
 @dataclass(frozen=True, eq=False)
