@@ -112,7 +112,6 @@ def load_load_data(
 ) -> LoadData:
     """The given rows of a truth file. Samples in which the reduced body does not touch are dropped."""
     probe = ContactLoadsProbe(body, collider, mechanics, options.stiffness, options.band)
-    encoder = LoadModel(options, body.dim, body.n_rows)
     gradient = body.node_points().basis_gradient
     state = -1
     columns: list[tuple[Tensor, ...]] = []
@@ -131,10 +130,10 @@ def load_load_data(
         h, squared, volume_h, volume_squared = metric.of_field(w, contact.index)
         columns.append(
             (
-                encoder.local_inputs(contact),
-                contact.depth.float(),
-                contact.load.float(),
-                encoder.lever(contact),
+                torch.from_numpy(contact.inputs).float(),
+                torch.tensor(contact.depth),
+                torch.from_numpy(contact.load).float(),
+                torch.from_numpy(contact.lever).float(),
                 torch.from_numpy(contact.index),
                 torch.ones(len(contact.index)),
                 torch.from_numpy(h).float(),

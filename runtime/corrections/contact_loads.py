@@ -9,44 +9,43 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
+from runtime.corrections.carried_normal import SHORTEST
 from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.points import PointStates, PointTensors, collider_rows
 from runtime.corrections.rest_mechanics import RestMechanics
+from runtime.elasticity.determinant import cofactor
 
 
 @dataclass(frozen=True, eq=False)
 class ContactLoads:
-    """index: (m,) loads of the body; state: of their points; load: (m, dim) [N] in rest coordinates, moved: (m, dim)
-    [m] in collider space and left: (m,) [m], penetration left (negative: a gap), of the contact that mechanics gives.
-    All float64."""
+    """index: (m,) loads of the body; load: l (m, dim) [N], what mechanics gives them, in rest coordinates; inputs: a
+    (m, n_load_inputs(dim)), all seen from the collider: position, signed distance and its gradient there, F, surface
+    normal, rest distance to the surface [m] (0 but for loads inside), rest position, penetration left [m] (negative: a
+    gap) and displacement [m] of the linear body; lever: w F^T (m, dim, dim) [m^(dim-1)] with
+    w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the band's edge; depth: D [m], see
+    `patch_depth`."""
 
     index: IntArray
-    state: PointStates
-    load: Tensor
-    moved: Tensor
-    left: Tensor
-    areas: Tensor
-    band: float
+    load: Array
+    inputs: Array
+    lever: Array
+    depth: float
 
-    @property
-    def weight(self) -> Tensor:
-        """(m,) area times x^2 / (1 + x^2), x = 1 - s / band: C1, zero at the band's edge."""
-        x = (1.0 - self.state.sdf / self.band).clamp(min=0.0)
-        return self.areas * x**2 / (1.0 + x**2)
 
-    @property
-    def depth(self) -> Tensor:
-        """D () [m] = sum a d^3 / sum a d^2 of the depths d of the undisplaced loads: how deep it is as a whole;
-        loads enter and leave it smoothly."""
-        d = (-self.state.sdf).clamp(min=0.0)
-        return (self.areas @ d**3) / (self.areas @ d**2)
+def n_load_inputs(dim: int) -> int:
+    """Columns of `ContactLoads.inputs`."""
+    return 5 * dim + dim * dim + 3
+
+
+def patch_depth(areas: Array, distance: Array) -> float:
+    """D [m] = sum a d^3 / sum a d^2 of the depths d of undisplaced loads at signed distances (m,): how deep a contact
+    is as a whole; loads enter and leave it smoothly."""
+    d = np.maximum(-distance, 0.0)
+    return float(areas @ d**3 / (areas @ d**2))
 
 
 class ContactLoadsProbe:
@@ -65,7 +64,6 @@ class ContactLoadsProbe:
     ) -> None:
         self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
-        self._affine_part = body.handles.affine_part
         self._areas = mechanics.compliance.areas
         self._last: tuple[Array, RigidPose, Array, ContactLoads | None] | None = None
 
@@ -81,35 +79,34 @@ class ContactLoadsProbe:
         self._last = (rows.copy(), pose, turn, loads)
         return loads
 
-    def collider_rows(self, rows: Array, pose: RigidPose) -> Array:
-        """T^-1 q (n_rows, dim)."""
-        return collider_rows(rows, self._affine_part, pose)
-
     def _measure(self, rows: Array, pose: RigidPose, turn: Array) -> ContactLoads | None:
         probe = self.loads
         press = probe.press(rows, pose, turn)
         if press is None:
             return None
-        index = press.around
-        x = probe.positions(rows, turn, index)
+        index, m = press.around, len(press.around)
         pressed = press.index[press.bearing]
-        given = np.tensordot(probe.among(index, pressed), press.load, 2)
-        moved = (probe.deformation(rows, index) @ given[..., None])[..., 0]
-        left = -self.collider.sdf(pose.apply_inverse(x + moved))
+        F = pose.rotation.T @ probe.deformation(rows, index)
+        moved = (F @ np.tensordot(probe.among(index, pressed), press.load, 2)[..., None])[..., 0]
+        z = pose.apply_inverse(press.around_position)
+        distance, slope, _ = self.collider.sdf_derivatives(np.concatenate([z, z + moved]))
         load = np.zeros_like(moved)
         load[np.searchsorted(index, pressed)] = press.load
-        state = PointStates.at(
-            PointTensors.of(probe.points.take(index), torch.zeros((), dtype=torch.float64)),
-            self.collider_rows(rows, pose),
-            pose.apply_inverse(x),
-            self.collider,
+        carried = (cofactor(F) @ probe.points.surface_normal[index][..., None])[..., 0]
+        length = np.sqrt((carried * carried).sum(axis=1, keepdims=True))
+        columns = (
+            z,
+            distance[:m, None],
+            slope[:m],
+            F.reshape(m, -1),
+            carried / np.maximum(length, SHORTEST),
+            probe.points.surface_distance[index][:, None],
+            probe.points.rest[index],
+            -distance[m:, None],
+            moved,
         )
-        return ContactLoads(
-            index=index,
-            state=state,
-            load=torch.from_numpy(load),
-            moved=torch.from_numpy(pose.rotate_inverse(moved)),
-            left=torch.from_numpy(left),
-            areas=torch.from_numpy(self._areas[index]),
-            band=self._band,
-        )
+        areas = self._areas[index]
+        x = np.maximum(1.0 - distance[:m] / self._band, 0.0) ** 2
+        lever = (areas * x / (1.0 + x))[:, None, None] * F.transpose(0, 2, 1)
+        depth = patch_depth(areas, distance[:m])
+        return ContactLoads(index, load, np.concatenate(columns, axis=1), lever, depth)

@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from runtime.corrections.carried_normal import SHORTEST
 from runtime.corrections.contact_loads import ContactLoads
 from runtime.corrections.load_model import LoadModel
-from runtime.elasticity.determinant import cofactor
 
 Floats = NDArray[np.floating[Any]]
 
@@ -45,12 +43,10 @@ class LoadEvaluation:
         return self._mean.dtype
 
     def loads(self, contact: ContactLoads) -> Floats:
-        """phi (m, dim) [N], as `LoadModel.loads`, in the precision of the model."""
-        kind = self.dtype
-        F, load = contact.state.F.numpy(), contact.load.numpy()
-        depth = float(contact.depth)
-        y = self._network((self._inputs(contact).astype(kind) - self._mean) / self._spread, depth)
-        traction = contact.weight.numpy()[:, None] * np.einsum("mji,mj->mi", F, y[:, 1:])
+        """phi (m, dim) [N], as `LoadModel`, in the precision of the model."""
+        kind, load, depth = self.dtype, contact.load, contact.depth
+        y = self._network((contact.inputs.astype(kind) - self._mean) / self._spread, depth)
+        traction = (contact.lever @ y[:, 1:, None])[..., 0]
         phi = load + self._fade.value(depth) * (load * y[:, :1] + self._scale * traction)
         return np.asarray(phi.astype(kind))
 
@@ -62,26 +58,6 @@ class LoadEvaluation:
         for weight, offset in hidden:
             h = self._activation(h @ weight + offset)
         return h @ head + last
-
-    @staticmethod
-    def _inputs(contact: ContactLoads) -> Floats:
-        """a (m, n_local): those of `LocalGeometry`, then penetration left and displacement."""
-        state, points = contact.state, contact.state.points
-        F = state.F.numpy()
-        carried = np.einsum("mij,mj->mi", cofactor(F), points.surface_normal.numpy())
-        length = np.sqrt((carried * carried).sum(axis=1, keepdims=True))
-        columns = (
-            state.z.numpy(),
-            state.sdf.numpy()[:, None],
-            state.slope.numpy(),
-            F.reshape(len(F), -1),
-            carried / np.maximum(length, SHORTEST),
-            points.surface_distance.numpy()[:, None],
-            points.rest.numpy(),
-            contact.left.numpy()[:, None],
-            contact.moved.numpy(),
-        )
-        return np.concatenate(columns, axis=1)
 
 
 def _shared(parameter: Tensor) -> Floats:

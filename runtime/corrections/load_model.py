@@ -17,8 +17,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from runtime.corrections.contact_loads import ContactLoads
-from runtime.corrections.encoding import LocalGeometry
+from runtime.corrections.contact_loads import n_load_inputs
 from runtime.corrections.fade import Fade
 from runtime.corrections.network import Mlp, spread
 
@@ -56,9 +55,7 @@ class LoadModel(nn.Module):
     def __init__(self, options: LoadModelOptions, dim: int, n_rows: int) -> None:
         super().__init__()
         self.options, self.dim, self.n_rows = options, dim, n_rows
-        self.encoding = LocalGeometry()
-        self.n_geometry = self.encoding.n_inputs(dim, n_rows)
-        n_local = self.n_geometry + 1 + dim
+        n_local = n_load_inputs(dim)
         self.network = Mlp(n_local, 1, options.widths, 1 + dim, options.activation)
         # Untrained, the field is that of linear elasticity.
         nn.init.zeros_(self.network.head.weight)
@@ -82,26 +79,11 @@ class LoadModel(nn.Module):
             load.square().sum(-1).mean().sqrt() / lever.square().sum((-1, -2)).mean().sqrt()
         )
 
-    def local_inputs(self, loads: ContactLoads) -> Tensor:
-        """a (m, n_local), not normalised."""
-        extra = torch.cat([loads.left[:, None], loads.moved], dim=1)
-        return torch.cat([self.encoding.encode(loads.state), extra], dim=1).to(self.local_mean)
-
-    def lever(self, loads: ContactLoads) -> Tensor:
-        """w_j F_j^T (m, dim, dim)."""
-        return (loads.weight[:, None, None] * loads.state.F.transpose(1, 2)).to(self.local_mean)
-
     def forward(self, local: Tensor, depth: Tensor, load: Tensor, lever: Tensor) -> Tensor:
-        """phi (..., m, dim) [N] from inputs a (..., m, n_local) and D (...), loads (..., m, dim) and levers (..., m,
-        dim, dim)."""
+        """phi (..., m, dim) [N] from the columns of `ContactLoads`: inputs a (..., m, n_local), D (...), loads (..., m,
+        dim) and levers (..., m, dim, dim)."""
         y = self.network(self._local(local), self._depth(depth))
         return load + self.fade.value(depth)[..., None, None] * self._correction(load, lever, y)
-
-    def loads(self, contact: ContactLoads) -> Tensor:
-        """phi (m, dim) [N] of one contact."""
-        like = self.local_mean
-        load, depth = contact.load.to(like), contact.depth.to(like)
-        return self(self.local_inputs(contact), depth, load, self.lever(contact))
 
     def _correction(self, load: Tensor, lever: Tensor, y: Tensor) -> Tensor:
         """y_0 l + c w F^T (y_1, ...)."""

@@ -26,7 +26,8 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.load_solve import LoadProblem, LoadSolution, softening
+from runtime.corrections import load_kernels
+from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.rest_mechanics import RestMechanics
 
 # Loads outside the collider by up to this share of its depth could be pushed into it by the dent beside them. In
@@ -66,13 +67,14 @@ class LoadMotion:
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """rows, pose: of the state; around: the loads within the band around the collider; index: (m,) those of them that
-    could bear pressure; for these F (m, dim, dim), the problem and its solution; motion: how the k of them move that do
-    bear pressure."""
+    """rows, pose: of the state; around: the loads within the band around the collider, undisplaced at around_position
+    (.., dim) [m]; index: (m,) those of them that could bear pressure; for these F (m, dim, dim), the problem and its
+    solution; motion: how the k of them move that do bear pressure."""
 
     rows: Array
     pose: RigidPose
     around: IntArray
+    around_position: Array
     index: IntArray
     F: Array
     motion: LoadMotion
@@ -171,7 +173,7 @@ class LoadPress:
     @cached_property
     def _softening(self) -> Array:
         """I + G D (k*dim, k*dim)."""
-        return softening(self._among, self._stiffening)
+        return load_kernels.softening(self._among, self._stiffening)
 
 
 class LoadProbe:
@@ -244,7 +246,7 @@ class LoadProbe:
         start = None if near is None else near.predict(rows, pose, index)
         solution = problem.solve(start)
         motion = self.motion(index[solution.bearing], turn)
-        return LoadPress(rows.copy(), pose, around, index, F, motion, problem, solution)
+        return LoadPress(rows.copy(), pose, around, x, index, F, motion, problem, solution)
 
     def _carried(self, index: IntArray, F: Array) -> Array:
         """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads `index`."""

@@ -28,12 +28,13 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import SdfDerivatives
+from runtime.corrections import load_kernels
 
 log = logging.getLogger(__name__)
 
 # A state is in balance when no load is farther from it than this share of the deepest penetration. E is then right to
 # the square of it.
-_TOLERANCE = 1e-8
+_TOLERANCE = 1e-6
 _ITERATIONS = 12
 # Newton's method is given up when the error has grown so many times.
 _GROWTH = 10.0
@@ -100,8 +101,8 @@ class LoadProblem:
 
     def stiffening(self, solution: LoadSolution, bearing: IntArray) -> Array:
         """D (k, dim, dim) [N/m] of the loads that bear pressure."""
-        return self._stiffening(
-            bearing, solution.left, solution.pressure, solution.normal, solution.curvature
+        return load_kernels.stiffening(
+            bearing, self.stiffness, solution.left, solution.pressure, solution.normal, solution.curvature
         )
 
     def among(self, index: IntArray) -> Array:
@@ -123,45 +124,20 @@ class LoadProblem:
         first = np.inf
         for iteration in range(_ITERATIONS + 1):
             at = self.distance(x + moved)
-            e = np.where(e > 0.0, e, -at.value)  # loads that bear nothing follow
-            pressure = self._pressure(e)
-            force = pressure[:, None] * at.gradient
-            lag = moved - self._apply(force)
-            bearing = np.flatnonzero(e > 0.0)
-            gap = (e + at.value)[bearing]
-            residual = max(float(np.abs(gap).max(initial=0.0)), float(np.abs(lag).max(initial=0.0)))
+            e, pressure, lag, residual = load_kernels.balance(
+                self.compliance, self.stiffness, e, moved, at.value, at.gradient
+            )
             converged = residual <= _TOLERANCE * scale
             first = residual if iteration == 0 else first
             lost = not np.isfinite(residual) or residual > _GROWTH * max(first, scale)
             if converged or lost or iteration == _ITERATIONS:
                 break
             try:
-                change, de = self._step(bearing, e, pressure, at, lag, gap)
+                moved, e = load_kernels.step(self.compliance, self.stiffness, e, pressure, moved, lag, *at)
             except np.linalg.LinAlgError:  # a load just about to slide off a tip
                 break
-            moved = moved - lag + change
-            e = e.copy()
-            e[bearing] += de
+        force = pressure[:, None] * at.gradient
         return self._solution(e, at, force, lag, converged, iteration, residual)
-
-    def _step(
-        self, bearing: IntArray, e: Array, pressure: Array, at: SdfDerivatives, lag: Array, gap: Array
-    ) -> tuple[Array, Array]:
-        """Linearised in displacement and penetration: by what further forces move all loads, and the change of e.
-
-        du = -lag + G (S g de + p H du),    de = -gap - g . du.
-        """
-        g, H = at.gradient[bearing], at.hessian[bearing]
-        S = 2.0 * self.stiffness[bearing] * e[bearing]
-        D = self._stiffening(bearing, e, pressure, at.gradient, at.hessian)
-        components = self._components(bearing)
-        columns = self.compliance[:, components]
-        among = columns[components]
-        right = -lag[bearing].ravel() - among @ (g * (S * gap)[:, None]).ravel()
-        du = np.linalg.solve(softening(among, D), right).reshape(g.shape)
-        de = -gap - (g * du).sum(axis=1)
-        force = g * (S * de)[:, None] + pressure[bearing, None] * (H @ du[..., None])[..., 0]
-        return (columns @ force.ravel()).reshape(lag.shape), de
 
     def _descend(self) -> LoadSolution:
         """Newton's method on E over the forces, with a line search: slower, but it always goes down."""
@@ -197,9 +173,9 @@ class LoadProblem:
         bearing = np.flatnonzero(e > 0.0)
         among, right = self.among(bearing), -lag[bearing].ravel()
         for curvature in (at.hessian, np.zeros_like(at.hessian)):
-            D = self._stiffening(bearing, e, self._pressure(e), at.gradient, curvature)
+            D = load_kernels.stiffening(bearing, self.stiffness, e, self._pressure(e), at.gradient, curvature)
             try:
-                du = np.linalg.solve(softening(among, D), right).reshape(-1, lag.shape[1], 1)
+                du = np.linalg.solve(load_kernels.softening(among, D), right).reshape(-1, lag.shape[1], 1)
             except np.linalg.LinAlgError:  # with curvature only: I + G D is regular for D >= 0
                 continue
             step = balanced - force
@@ -208,14 +184,6 @@ class LoadProblem:
             if slope < 0.0:
                 break
         return step, slope
-
-    def _stiffening(
-        self, bearing: IntArray, e: Array, pressure: Array, normal: Array, curvature: Array
-    ) -> Array:
-        g = normal[bearing]
-        S = 2.0 * self.stiffness[bearing] * e[bearing]
-        stiff = (S[:, None] * g)[:, :, None] * g[:, None, :]
-        return np.asarray(stiff - pressure[bearing, None, None] * curvature[bearing])
 
     def _solution(
         self,
@@ -253,12 +221,3 @@ class LoadProblem:
     def _apply(self, force: Array) -> Array:
         """G f (m, dim)."""
         return np.asarray((self.compliance @ force.ravel()).reshape(force.shape))
-
-
-def softening(among: Array, D: Array) -> Array:
-    """I + G D (k*dim, k*dim) of G among k loads and D (k, dim, dim)."""
-    size, dim = len(among), D.shape[1]
-    blocks = among.reshape(size, -1, dim).transpose(1, 0, 2) @ D
-    product = blocks.transpose(1, 0, 2).reshape(size, size)
-    product.flat[:: size + 1] += 1.0
-    return product

@@ -32,6 +32,7 @@ def _pip(name: str) -> str:
 LIBRARIES = (
     Library("numpy", "arrays", _pip("numpy"), needed=True),
     Library("scipy", "splines and rotations", _pip("scipy"), needed=True),
+    Library("numba", "kernels of contact", _pip("numba"), needed=True),
     Library("pydantic", "experiment files", _pip("pydantic"), needed=True),
     Library(
         "h5py",

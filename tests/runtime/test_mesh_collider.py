@@ -281,3 +281,13 @@ def test_bad_files_are_named(tmp_path, name, content, message):
     with pytest.raises(SoftprintError, match=message) as caught:
         load_mesh_collider(path)
     assert name in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["pointy", "star"])
+def test_a_point_that_is_nowhere_has_no_distance_and_spoils_no_other(name, request):
+    collider = request.getfixturevalue(name)
+    z = np.tile(0.5 * (collider.lower + collider.upper), (3, 1))
+    z[1, 0] = np.nan
+    for value in (collider.sdf(z), collider.fine.grid.value(z), collider.fine.grid.derivatives(z).value):
+        assert np.isnan(value[1])
+        assert value[0] == value[2] < 0.0

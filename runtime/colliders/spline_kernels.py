@@ -1,0 +1,117 @@
+"""The sums of `spline.py`, point by point: 64 coefficients in 3D, 16 in 2D, axis by axis from the last.
+
+All take z (n, dim) [m]; the grid's origin (dim,), spacing, last cell (dim,) and strides (dim,), the last of which is 1;
+and the coefficients, flat. A point outside the grid is extrapolated from the cell nearest to it; to one that is nan the
+answer is nan.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.compiled import compiled
+
+
+@compiled
+def _polynomials(f: float, b: Array) -> None:
+    """b (3, 4): the four polynomials at the fraction f, their first and their second derivatives."""
+    g = 1.0 - f
+    b[0, 0], b[0, 1] = g * g * g / 6.0, (3.0 * f * f * f - 6.0 * f * f + 4.0) / 6.0
+    b[0, 3], b[0, 2] = f * f * f / 6.0, (3.0 * g * g * g - 6.0 * g * g + 4.0) / 6.0
+    b[1, 0], b[1, 1] = -g * g / 2.0, (3.0 * f * f - 4.0 * f) / 2.0
+    b[1, 3], b[1, 2] = f * f / 2.0, -(3.0 * g * g - 4.0 * g) / 2.0
+    b[2, 0], b[2, 1], b[2, 2], b[2, 3] = g, 3.0 * f - 2.0, 3.0 * g - 2.0, f
+
+
+@compiled
+def _locate(point: Array, origin: Array, spacing: float, last: Array, strides: IntArray, b: Array) -> int:
+    """Where the first coefficient of a point's cell is; b (dim, 3, 4): its polynomials along each axis."""
+    first = 0
+    for axis in range(len(point)):
+        t = (point[axis] - origin[axis]) / spacing
+        cell = (
+            min(np.floor(t), last[axis]) if t > 0.0 else 0.0
+        )  # that of nan too, which must not index anything
+        first += int(cell) * strides[axis]
+        _polynomials(t - cell, b[axis])
+    return first
+
+
+@compiled
+def _line(c: Array, at: int, b: Array) -> float:
+    return c[at] * b[0] + c[at + 1] * b[1] + c[at + 2] * b[2] + c[at + 3] * b[3]
+
+
+@compiled
+def _plane(c: Array, at: int, stride: int, b: Array) -> tuple[float, float, float, float, float, float]:
+    """s, s_x, s_y, s_xx, s_xy, s_yy of the 4 x 4 coefficients from `at`; b (2, 3, 4): of the axes x and y."""
+    s = s_x = s_y = s_xx = s_xy = s_yy = 0.0
+    for i in range(4):
+        along = at + i * stride
+        s_0, s_1, s_2 = _line(c, along, b[1, 0]), _line(c, along, b[1, 1]), _line(c, along, b[1, 2])
+        s, s_x, s_xx = s + b[0, 0, i] * s_0, s_x + b[0, 1, i] * s_0, s_xx + b[0, 2, i] * s_0
+        s_y, s_xy, s_yy = s_y + b[0, 0, i] * s_1, s_xy + b[0, 1, i] * s_1, s_yy + b[0, 0, i] * s_2
+    return s, s_x, s_y, s_xx, s_xy, s_yy
+
+
+@compiled
+def values(
+    z: Array, origin: Array, spacing: float, last: Array, strides: IntArray, c: Array, value: Array
+) -> None:
+    """Fills in value (n,)."""
+    n, dim = z.shape
+    b = np.empty((dim, 3, 4))
+    for point in range(n):
+        first = _locate(z[point], origin, spacing, last, strides, b)
+        total = 0.0
+        for i in range(4):
+            along = first + i * strides[0]
+            if dim == 2:
+                total += b[0, 0, i] * _line(c, along, b[1, 0])
+            else:
+                for j in range(4):
+                    total += b[0, 0, i] * b[1, 0, j] * _line(c, along + j * strides[1], b[2, 0])
+        value[point] = total
+
+
+@compiled
+def derivatives(
+    z: Array,
+    origin: Array,
+    spacing: float,
+    last: Array,
+    strides: IntArray,
+    c: Array,
+    value: Array,
+    gradient: Array,
+    hessian: Array,
+) -> None:
+    """Fills in value (n,), gradient (n, dim) and hessian (n, dim, dim)."""
+    n, dim = z.shape
+    b = np.empty((dim, 3, 4))
+    for point in range(n):
+        first = _locate(z[point], origin, spacing, last, strides, b)
+        g, h = gradient[point], hessian[point]
+        if dim == 2:
+            value[point], g[0], g[1], h[0, 0], h[0, 1], h[1, 1] = _plane(c, first, strides[0], b)
+        else:
+            value[point], g[:], h[:] = 0.0, 0.0, 0.0
+            for i in range(4):
+                plane = _plane(c, first + i * strides[0], strides[1], b[1:])
+                x, x_1, x_2 = b[0, 0, i], b[0, 1, i], b[0, 2, i]
+                value[point] += x * plane[0]
+                g[0] += x_1 * plane[0]
+                g[1] += x * plane[1]
+                g[2] += x * plane[2]
+                h[0, 0] += x_2 * plane[0]
+                h[0, 1] += x_1 * plane[1]
+                h[0, 2] += x_1 * plane[2]
+                h[1, 1] += x * plane[3]
+                h[1, 2] += x * plane[4]
+                h[2, 2] += x * plane[5]
+        for i in range(dim):
+            g[i] /= spacing
+            for j in range(i, dim):
+                h[i, j] /= spacing * spacing
+                h[j, i] = h[i, j]

@@ -1,0 +1,23 @@
+"""Kernels compiled to machine code at their first use (numba), for what a step does to some tens of points: there the
+number of numpy's calls is what costs, not the arithmetic.
+
+What is compiled is kept on disk beside the source, or, where that cannot be written, in the user's cache; with neither
+it is compiled anew in every process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+from numba import njit
+
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
+
+
+def compiled(kernel: Kernel) -> Kernel:
+    """Decorator. Division by zero gives inf or nan, as in numpy."""
+    try:
+        return cast(Kernel, njit(cache=True, error_model="numpy")(kernel))
+    except RuntimeError:  # numba found no place to keep it
+        return cast(Kernel, njit(error_model="numpy")(kernel))

@@ -1,0 +1,109 @@
+"""One iteration of `LoadProblem`, compiled: its arrays are of some tens of loads.
+
+G (m*dim, m*dim) [m/N] is the compliance, k (m,) [N/m^2] the stiffness, e (m,) [m] the penetrations that are left,
+u = moved (m, dim) [m], and s = value (m,), g = gradient (m, dim), H = hessian (m, dim, dim) those of the signed
+distance at the displaced loads. Formulas: `load_solve.py`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.compiled import compiled
+
+
+@compiled
+def balance(
+    G: Array, k: Array, e: Array, moved: Array, value: Array, gradient: Array
+) -> tuple[Array, Array, Array, float]:
+    """e with that of loads that bear nothing, which follow the distance; pressure p (m,); lag = u - G f (m, dim); and
+    the residual [m], the largest of |lag| and, where pressure is borne, |e + s|."""
+    m, dim = moved.shape
+    e, pressure, force = e.copy(), np.empty(m), np.empty(m * dim)
+    residual = 0.0
+    for j in range(m):
+        if e[j] > 0.0:
+            residual = max(residual, abs(e[j] + value[j]))
+        else:
+            e[j] = -value[j]
+        pressure[j] = k[j] * max(e[j], 0.0) ** 2
+        for a in range(dim):
+            force[j * dim + a] = pressure[j] * gradient[j, a]
+    lag = moved - (G @ force).reshape(m, dim)
+    # A load that left for infinity makes all of them nan, which no comparison would show.
+    return e, pressure, lag, max(residual, np.abs(lag).max()) if np.isfinite(lag.sum()) else np.inf
+
+
+@compiled
+def stiffening(
+    bearing: IntArray, k: Array, e: Array, pressure: Array, gradient: Array, hessian: Array
+) -> Array:
+    """D = S g g^T - p H (n, dim, dim) of the loads `bearing` (n,), S = 2 k e."""
+    n, dim = len(bearing), gradient.shape[1]
+    D = np.empty((n, dim, dim))
+    for i in range(n):
+        j = bearing[i]
+        S = 2.0 * k[j] * e[j]
+        for a in range(dim):
+            for b in range(dim):
+                D[i, a, b] = S * gradient[j, a] * gradient[j, b] - pressure[j] * hessian[j, a, b]
+    return D
+
+
+@compiled
+def softening(among: Array, D: Array) -> Array:
+    """I + G D (n*dim, n*dim) of G among n loads and D (n, dim, dim)."""
+    size, dim = len(among), D.shape[1]
+    product = np.zeros((size, size))
+    for row in range(size):
+        for j in range(len(D)):
+            for a in range(dim):
+                for b in range(dim):
+                    product[row, j * dim + b] += among[row, j * dim + a] * D[j, a, b]
+        product[row, row] += 1.0
+    return product
+
+
+@compiled
+def step(
+    G: Array,
+    k: Array,
+    e: Array,
+    pressure: Array,
+    moved: Array,
+    lag: Array,
+    value: Array,
+    gradient: Array,
+    hessian: Array,
+) -> tuple[Array, Array]:
+    """The next u and e, linearised in both: with du = -lag + G (S g de + p H du) and de = -(e + s) - g . du,
+
+        (I + G D) du = -lag - G S g (e + s)    at the loads that bear pressure.
+
+    Raises numpy.linalg.LinAlgError where a load is just about to slide off a tip.
+    """
+    m, dim = moved.shape
+    bearing = np.flatnonzero(e > 0.0)
+    n = len(bearing)
+    pushed, turned = np.zeros((m, dim)), np.zeros((m, dim))
+    for j in bearing:
+        pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j]) * gradient[j]
+    missing = lag + (G @ pushed.ravel()).reshape(m, dim)
+    among, right = np.empty((n, dim, n, dim)), np.empty((n, dim))
+    for i in range(n):
+        right[i] = -missing[bearing[i]]
+        for a in range(dim):
+            row = G[bearing[i] * dim + a]
+            for other in range(n):
+                for b in range(dim):
+                    among[i, a, other, b] = row[bearing[other] * dim + b]
+    D = stiffening(bearing, k, e, pressure, gradient, hessian)
+    du = np.linalg.solve(softening(among.reshape(n * dim, n * dim), D), right.ravel()).reshape(n, dim)
+    e = e.copy()
+    for i in range(n):
+        j = bearing[i]
+        de = -(e[j] + value[j]) - np.sum(gradient[j] * du[i])
+        turned[j] = 2.0 * k[j] * e[j] * de * gradient[j] + pressure[j] * (hessian[j] @ du[i])
+        e[j] += de
+    return moved - lag + (G @ turned.ravel()).reshape(m, dim), e
