@@ -2,7 +2,8 @@
 number of numpy's calls is what costs, not the arithmetic.
 
 What is compiled is kept on disk beside the source, or, where that cannot be written, in the user's cache; with neither
-it is compiled anew in every process.
+it is compiled anew in every process. What was kept is used until its file changes, so a kernel may call kernels of its
+own file only.
 """
 
 from __future__ import annotations

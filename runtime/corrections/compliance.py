@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from scipy.spatial import cKDTree
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.body.farthest_points import farthest_points
+from runtime.corrections import compliance_kernels
 from runtime.corrections.rest_response import RestResponse
 from runtime.errors import SoftprintError
 
@@ -78,21 +78,10 @@ class Compliance:
         return Compliance(self.nodes, self.areas, self.anchors, operator, self.share, near)
 
     def apply(self, loads: IntArray, forces: NDArray[Any]) -> NDArray[Any]:
-        """sum_j G_Xj forces_j (n_nodes, dim, k) for k sets of forces (m, dim, k) on the loads (m,), in their type."""
-        dim, k = self.dim, forces.shape[2]
-        shared = (self._dense_share[loads].T @ forces.reshape(len(loads), -1)).astype(forces.dtype)
-        anchors = np.flatnonzero(shared.any(axis=1))
-        flat = self.operator.reshape(len(self.operator), dim, -1)
-        total = self.near[_components(loads, dim)].T @ forces.reshape(-1, k)
-        # Anchor by anchor from where it lies: to gather all columns first would cost twice as much.
-        for anchor, force in zip(anchors, shared[anchors].reshape(-1, dim, k), strict=True):
-            total += flat[anchor].T @ force
-        return np.asarray(total.reshape(self.n_nodes, dim, k))
-
-    @cached_property
-    def _dense_share(self) -> Array:
-        """P, for its rows: to take some out of the sparse matrix costs more than their product."""
-        return np.asarray(self.share.toarray())
+        """sum_j G_Xj forces_j (n_nodes, dim) for forces (m, dim) on the loads (m,), in their type."""
+        flat = self.operator.reshape(len(self.operator), self.dim, -1)
+        total = compliance_kernels.apply(loads, forces, flat, _parts(self.share), _parts(self.near))
+        return total.reshape(self.n_nodes, self.dim)
 
     def dense(self) -> NDArray[np.float32]:
         """G^T (n_loads, dim, n_nodes, dim) of all loads: gigabytes at thesis size."""
@@ -224,6 +213,11 @@ def _fitted(share: Array, columns: NDArray[np.float32], column: NDArray[np.float
     missed = flat @ (column.ravel() - share @ flat)
     ridge = _RIDGE * np.trace(gram) / len(gram)
     return np.asarray(share + np.linalg.solve(gram + ridge * np.eye(len(gram)), missed))
+
+
+def _parts(matrix: sp.csr_matrix) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[Any]]:
+    """Row starts, columns and entries."""
+    return matrix.indptr, matrix.indices, matrix.data
 
 
 def _candidates(body: ReducedBody) -> tuple[IntArray, Array]:

@@ -80,6 +80,6 @@ class BoundElasticContact:
         contact = self._probe.measure(rows, pose, turn)
         if contact is None:
             return np.zeros(self._points.rest.shape)
-        given = self._compliance.apply(contact.index, self._model.loads(contact)[..., None])
-        F_transposed = (self._gradient @ rows.astype(given.dtype)).reshape(*given.shape[:2], -1)
-        return np.einsum("nj,nji->ni", given[..., 0], F_transposed).astype(np.float64)
+        given = self._compliance.apply(contact.index, self._model.loads(contact))
+        F_transposed = (self._gradient @ rows.astype(given.dtype)).reshape(*given.shape, -1)
+        return np.einsum("nj,nji->ni", given, F_transposed).astype(np.float64)

@@ -27,6 +27,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
 from runtime.corrections import load_kernels
+from runtime.corrections.compliance_kernels import carried
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.rest_mechanics import RestMechanics
 
@@ -241,18 +242,12 @@ class LoadProbe:
         F = self.deformation(rows, index)
         distance_to = PosedDistance(self.collider, pose)
         problem = LoadProblem(
-            self._carried(index, F), self._stiffness[index], x[could_bear], depth, distance_to
+            carried(self.among_loads, index, F), self._stiffness[index], x[could_bear], depth, distance_to
         )
         start = None if near is None else near.predict(rows, pose, index)
         solution = problem.solve(start)
         motion = self.motion(index[solution.bearing], turn)
         return LoadPress(rows.copy(), pose, around, x, index, F, motion, problem, solution)
-
-    def _carried(self, index: IntArray, F: Array) -> Array:
-        """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads `index`."""
-        m, dim, _ = F.shape
-        half = F @ self.among(index, index).transpose(2, 3, 0, 1).reshape(m, dim, m * dim)  # F_j G_ji
-        return np.ascontiguousarray(F @ half.reshape(m * dim, m, dim).transpose(1, 2, 0)).reshape(m * dim, -1)
 
     def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
         """y = x + F v (m, dim) [m] of any loads (m,) at handle rows (n_rows, dim)."""

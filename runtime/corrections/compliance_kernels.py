@@ -1,0 +1,68 @@
+"""What is done with a compliance in every step, compiled: of its matrices only what some tens of loads need is read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.arrays import Array, IntArray
+from runtime.compiled import compiled
+
+
+@compiled
+def apply(
+    loads: IntArray,
+    forces: NDArray[Any],
+    operator: NDArray[np.float32],
+    share: tuple[NDArray[np.int32], NDArray[np.int32], Array],
+    near: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]],
+) -> NDArray[Any]:
+    """sum_j G_Xj forces_j, flat: (n_nodes*dim,) in the type of forces (m, dim), on the loads (m,).
+
+    operator: (n_anchors, dim, n_nodes*dim); share, near: row starts, columns and entries of P and N^T of `Compliance`.
+    """
+    n_anchors, dim, size = operator.shape
+    total = np.zeros(size, dtype=forces.dtype)
+    shared = np.zeros((n_anchors, dim), dtype=forces.dtype)
+    for j in range(len(loads)):
+        for entry in range(share[0][loads[j]], share[0][loads[j] + 1]):
+            shared[share[1][entry]] += share[2][entry] * forces[j]
+        for i in range(dim):
+            row = loads[j] * dim + i
+            for entry in range(near[0][row], near[0][row + 1]):
+                total[near[1][entry]] += near[2][entry] * forces[j, i]
+    for anchor in range(n_anchors):
+        for i in range(dim):
+            force = shared[anchor, i]
+            if force != 0.0:
+                column = operator[anchor, i]
+                for at in range(size):
+                    total[at] += force * column[at]
+    return total
+
+
+@compiled
+def carried(among: NDArray[np.float32], loads: IntArray, F: Array) -> Array:
+    """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads (m,); among: G (n_loads, n_loads, dim, dim), symmetric; F (m,
+    dim, dim)."""
+    m, dim, _ = F.shape
+    result = np.empty((m * dim, m * dim))
+    half = np.empty((dim, dim))
+    for i in range(m):
+        for j in range(i, m):
+            G = among[loads[i], loads[j]]
+            for a in range(dim):
+                for b in range(dim):
+                    half[a, b] = 0.0
+                    for c in range(dim):
+                        half[a, b] += F[i, a, c] * G[c, b]
+            for a in range(dim):
+                for b in range(dim):
+                    entry = 0.0
+                    for c in range(dim):
+                        entry += half[a, c] * F[j, b, c]
+                    result[i * dim + a, j * dim + b] = entry
+                    result[j * dim + b, i * dim + a] = entry
+    return result
