@@ -169,6 +169,14 @@ class Handles:
                 tangent[last, column + dim + axis] = frame.pivot @ turned
         return tangent
 
+    def increment(self, rows: Array, change: Array) -> Array:
+        """The v (n_dofs,) of :meth:`retract` that comes nearest to a change of the rows (n_rows, dim), to first order:
+        points take all of it, frames what keeps them rigid."""
+        points, flat = self.n_points * self.dim, change.ravel()
+        frames = self.tangent(rows)[points:, points:]
+        rigid = np.linalg.solve(frames.T @ frames, frames.T @ flat[points:])
+        return np.concatenate([flat[:points], rigid])
+
     def retract(self, rows: Array, increment: Array) -> Array:
         """Rows after the increment v (n_dofs,) [m, rad]: points add it, frames take its exponential map."""
         dim, spin = self.dim, rotation_dofs(self.dim)

@@ -85,6 +85,20 @@ def test_tangent_is_the_derivative_of_the_retraction(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+def test_increment_is_the_best_rigid_explanation_of_a_change(dim):
+    rng = np.random.default_rng(5)
+    mesh, handles = box_with_handles(dim)
+    rows = moved_rows(mesh, handles, rng)
+    tangent = handles.tangent(rows)
+    v = rng.normal(size=handles.n_dofs)
+    found = handles.increment(rows, (tangent @ v).reshape(rows.shape))
+    np.testing.assert_allclose(found, v, atol=1e-12)  # round-off of a few small solves
+    change = rng.normal(size=rows.shape)  # no rigid one
+    best = np.linalg.lstsq(tangent, change.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(handles.increment(rows, change), best, atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
 def test_curvature_makes_newtons_hessian_exact(dim):
     """d2/dv2 of a quartic of the rows along the retraction, by differences of differences."""
     rng = np.random.default_rng(4)
