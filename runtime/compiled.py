@@ -9,7 +9,7 @@ own file only.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from numba import njit
 
@@ -18,7 +18,16 @@ Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
 def compiled(kernel: Kernel) -> Kernel:
     """Decorator. Division by zero gives inf or nan, as in numpy."""
+    return _compiled(kernel)
+
+
+def summing(kernel: Kernel) -> Kernel:
+    """As `compiled`, with sums taken in any order, several terms at once."""
+    return _compiled(kernel, fastmath={"contract", "nsz", "reassoc"})
+
+
+def _compiled(kernel: Kernel, **options: Any) -> Kernel:
     try:
-        return cast(Kernel, njit(cache=True, error_model="numpy")(kernel))
+        return cast(Kernel, njit(cache=True, error_model="numpy", **options)(kernel))
     except RuntimeError:  # numba found no place to keep it
-        return cast(Kernel, njit(error_model="numpy")(kernel))
+        return cast(Kernel, njit(error_model="numpy", **options)(kernel))

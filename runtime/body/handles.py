@@ -153,9 +153,8 @@ class Handles:
     def tangent(self, rows: Array) -> Array:
         """T (n_rows*dim, n_dofs): d rows.ravel() = T v, to first order in the v of :meth:`retract`."""
         dim, spin = self.dim, rotation_dofs(self.dim)
-        tangent = np.zeros((self.n_rows * dim, self.n_dofs))
-        diagonal = np.arange(self.n_points * dim)
-        tangent[diagonal, diagonal] = 1.0
+        tangent = np.eye(self.n_rows * dim, self.n_dofs)  # of points; what frames do follows
+        tangent[self.n_points * dim :] = 0.0
         for index, frame in enumerate(self.frames):
             block = rows[self._frame_rows(index)]
             row = (self.n_points + index * (dim + 1)) * dim

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
-from runtime.compiled import compiled
+from runtime.compiled import compiled, summing
 
 
 @compiled
@@ -65,4 +65,25 @@ def carried(among: NDArray[np.float32], loads: IntArray, F: Array) -> Array:
                         entry += half[a, c] * F[j, b, c]
                     result[i * dim + a, j * dim + b] = entry
                     result[j * dim + b, i * dim + a] = entry
+    return result
+
+
+@summing
+def turned(given: NDArray[Any], basis_gradient: NDArray[Any], rows: NDArray[Any]) -> Array:
+    """F v (n, dim) of displacements v = given (n, dim) in rest coordinates, F_aj = sum_r rows_ra dU_rj; basis_gradient:
+    dU_r/dX_j (n, dim, n_rows) over (j, r); all in one precision."""
+    n, dim, n_rows = basis_gradient.shape
+    columns = np.ascontiguousarray(rows.T)
+    result = np.empty((n, dim))
+    along = np.empty(n_rows, dtype=given.dtype)
+    for i in range(n):
+        along[:] = given[i, 0] * basis_gradient[i, 0]
+        for j in range(1, dim):
+            for r in range(n_rows):
+                along[r] += given[i, j] * basis_gradient[i, j, r]
+        for a in range(dim):
+            entry = along[0] * columns[a, 0]
+            for r in range(1, n_rows):
+                entry += along[r] * columns[a, r]
+            result[i, a] = entry
     return result

@@ -46,7 +46,7 @@ class ContactPotential:
         return PressedLoads(
             press.index[b],
             position,
-            press.carried,
+            press.carried.reshape(*position.shape, -1),
             solution.normal[b],
             solution.pressure[b],
             solution.left[b],

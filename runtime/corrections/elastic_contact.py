@@ -16,6 +16,7 @@ from runtime.body.body import ReducedBody
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
+from runtime.corrections.compliance_kernels import turned
 from runtime.corrections.contact_loads import ContactLoadsProbe
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.correction import Potential
@@ -69,10 +70,9 @@ class BoundElasticContact:
         self._model, self._probe = LoadEvaluation(correction.model), correction.probe
         self._points = points
         self._compliance = correction.mechanics.compliance.at(nodes)
-        # dU_r/dX_j (n*dim, n_rows) over (point, j): F^T of all points in one product. In the precision of the model, as
-        # an evaluation reads all of it.
-        turned = np.ascontiguousarray(points.basis_gradient.transpose(0, 2, 1))
-        self._gradient = turned.astype(self._model.dtype).reshape(-1, turned.shape[2])
+        # In the precision of the model, as an evaluation reads all of it.
+        gradient = points.basis_gradient.transpose(0, 2, 1).astype(self._model.dtype)
+        self._gradient = np.ascontiguousarray(gradient)
 
     def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
@@ -81,5 +81,4 @@ class BoundElasticContact:
         if contact is None:
             return np.zeros(self._points.rest.shape)
         given = self._compliance.apply(contact.index, self._model.loads(contact))
-        F_transposed = (self._gradient @ rows.astype(given.dtype)).reshape(*given.shape, -1)
-        return np.einsum("nj,nji->ni", given, F_transposed).astype(np.float64)
+        return turned(given, self._gradient, rows.astype(given.dtype))

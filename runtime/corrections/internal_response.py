@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.body.rotations import nearest_rotation
+from runtime.corrections import internal_kernels
 from runtime.corrections.rest_response import RestResponse, rest_stiffness
 
 _PREFIX = "internal."
@@ -58,13 +59,14 @@ class InternalResponse:
         """R (dim, dim), the rotation of the body as a whole at handle rows (n_rows, dim)."""
         return nearest_rotation(rows.T @ self.mean_gradient)
 
-    def displacement(self, rows: Array, turn: Array, index: IntArray | slice = slice(None)) -> Array:
-        """u (m, dim) [m] of some of the nodes, world frame."""
+    def displacement(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
+        """u (m, dim) [m] of some of the nodes (all by default), world frame."""
         kind, dim = self.modes.dtype, len(turn)
         strain = self.strain(rows, turn).astype(kind).ravel()
         hanging = (self.gravity @ turn).astype(kind)
-        modes, weight = self.modes[index].reshape(-1, strain.size), self.weight[index].reshape(-1, dim)
-        u = modes @ strain + weight @ hanging
+        if index is not None:
+            return internal_kernels.displacement(self.modes, self.weight, index, strain, hanging, turn)
+        u = self.modes.reshape(-1, strain.size) @ strain + self.weight.reshape(-1, dim) @ hanging
         return np.asarray(u.astype(np.float64).reshape(-1, dim) @ turn.T)
 
     def farthest(self, rows: Array, turn: Array) -> float:
@@ -79,13 +81,10 @@ class InternalResponse:
         strain = rows @ turn - self.rest_rows
         return np.asarray(strain - np.outer(self.positions, self._mean @ strain))
 
-    def derivative(self, turn: Array, index: IntArray | slice = slice(None)) -> Array:
-        """du_a/drows_rb (m, dim, n_rows, dim) of some of the nodes, the turn held; world frame."""
-        modes = self.modes[index].astype(np.float64)
-        m, dim, n_rows, _ = modes.shape
-        modes -= np.tensordot(modes, self._mean, ([2], [0]))[:, :, None] * self.positions[:, None]
-        right = (modes.reshape(-1, dim) @ turn.T).reshape(m, dim, n_rows * dim)
-        return np.asarray((turn @ right).reshape(m, dim, n_rows, dim))
+    def derivative(self, turn: Array, index: IntArray | None = None) -> Array:
+        """du_a/drows_rb (m, dim, n_rows, dim) of some of the nodes (all by default), the turn held; world frame."""
+        index = np.arange(len(self)) if index is None else index
+        return internal_kernels.derivative(self.modes, index, self._mean, self.positions, turn)
 
     def at(self, nodes: IntArray) -> InternalResponse:
         """The response of some of the nodes, by their numbers here."""

@@ -1,4 +1,4 @@
-"""One iteration of `LoadProblem`, compiled: its arrays are of some tens of loads.
+"""One iteration of `LoadProblem`, and how its answer moves with the body, compiled: arrays are of some tens of loads.
 
 G (m*dim, m*dim) [m/N] is the compliance, k (m,) [N/m^2] the stiffness, e (m,) [m] the penetrations that are left,
 u = moved (m, dim) [m], and s = value (m,), g = gradient (m, dim), H = hessian (m, dim, dim) those of the signed
@@ -66,6 +66,20 @@ def softening(among: Array, D: Array) -> Array:
 
 
 @compiled
+def among(G: Array, loads: IntArray, dim: int) -> Array:
+    """G (n*dim, n*dim) among some of the loads (n,)."""
+    n = len(loads)
+    result = np.empty((n * dim, n * dim))
+    for i in range(n):
+        for a in range(dim):
+            row, into = G[loads[i] * dim + a], result[i * dim + a]
+            for j in range(n):
+                for b in range(dim):
+                    into[j * dim + b] = row[loads[j] * dim + b]
+    return result
+
+
+@compiled
 def step(
     G: Array,
     k: Array,
@@ -90,16 +104,11 @@ def step(
     for j in bearing:
         pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j]) * gradient[j]
     missing = lag + (G @ pushed.ravel()).reshape(m, dim)
-    among, right = np.empty((n, dim, n, dim)), np.empty((n, dim))
+    right = np.empty((n, dim))
     for i in range(n):
         right[i] = -missing[bearing[i]]
-        for a in range(dim):
-            row = G[bearing[i] * dim + a]
-            for other in range(n):
-                for b in range(dim):
-                    among[i, a, other, b] = row[bearing[other] * dim + b]
     D = stiffening(bearing, k, e, pressure, gradient, hessian)
-    du = np.linalg.solve(softening(among.reshape(n * dim, n * dim), D), right.ravel()).reshape(n, dim)
+    du = np.linalg.solve(softening(among(G, bearing, dim), D), right.ravel()).reshape(n, dim)
     e = e.copy()
     for i in range(n):
         j = bearing[i]
@@ -107,3 +116,31 @@ def step(
         turned[j] = 2.0 * k[j] * e[j] * de * gradient[j] + pressure[j] * (hessian[j] @ du[i])
         e[j] += de
     return moved - lag + (G @ turned.ravel()).reshape(m, dim), e
+
+
+@compiled
+def carried_along(
+    inverse_F: Array, moved: Array, force: Array, position: Array, basis_gradient: Array
+) -> tuple[Array, Array]:
+    """dx + dF v with v = F^-1 moved, and eta = F^-T dF^T f, both (n*dim, n_rows*dim), of n loads.
+
+    inverse_F: F^-1 (n, dim, dim); moved, force (n, dim); position: dx (n, dim, n_rows*dim); basis_gradient: dU (n,
+    n_rows, dim), so that dF_aj = sum_r drow_ra dU_rj.
+    """
+    n, n_rows, dim = basis_gradient.shape
+    carried, eta = np.empty((n * dim, n_rows * dim)), np.empty((n * dim, n_rows * dim))
+    turned = np.empty(dim)
+    for i in range(n):
+        for r in range(n_rows):
+            along = 0.0  # dU v = (F^-T dU) moved
+            for a in range(dim):
+                turned[a] = 0.0
+                for j in range(dim):
+                    turned[a] += inverse_F[i, j, a] * basis_gradient[i, r, j]
+                along += turned[a] * moved[i, a]
+            for a in range(dim):
+                for b in range(dim):
+                    at = i * dim + a, r * dim + b
+                    carried[at] = position[i, a, r * dim + b] + (along if a == b else 0.0)
+                    eta[at] = turned[a] * force[i, b]
+    return carried, eta

@@ -56,15 +56,6 @@ class LoadMotion:
     position: Array
     basis_gradient: Array
 
-    def carried(self, given: Array) -> Array:
-        """dx + dF v (k, dim, R) for v = given (k, dim)."""
-        k, dim, _ = self.position.shape
-        moved = self.position.reshape(k, dim, -1, dim).copy()
-        turned = (self.basis_gradient @ given[..., None])[..., 0]
-        for axis in range(dim):
-            moved[:, axis, :, axis] += turned
-        return moved.reshape(k, dim, -1)
-
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
@@ -94,7 +85,7 @@ class LoadPress:
         dq = (rows - self.rows).ravel()
         y = self.problem.position[b] + solution.moved[b]
         follows = pose.apply(self.pose.apply_inverse(y)) - y
-        if np.abs(self.carried @ dq - follows).max() > self.problem.depth:
+        if np.abs(self.carried @ dq - follows.ravel()).max() > self.problem.depth:
             return None
         right = self._c @ dq - follows.ravel()
         dr = np.linalg.solve(self._softening, right).reshape(y.shape)
@@ -124,34 +115,30 @@ class LoadPress:
     @property
     def gradient(self) -> Array:
         """dW/drows (R,) [N]."""
-        moved = self.carried
-        return -(self.solution.force[self.bearing].ravel() @ moved.reshape(-1, moved.shape[2]))
+        return -(self.solution.force[self.bearing].ravel() @ self.carried)
 
     @property
     def hessian(self) -> Array:
         """d2W/drows2 (R, R) [N/m]."""
-        moved = self.carried
-        c = self._c
-        stiffened = self._stiffening @ np.linalg.solve(self._softening, c).reshape(moved.shape)
+        c, D = self._c, self._stiffening
+        stiffened = D @ np.linalg.solve(self._softening, c).reshape(*D.shape[:2], -1)
         return c.T @ stiffened.reshape(c.shape) - self._eta.T @ self._given
 
-    @cached_property
+    @property
     def carried(self) -> Array:
-        """dx + dF v (k, dim, R) of the loads that bear pressure: how they move with their displacement v held."""
-        b = self.bearing
-        return self.motion.carried(np.linalg.solve(self.F[b], self.solution.moved[b][..., None])[..., 0])
+        """dx + dF v (k*dim, R) of the loads that bear pressure: how they move with their displacement v held."""
+        return self._carried_along[0]
 
-    @cached_property
+    @property
     def _eta(self) -> Array:
         """F^-T dF^T f (k*dim, R)."""
-        b = self.bearing
-        gradient = self.motion.basis_gradient
-        # dF_aj = drow_ra dU_rj, so that (F^-T dF^T f)_i = sum_r (F^-T dU_r)_i drow_ra f_a.
-        turned = gradient @ np.linalg.inv(self.F[b])
-        force = self.solution.force[b]
-        return np.asarray(
-            (turned.transpose(0, 2, 1)[..., None] * force[:, None, None, :]).reshape(force.size, -1)
-        )
+        return self._carried_along[1]
+
+    @cached_property
+    def _carried_along(self) -> tuple[Array, Array]:
+        b, solution, motion = self.bearing, self.solution, self.motion
+        moved, force, inverse = solution.moved[b], solution.force[b], np.linalg.inv(self.F[b])
+        return load_kernels.carried_along(inverse, moved, force, motion.position, motion.basis_gradient)
 
     @cached_property
     def _given(self) -> Array:
@@ -161,7 +148,7 @@ class LoadPress:
     @cached_property
     def _c(self) -> Array:
         """c (k*dim, R)."""
-        return self.carried.reshape(self._given.shape) + self._given
+        return self.carried + self._given
 
     @cached_property
     def _among(self) -> Array:
@@ -202,9 +189,9 @@ class LoadProbe:
         """Of the body at handle rows, see `InternalResponse.turn`; the identity where there is none."""
         return np.eye(rows.shape[1]) if self.internal is None else self.internal.turn(rows)
 
-    def positions(self, rows: Array, turn: Array, index: IntArray | slice = slice(None)) -> Array:
-        """x (m, dim) [m] of some of the loads, internal response included."""
-        x = self.points.basis[index] @ rows
+    def positions(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
+        """x (m, dim) [m] of some of the loads (all by default), internal response included."""
+        x = (self.points.basis if index is None else self.points.basis[index]) @ rows
         return x if self.internal is None else x + self.internal.displacement(rows, turn, index)
 
     def _near(
@@ -213,8 +200,11 @@ class LoadProbe:
         """The loads closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. The
         internal response, many times as costly as U rows, is taken only of loads that it could move there."""
         reach = 0.0 if self.internal is None else self.internal.farthest(rows, turn)
-        candidates = self.collider.about(pose.apply_inverse(self.points.basis @ rows), distance + reach)
-        x = self.positions(rows, turn, candidates)
+        x = self.points.basis @ rows
+        candidates = self.collider.about(pose.apply_inverse(x), distance + reach)
+        x = x[candidates]
+        if self.internal is not None:
+            x += self.internal.displacement(rows, turn, candidates)
         close, value = self.collider.closer(pose.apply_inverse(x), distance)
         return candidates[close], value, x[close]
 
@@ -274,9 +264,11 @@ class LoadProbe:
 
     def motion(self, index: IntArray, turn: Array) -> LoadMotion:
         """How the loads `index` move with the handle rows."""
-        basis = self.points.basis[index]
-        dim = turn.shape[0]
-        moved = (basis[:, None, :, None] * np.eye(dim)[:, None, :]).reshape(len(index), dim, -1)
-        if self.internal is not None:
-            moved += self.internal.derivative(turn, index).reshape(moved.shape)
-        return LoadMotion(moved, self.points.basis_gradient[index])
+        basis, dim = self.points.basis[index], len(turn)
+        if self.internal is None:
+            moved = np.zeros((len(index), dim, basis.shape[1], dim))
+        else:
+            moved = self.internal.derivative(turn, index)
+        for axis in range(dim):
+            moved[:, axis, :, axis] += basis
+        return LoadMotion(moved.reshape(len(index), dim, -1), self.points.basis_gradient[index])

@@ -107,12 +107,7 @@ class LoadProblem:
 
     def among(self, index: IntArray) -> Array:
         """G (k*dim, k*dim) [m/N] among the loads `index`."""
-        at = self._components(index)
-        return self.compliance[at[:, None], at]
-
-    def _components(self, index: IntArray) -> IntArray:
-        dim = self.position.shape[1]
-        return np.asarray((index[:, None] * dim + np.arange(dim)).ravel())
+        return load_kernels.among(self.compliance, index, self.position.shape[1])
 
     def _newton(self, near: tuple[Array, Array] | None) -> LoadSolution:
         x, scale = self.position, self.depth

@@ -16,7 +16,7 @@ are turned back.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,16 @@ from runtime.dynamics.elastic import watched_elasticity, with_field
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 
+class _Strained(NamedTuple):
+    """A body at handle rows and turn: its unknowns z, F of the cells in the turned frame, and E [J]."""
+
+    rows: Array
+    turn: Array
+    z: Array
+    F: Array
+    energy: float
+
+
 class InternalElasticEnergy:
     """Of U rows, the internal response and the corrections at the watched points; an `Elastic`."""
 
@@ -43,6 +53,7 @@ class InternalElasticEnergy:
         self._by_strain, self._by_gravity = _derivatives(self._elasticity, corners)
         # For the Hessian in single precision, at half the cost: Newton's method takes no more than a direction from it.
         self._single = self._by_strain.astype(np.float32)
+        self._last: _Strained | None = None
         shape = (self._elasticity.n_cells, body.dim, body.dim)
         self._rest = np.broadcast_to(np.eye(body.dim), shape).copy()
         self._missed = _stiffness_at_rest(body, internal) - _stiffness(
@@ -51,29 +62,40 @@ class InternalElasticEnergy:
 
     def energy(self, rows: Array, turn: Array, displacement: Array | None) -> float:
         """See `Elastic`."""
-        z = self._unknowns(rows, turn)
-        F = self._gradients(z, None if displacement is None else displacement @ turn)
-        return self._energy(F, z)
+        return self._strained(rows, turn, None if displacement is None else displacement @ turn).energy
 
     def linearise(
         self, rows: Array, turn: Array, field: CorrectionField | None
     ) -> tuple[float, Array, Hessian]:
         """See `Elastic`."""
-        z, B, single = self._unknowns(rows, turn), self._by_strain, self._single
+        B, single = self._by_strain, self._single
         if field is not None:
             field = _turned(field, turn)
             by_cell = B.reshape(*self._rest.shape, *rows.shape)
             B = with_field(by_cell, self._elasticity, self._points, field).reshape(B.shape)
             single = B.astype(np.float32)
-        F = self._gradients(z, self._points.scatter(field))
+        at = self._strained(rows, turn, self._points.scatter(field))
         elasticity, missed = self._elasticity, self._missed[: rows.size]
-        stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(F)
-        slope = (stress.ravel() @ B + missed @ z).reshape(rows.shape)
+        stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(at.F)
+        slope = (stress.ravel() @ B + missed @ at.z).reshape(rows.shape)
 
         def hessian() -> Array:
-            return turn_back(_stiffness(elasticity, F, single) + missed[:, : rows.size], turn)
+            return turn_back(_stiffness(elasticity, at.F, single) + missed[:, : rows.size], turn)
 
-        return self._energy(F, z), slope @ turn.T, hessian
+        return at.energy, slope @ turn.T, hessian
+
+    def _strained(self, rows: Array, turn: Array, displacement: Array | None) -> _Strained:
+        """At handle rows, and displacements (n, dim) of the watched points in the turned frame. Without these the last
+        one is kept: a line search ends where the next iteration begins."""
+        last = self._last
+        if displacement is None and last is not None and last.rows is rows and last.turn is turn:
+            return last
+        z = self._unknowns(rows, turn)
+        F = self._gradients(z, displacement)
+        found = _Strained(rows, turn, z, F, self._energy(F, z))
+        if displacement is None:
+            self._last = found
+        return found
 
     def _unknowns(self, rows: Array, turn: Array) -> Array:
         """z = (d, R^T g)."""

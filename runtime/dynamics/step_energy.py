@@ -89,7 +89,7 @@ class StepEnergy:
         self._units = units
         self._timings = timings
         self._latest: Evaluation | None = None
-        self._blocks = np.kron(quadratic.matrix, np.eye(handles.dim))
+        self._blocks = _by_axis(quadratic.matrix, handles.dim)
 
     def retract(self, rows: Array, v: Array) -> Array:
         """Rows after the increment v (n_free,) of the free coordinates."""
@@ -181,3 +181,12 @@ class StepEnergy:
             second_derivative=hessian,
             scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),
         )
+
+
+def _by_axis(matrix: Array, dim: int) -> Array:
+    """matrix (x) I (n*dim, n*dim) of a matrix (n, n) that acts on every axis alike."""
+    n = len(matrix)
+    blocks = np.zeros((n, dim, n, dim))
+    for axis in range(dim):
+        blocks[:, axis, :, axis] = matrix
+    return blocks.reshape(n * dim, n * dim)
