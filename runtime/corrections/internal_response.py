@@ -69,11 +69,10 @@ class InternalResponse:
         u = self.modes.reshape(-1, strain.size) @ strain + self.weight.reshape(-1, dim) @ hanging
         return np.asarray(u.astype(np.float64).reshape(-1, dim) @ turn.T)
 
-    def farthest(self, rows: Array, turn: Array) -> float:
-        """[m], what no |u| exceeds: |u| <= |L| |d| + |w| |g| at every node, in Euclidean and spectral norms."""
-        by_strain, by_gravity = self._largest
-        strain = float(np.linalg.norm(self.strain(rows, turn)))
-        return by_strain * strain + by_gravity * float(np.linalg.norm(self.gravity))
+    def reach(self, rows: Array, turn: Array) -> Array:
+        """(n,) [m], what |u| does not exceed: |u| <= |L| |d| + |w| |g|, in Euclidean and spectral norms."""
+        by_strain, by_gravity = self._norms
+        return by_strain * np.linalg.norm(self.strain(rows, turn)) + by_gravity
 
     def strain(self, rows: Array, turn: Array) -> Array:
         """d (n_rows, dim), less its mean translation, which strains nothing and would only be rounded: a body may
@@ -101,11 +100,12 @@ class InternalResponse:
         return np.asarray(self.positions / self.positions.sum())
 
     @cached_property
-    def _largest(self) -> tuple[float, float]:
-        """Spectral norms of L and of w at the nodes where they are largest."""
+    def _norms(self) -> tuple[Array, Array]:
+        """Spectral norms (n,) of L, and those of w times |g|."""
         n, dim, _, _ = self.modes.shape
-        modes = np.linalg.norm(self.modes.reshape(n, dim, -1), 2, axis=(1, 2))
-        return float(modes.max()), float(np.linalg.norm(self.weight, 2, axis=(1, 2)).max())
+        modes = np.linalg.norm(self.modes.reshape(n, dim, -1).astype(np.float64), 2, axis=(1, 2))
+        weight = np.linalg.norm(self.weight.astype(np.float64), 2, axis=(1, 2))
+        return modes, weight * float(np.linalg.norm(self.gravity))
 
 
 def compute_internal_response(

@@ -14,6 +14,27 @@ from runtime.compiled import compiled
 
 
 @compiled
+def within(
+    x: Array, rotation: Array, translation: Array, lower: Array, upper: Array, reach: Array
+) -> IntArray:
+    """Which of the points x (n, dim) are within reach (n,) of the box from lower to upper (dim,) of a collider at the
+    pose x = R z + t."""
+    n, dim = x.shape
+    inside = np.empty(n, dtype=np.int64)
+    count = 0
+    for i in range(n):
+        near = True
+        for a in range(dim):
+            z = 0.0
+            for b in range(dim):
+                z += rotation[b, a] * (x[i, b] - translation[b])
+            near = near and lower[a] - reach[i] <= z <= upper[a] + reach[i]
+        inside[count] = i
+        count += near
+    return inside[:count]
+
+
+@compiled
 def balance(
     G: Array, k: Array, e: Array, moved: Array, value: Array, gradient: Array
 ) -> tuple[Array, Array, Array, float]:

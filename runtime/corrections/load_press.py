@@ -183,6 +183,7 @@ class LoadProbe:
         self.points = points
         self.internal = None if internal is None else internal.at(compliance.nodes)
         self._stiffness, self._band = stiffness * compliance.areas, band
+        self._no_reach = np.zeros(len(compliance.nodes))
         self._last: tuple[Array, RigidPose, Array, LoadPress | None] | None = None
 
     def turn(self, rows: Array) -> Array:
@@ -199,9 +200,10 @@ class LoadProbe:
     ) -> tuple[IntArray, Array, Array]:
         """The loads closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. The
         internal response, many times as costly as U rows, is taken only of loads that it could move there."""
-        reach = 0.0 if self.internal is None else self.internal.farthest(rows, turn)
         x = self.points.basis @ rows
-        candidates = self.collider.about(pose.apply_inverse(x), distance + reach)
+        reach = self._no_reach if self.internal is None else self.internal.reach(rows, turn)
+        bounds = self.collider.lower - distance, self.collider.upper + distance
+        candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
         x = x[candidates]
         if self.internal is not None:
             x += self.internal.displacement(rows, turn, candidates)

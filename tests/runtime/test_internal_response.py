@@ -160,9 +160,8 @@ def test_no_node_is_displaced_farther_than_the_bound(jelly_body, dim):
         rows = jelly_body.rest_rows + size * rng.normal(size=jelly_body.rest_rows.shape)
         turn = internal.turn(rows)
         u = internal.displacement(rows, turn)
-        farthest = np.linalg.norm(u, axis=1).max()
-        assert (
-            0.0 < farthest <= internal.farthest(rows, turn) < 100.0 * farthest
-        )  # a bound, and not a useless one
+        moved, reach = np.linalg.norm(u, axis=1), internal.reach(rows, turn)
+        assert (moved <= reach * (1.0 + 1e-6)).all()  # single precision
+        assert reach.max() < 100.0 * moved.max()  # a bound, and not a useless one
         some = np.array([3, 1, 7])
         np.testing.assert_allclose(internal.displacement(rows, turn, some), u[some], rtol=1e-5, atol=1e-9)
