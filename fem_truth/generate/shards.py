@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from runtime.files import atomic_path
 
-_MAGIC = b"softprint shard 1\n"
-_HEADER_BYTES = len(_MAGIC) + 64 + 1
+MAGIC = b"softprint shard 1\n"
+_HEADER_BYTES = len(MAGIC) + 64 + 1
 
 Column = NDArray[Any]
 Tables = dict[str, dict[str, Column]]
@@ -41,7 +41,7 @@ def write_shard(path: Path, tables: Mapping[str, Mapping[str, object]]) -> None:
     np.savez(buffer, **arrays)
     payload = buffer.getvalue()
     with atomic_path(path) as temporary:
-        temporary.write_bytes(_MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n" + payload)
+        temporary.write_bytes(MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n" + payload)
 
 
 def _plain(values: object) -> Column:
@@ -58,7 +58,7 @@ def read_shard(path: Path) -> Tables:
     except FileNotFoundError as error:
         raise DamagedShard(f"{path}: not there") from error
     payload = content[_HEADER_BYTES:]
-    if content[:_HEADER_BYTES] != _MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n":
+    if content[:_HEADER_BYTES] != MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n":
         raise DamagedShard(f"{path}: truncated or altered")
     tables: Tables = {}
     with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:

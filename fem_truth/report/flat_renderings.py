@@ -16,10 +16,10 @@ from matplotlib.tri import Triangulation
 from PIL import Image
 
 from fem_truth.report.picture import Picture, encode
-from fem_truth.report.style import BODY, COLLIDER, ERROR_COLOURS
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
+from runtime.drawing.colours import BODY, COLLIDER, ERROR_COLOURS
 from runtime.mesh import Mesh
 
 _INCHES, _DPI = (4.25, 3.25), 160

@@ -15,7 +15,8 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup, escape
 
 from fem_truth.report.picture import Picture
-from fem_truth.report.style import ERROR_COLOURS, ModelStyle
+from fem_truth.report.style import ModelStyle
+from runtime.drawing.colours import ERROR_COLOURS
 
 _THIN_SPACE = "\u202f"
 

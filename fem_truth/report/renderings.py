@@ -12,10 +12,10 @@ import numpy as np
 
 from fem_truth.report.flat_renderings import FlatRenderer
 from fem_truth.report.picture import Picture, Renderer, encode
-from fem_truth.report.style import BODY, COLLIDER, ERROR_COLOURS, SECTION
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
+from runtime.drawing.colours import BODY, COLLIDER, ERROR_COLOURS, SECTION
 from runtime.mesh import Mesh
 
 if TYPE_CHECKING:

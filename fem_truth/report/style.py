@@ -101,9 +101,3 @@ PAPER = "#010205"
 def paint(index: int) -> str:
     """The stand-in colour of the index-th model of a figure."""
     return f"#0103{index:02x}"
-
-
-BODY = "#e58a6b"
-SECTION = "#f0b39a"
-COLLIDER = "#51617c"
-ERROR_COLOURS = ("#fbeee0", "#f9c58d", "#f08a57", "#d5474f", "#93246a", "#3f0f58")

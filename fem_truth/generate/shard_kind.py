@@ -1,0 +1,43 @@
+"""What `softprint inspect` says of a shard. Nothing of full space is imported: it works wherever the file is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fem_truth.generate.shards import MAGIC, DamagedShard, read_shard
+from runtime.errors import SoftprintError
+from runtime.inspect.file_head import FileHead
+from runtime.inspect.kinds import Kind, Part
+from runtime.inspect.summary import Summary
+from runtime.truth_schema import STATUS_NAMES
+
+
+def recognise(head: FileHead) -> bool:
+    return head.start.startswith(MAGIC) or head.suffix == ".shard"
+
+
+def summarise(path: Path, part: Part) -> Summary:
+    """Rows of each table; of a finished contact also the statuses of its samples. Checked by its digest."""
+    try:
+        tables = read_shard(path)
+    except DamagedShard as error:
+        raise SoftprintError(
+            f"{path}: a shard that is truncated or altered; `softprint generate` makes it again"
+        ) from error
+    facts: dict[str, Any] = {
+        "rows": {name: len(next(iter(columns.values()))) for name, columns in tables.items() if columns},
+        "bytes in memory": int(
+            sum(np.asarray(c).nbytes for columns in tables.values() for c in columns.values())
+        ),
+    }
+    if "samples" in tables:
+        codes, counts = np.unique(tables["samples"]["status"], return_counts=True)
+        facts["samples by status"] = {STATUS_NAMES[int(code)]: int(n) for code, n in zip(codes, counts)}
+        facts["core-seconds"] = float(np.sum(tables["contacts"]["seconds"]))
+    return Summary(path, "a shard: a finished part of a generation", {"shard": facts})
+
+
+KIND = Kind(recognise, summarise)

@@ -1,0 +1,118 @@
+"""`softprint fields`: displacement, strain, stress and contact pressure of samples and frames, for ParaView."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from runtime.body import ReducedBody
+    from runtime.colliders import Collider
+    from runtime.fields.deformed import Deformed
+    from runtime.truth_file import TruthData
+
+FOLDER = "fields"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Which samples, or which frames of which motion."""
+    parser.add_argument(
+        "--sample",
+        type=int,
+        action="append",
+        metavar="K",
+        help="a sample of truth.h5; may be given again (default: the deepest converged one)",
+    )
+    parser.add_argument("--contact", type=int, metavar="C", help="all depths of one contact of truth.h5")
+    parser.add_argument(
+        "--motion", metavar="NAME", help="a motion instead of the truth, such as held_out_ours"
+    )
+    parser.add_argument(
+        "--frame",
+        type=int,
+        action="append",
+        metavar="K",
+        help="a frame of the motion; may be given again (default: all)",
+    )
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """Write one .vtu for each sample or frame, the colliders beside it, and a .pvd that opens them together."""
+    from runtime.cli.run_body import body_of_run
+    from runtime.dynamics.motion_file import load_motion
+    from runtime.errors import SoftprintError
+    from runtime.fields.sources import deformed_frames, deformed_samples
+    from runtime.truth_file import load_truth
+
+    if args.motion is None and args.frame is not None:
+        raise SoftprintError("--frame is of a motion: name it with --motion, such as --motion held_out_ours")
+    if args.motion is not None and (args.sample is not None or args.contact is not None):
+        raise SoftprintError("--sample and --contact are of the truth, --motion is not: give one of the two")
+    body = body_of_run(context)
+    colliders = _colliders(context)
+    if args.motion is not None:
+        motion = load_motion(context.out_dir / "motions" / f"{args.motion}.h5")
+        if motion.body_hash != body.content_hash:
+            raise SoftprintError(f"{motion.path}: is a motion of another body than {body.name!r}")
+        frames = args.frame if args.frame is not None else list(range(motion.n_frames))
+        return _write(context, body, args.motion, len(frames), deformed_frames(motion, colliders, frames))
+    with load_truth(context.out_dir / "truth.h5", body) as truth:
+        samples = _samples(truth, args)
+        return _write(context, body, "truth", len(samples), deformed_samples(truth, body, colliders, samples))
+
+
+def _colliders(context: Context) -> dict[str, Collider]:
+    from runtime.colliders.build import build_collider
+
+    experiment = context.experiment
+    return {spec.name: build_collider(spec, experiment.base_dir) for spec in experiment.colliders}
+
+
+def _samples(truth: TruthData, args: argparse.Namespace) -> list[int]:
+    """The samples asked for, in order and once each."""
+    import numpy as np
+
+    from runtime.errors import SoftprintError
+    from runtime.truth_schema import CONVERGED
+
+    converged = truth.samples["status"] == CONVERGED
+    if args.sample is None and args.contact is None:
+        if not converged.any():
+            raise SoftprintError(f"{truth.path}: no sample has converged, so there is nothing to show")
+        return [int(np.argmax(np.where(converged, truth.samples["depth"], -np.inf)))]
+    chosen = set(args.sample or [])
+    if args.contact is not None:
+        if not 0 <= args.contact < len(truth.contacts):
+            last = len(truth.contacts) - 1
+            raise SoftprintError(f"{truth.path}: no contact {args.contact}; they are numbered 0 to {last}")
+        chosen |= set(np.flatnonzero((truth.samples["contact"] == args.contact) & converged).tolist())
+        if not chosen:
+            raise SoftprintError(f"{truth.path}: no sample of contact {args.contact} has converged")
+    return sorted(chosen)
+
+
+def _write(context: Context, body: ReducedBody, name: str, count: int, series: Iterable[Deformed]) -> int:
+    from runtime.contact import PenaltyContact
+    from runtime.fields.series import write_series
+
+    contact = PenaltyContact(context.experiment.contact.stiffness)
+    with context.progress(count, "files", "fields") as bar:
+        path = write_series(context.out_dir / FOLDER, name, body, contact, series, bar.update)
+    context.say(f"{path}: {count} {'step' if count == 1 else 'steps'} for ParaView")
+    return 0
+
+
+VERB = Verb(
+    name="fields",
+    order=45,
+    summary="Strain, stress and contact pressure of samples or frames, as files for ParaView.",
+    example="softprint fields examples/jelly3d_small.toml --contact 7",
+    run=run,
+    needs=("h5py",),
+    configure=configure,
+)

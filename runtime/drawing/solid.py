@@ -1,0 +1,151 @@
+"""Pictures of space with PyVista, off screen (EGL: neither a display nor xvfb is needed)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.doctor.finding import Level
+from runtime.doctor.graphics import check_rendering
+from runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
+from runtime.drawing.scene import Scene
+from runtime.errors import SoftprintError
+from runtime.files import atomic_path
+
+if TYPE_CHECKING:
+    import pyvista as pv
+
+_SIZE = (1000, 800)
+_VIEW = np.array([0.45, -1.0, 0.55])  # from the body towards the camera
+_ANGLE = 22.0  # of the camera [degrees]
+
+
+def draw_solid(path: Path, scene: Scene) -> None:
+    """Draw a scene in space; SoftprintError where PyVista is missing or cannot draw off screen."""
+    # A missing GL driver ends a process, it does not raise: so it is tried in another one first.
+    finding = check_rendering()
+    if finding.level is not Level.OK:
+        raise SoftprintError(
+            f"no picture can be drawn here: {finding.subject} {finding.detail}; to put it right: {finding.remedy}"
+        )
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    import pyvista as pv
+
+    plotter = pv.Plotter(off_screen=True, window_size=list(_SIZE), lighting="none")
+    plotter.set_background("white")
+    turn = _turn(_direction(scene))
+    for position, intensity in (((1, -2, 3), 0.7), ((-3, -2, 1), 0.42), ((3, -1, 0.5), 0.3)):
+        light = pv.Light(position=tuple(turn @ position), intensity=intensity, light_type="scene light")
+        light.positional = False
+        plotter.add_light(light)
+    _add_body(plotter, scene)
+    for vertices, facets in scene.solids:
+        plotter.add_mesh(_skin(vertices, facets), color=COLLIDER, opacity=0.4, smooth_shading=True)
+    _add_marks(plotter, scene)
+    plotter.add_text(scene.title, position="upper_left", font_size=11, color="#1b1b1f")
+    _look(plotter, scene)
+    plotter.enable_anti_aliasing("ssaa")
+    with atomic_path(path) as temporary:
+        plotter.screenshot(str(temporary))
+    plotter.close()
+
+
+def _add_body(plotter: pv.Plotter, scene: Scene) -> None:
+    skin = _skin(scene.points, scene.facets, scene.values)
+    if scene.values is None:
+        plotter.add_mesh(
+            skin, color=scene.colour or BODY, smooth_shading=True, ambient=0.35, diffuse=0.75, specular=0.2
+        )
+    else:
+        from matplotlib.colors import LinearSegmentedColormap
+
+        plotter.add_mesh(
+            skin,
+            scalars="values",
+            cmap=LinearSegmentedColormap.from_list("error", ERROR_COLOURS),
+            clim=(0.0, max(float(scene.values[np.unique(scene.facets)].max()), np.finfo(float).tiny)),
+            smooth_shading=True,
+            ambient=0.45,
+            diffuse=0.6,
+            scalar_bar_args={
+                "title": f"{scene.label}\n",  # the line keeps it off the numbers
+                "color": "#1b1b1f",
+                "fmt": "%.2g",
+                "n_labels": 5,
+                "title_font_size": 18,
+                "label_font_size": 16,
+                "position_x": 0.25,
+                "width": 0.5,
+                "position_y": 0.03,
+            },
+        )
+    if scene.edges:
+        wire = _surface(scene.points, scene.facets).extract_all_edges()
+        plotter.add_mesh(wire, color=EDGES, line_width=0.6, opacity=0.45, lighting=False)
+
+
+def _add_marks(plotter: pv.Plotter, scene: Scene) -> None:
+    import pyvista as pv
+
+    if not scene.marks:
+        return
+    size = float(np.ptp(scene.points, axis=0).max())
+    for mark in scene.marks:
+        few = len(mark.nodes) < 60
+        ball = pv.Sphere(radius=size * (0.016 if few else 0.006), theta_resolution=14, phi_resolution=14)
+        balls = pv.PolyData(scene.points[mark.nodes]).glyph(geom=ball, scale=False, orient=False)
+        plotter.add_mesh(balls, color=mark.colour, smooth_shading=True, ambient=0.25)
+    for number, mark in enumerate(scene.marks):
+        plotter.add_text(mark.name, position=(14, 14 + 28 * number), font_size=11, color=mark.colour)
+
+
+def _skin(points: Array, facets: IntArray, values: Array | None = None) -> pv.PolyData:
+    """The surface with normals that are smooth except at true edges."""
+    skin = _surface(points, facets)
+    if values is not None:
+        skin["values"] = values
+    return skin.compute_normals(feature_angle=50.0, split_vertices=True, cell_normals=False)
+
+
+def _surface(points: Array, facets: IntArray) -> pv.PolyData:
+    """The triangles as they are."""
+    import pyvista as pv
+
+    return pv.PolyData.from_regular_faces(np.asarray(points, dtype=float), facets)
+
+
+def _look(plotter: pv.Plotter, scene: Scene) -> None:
+    """From the front, to the right and above, or so that a collider at the side of the body does not hide behind
+    it; with everything in the picture."""
+    seen = np.concatenate([scene.points, *(vertices for vertices, _ in scene.solids)])
+    lower, upper = seen.min(axis=0), seen.max(axis=0)
+    centre, radius = 0.5 * (lower + upper), 0.5 * float(np.linalg.norm(upper - lower))
+    direction = _direction(scene)
+    plotter.camera.focal_point = tuple(centre)
+    plotter.camera.position = tuple(centre + direction * 1.05 * radius / np.sin(np.radians(0.5 * _ANGLE)))
+    plotter.camera.up = (0.0, 0.0, 1.0)
+    plotter.camera.view_angle = _ANGLE
+    plotter.reset_camera_clipping_range()
+
+
+def _direction(scene: Scene) -> Array:
+    """(3,) from what is seen towards the camera, a unit vector."""
+    view = _VIEW
+    if scene.solids:
+        aside = scene.solids[0][0].mean(axis=0)[:2] - scene.points.mean(axis=0)[:2]
+        distance = float(np.linalg.norm(aside))
+        if distance > 0.15 * float(np.ptp(scene.points, axis=0).max()):
+            across = np.array([aside[1], -aside[0]])  # the collider is then to the right
+            view = np.append((across + 0.6 * aside) / (1.17 * distance), _VIEW[2] / 1.1)
+    return view / np.linalg.norm(view)
+
+
+def _turn(direction: Array) -> Array:
+    """(3, 3) rotation about the vertical from the usual view to this one: the lights go with the camera."""
+    angle = np.arctan2(direction[1], direction[0]) - np.arctan2(_VIEW[1], _VIEW[0])
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,83 @@
+"""All fields of one deformed body: what a picture of a sample or of a frame can show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from runtime.arrays import Array
+from runtime.body.body import ReducedBody
+from runtime.colliders.collider import Collider
+from runtime.colliders.pose import RigidPose
+from runtime.contact import PenaltyContact
+from runtime.elasticity.determinant import determinant
+from runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
+from runtime.mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Deformed:
+    """A body at positions (n_nodes, dim) [m], and the colliders where they are.
+
+    label: what it is ("sample_12"); time [s], or the number of the sample; node_values: further fields at
+    the nodes, by name, such as the contact displacement of a sample.
+    """
+
+    label: str
+    time: float
+    positions: Array
+    colliders: Sequence[tuple[Collider, RigidPose]] = ()
+    node_values: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class FieldSet:
+    """Fields by name: at the nodes (n_nodes,) or (n_nodes, dim), in the cells (n_cells,) or (n_cells, 3, 3)."""
+
+    mesh: Mesh
+    positions: Array
+    nodes: Mapping[str, Array]
+    cells: Mapping[str, Array]
+
+
+def fields_of(body: ReducedBody, contact: PenaltyContact, deformed: Deformed) -> FieldSet:
+    """Displacement from rest [m], Green strain, Cauchy and von Mises stress [Pa], det F, contact pressure [Pa].
+
+    The pressure at a surface node is k depth^2 for each unit of *rest* area (see
+    :mod:`runtime.contact.penalty`); with the node's own share of that area it gives ``contact_force`` [N],
+    the force on the body, whose sum over the nodes is the whole of it.
+    """
+    x = deformed.positions
+    F = in_three_dimensions(body.mesh.deformation_gradients(x))
+    stress = cauchy_stress(body.material, F)
+    pressure, force = contact_fields(body.mesh, contact, deformed)
+    return FieldSet(
+        mesh=body.mesh,
+        positions=x,
+        nodes={
+            "displacement": x - body.mesh.points,
+            **deformed.node_values,
+            "contact_pressure": pressure,
+            "contact_force": force,
+        },
+        cells={
+            "green_strain": green_strain(F),
+            "cauchy_stress": stress,
+            "von_mises_stress": von_mises(stress),
+            "det_F": determinant(F),
+        },
+    )
+
+
+def contact_fields(mesh: Mesh, contact: PenaltyContact, deformed: Deformed) -> tuple[Array, Array]:
+    """Pressure (n_nodes,) [Pa] and force (n_nodes, dim) [N] of all colliders on every surface node."""
+    pressure, force = np.zeros(mesh.n_nodes), np.zeros((mesh.n_nodes, mesh.dim))
+    surface = deformed.positions[mesh.surface_nodes]
+    for collider, pose in deformed.colliders:
+        terms = contact.terms(surface, mesh.surface_areas, collider, pose)
+        nodes = mesh.surface_nodes[terms.index]
+        pressure[nodes] += contact.stiffness * terms.depth**2
+        force[nodes] -= terms.gradient
+    return pressure, force

@@ -1,0 +1,53 @@
+"""An experiment file, read and checked as every verb does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from runtime.experiment import Experiment, load_experiment
+from runtime.inspect.file_head import FileHead
+from runtime.inspect.kinds import Kind, Part
+from runtime.inspect.summary import Summary
+
+
+def recognise(head: FileHead) -> bool:
+    return head.suffix == ".toml"
+
+
+def summarise(path: Path, part: Part) -> Summary:
+    experiment = load_experiment(path)
+    return Summary(path, "an experiment", _sections(experiment), experiment.text)
+
+
+def _sections(experiment: Experiment) -> dict[str, dict[str, Any]]:
+    body, sampling = experiment.body, experiment.sampling
+    contacts = sampling.states * sampling.places * sampling.rotations
+    points = body.handles.points
+    return {
+        "experiment": {
+            "name": experiment.name,
+            "seed": str(experiment.seed),
+            "dimension": experiment.dim,
+            "mesh": str(body.mesh),
+            "point handles": points if isinstance(points, int) else len(points),
+            "frames": [frame.name for frame in body.handles.frames],
+            "material": body.material.model,
+            "colliders": {spec.name: spec.shape for spec in experiment.colliders},
+            "scenes": {scene.name: f"({scene.role}, {scene.duration:g} s)" for scene in experiment.scenes},
+            "models to train": [model.name for model in experiment.training.models],
+        },
+        "samples to generate": {
+            "collider": sampling.collider,
+            "states, places, rotations, depths": [
+                sampling.states,
+                sampling.places,
+                sampling.rotations,
+                sampling.depths,
+            ],
+            "samples": contacts * sampling.depths,
+        },
+    }
+
+
+KIND = Kind(recognise, summarise)

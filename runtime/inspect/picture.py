@@ -1,0 +1,51 @@
+"""Pictures of files: which scene shows what is in a body, a truth, a motion, a mesh or a collider."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.drawing.scene import draw
+from runtime.errors import SoftprintError
+from runtime.inspect.kinds import Part, find_kind
+
+if TYPE_CHECKING:
+    from runtime.colliders.pose import RigidPose
+
+    Poses = Mapping[str, RigidPose]
+
+
+def picture_of(path: Path, part: Part, picture: Path, experiment: Path | None) -> None:
+    """Draw the file; SoftprintError where there is nothing to draw of its kind. experiment: where the shapes of the
+    colliders of a sample or a frame are, None to leave them out."""
+    kind = find_kind(path)
+    if kind.scene is None:
+        raise SoftprintError(f"{path}: there is nothing to draw of it")
+    draw(picture, kind.scene(path, part, experiment))
+
+
+def placed_surfaces(poses: Poses, experiment: Path | None) -> list[tuple[Array, IntArray]]:
+    """The surfaces of the named colliders of an experiment at their poses; planes, which have no end, are left out."""
+    if experiment is None:
+        return []
+    from runtime.colliders.build import build_collider
+    from runtime.colliders.level_set import collider_surface
+    from runtime.experiment import load_experiment
+
+    known = load_experiment(experiment)
+    specs = {spec.name: spec for spec in known.colliders}
+    surfaces = []
+    for name, pose in poses.items():
+        if name not in specs:
+            raise SoftprintError(
+                f"{experiment}: has no collider {name!r}; its colliders: {', '.join(specs) or 'none'}"
+            )
+        collider = build_collider(specs[name], known.base_dir)
+        if np.isfinite(collider.upper - collider.lower).all():
+            vertices, facets = collider_surface(collider)
+            surfaces.append((pose.apply(vertices), facets))
+    return surfaces

@@ -1,0 +1,36 @@
+"""What `softprint inspect` says of a checkpoint of a training."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from runtime.inspect.file_head import FileHead
+from runtime.inspect.kinds import Kind, Part
+from runtime.inspect.summary import Summary, byte_size
+from surrogate.checkpoints import KIND as CHECKPOINT
+from surrogate.checkpoints import load_checkpoint
+
+
+def recognise(head: FileHead) -> bool:
+    return head.suffix == ".safetensors" and head.kind == CHECKPOINT
+
+
+def summarise(path: Path, part: Part) -> Summary:
+    """All tensors are read and checked against the digest."""
+    checkpoint = load_checkpoint(path)
+    model = [tensor for name, tensor in checkpoint.tensors.items() if name.startswith("model.")]
+    facts: dict[str, Any] = {
+        "steps done": checkpoint.step,
+        "weights": sum(tensor.numel() for tensor in model),
+        "memory": byte_size(sum(tensor.nbytes for tensor in checkpoint.tensors.values())),
+        "validations": len(checkpoint.history),
+    }
+    sections: dict[str, dict[str, Any]] = {"checkpoint": facts}
+    if checkpoint.history:
+        sections["latest"] = dict(checkpoint.history[-1])
+    sections["what it is a run of"] = {"fingerprint": checkpoint.fingerprint}
+    return Summary(path, "a checkpoint of a training that is not finished", sections)
+
+
+KIND = Kind(recognise, summarise)
