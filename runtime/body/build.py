@@ -96,10 +96,12 @@ def assemble_body(
     surface_samples: int = 3000,
     rng: np.random.Generator | None = None,
     name: str = "body",
+    basis: Array | None = None,
 ) -> ReducedBody:
     """A reduced body from its parts: basis, lumped mass, cubature and surface samples are computed here.
 
-    material and density [kg/m^dim] may be scalars: they are spread over all cells.
+    material and density [kg/m^dim] may be scalars: they are spread over all cells. basis: U (n_nodes, n_rows)
+    where it was computed elsewhere.
     """
     material = make_material(
         material.model, np.full(mesh.n_cells, material.young), np.full(mesh.n_cells, material.poisson)
@@ -107,7 +109,8 @@ def assemble_body(
     cell_density = np.full(mesh.n_cells, np.asarray(density, dtype=np.float64))
     if not (np.isfinite(cell_density).all() and (cell_density > 0).all()):
         raise SoftprintError(f"body: density must be positive, it is {cell_density.min()} kg/m^{mesh.dim}")
-    basis = biharmonic_basis(mesh, handles)
+    if basis is None:
+        basis = biharmonic_basis(mesh, handles)
     node_mass = mesh.lump(mesh.cell_volumes * cell_density)
     cubature = build_cubature(mesh, basis, handles, material, points_per_row, rng or np.random.default_rng(0))
     log.info(

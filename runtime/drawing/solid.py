@@ -126,7 +126,7 @@ def _look(plotter: pv.Plotter, scene: Scene) -> None:
     centre, radius = 0.5 * (lower + upper), 0.5 * float(np.linalg.norm(upper - lower))
     direction = _direction(scene)
     plotter.camera.focal_point = tuple(centre)
-    plotter.camera.position = tuple(centre + direction * 1.05 * radius / np.sin(np.radians(0.5 * _ANGLE)))
+    plotter.camera.position = tuple(centre + direction * 0.88 * radius / np.sin(np.radians(0.5 * _ANGLE)))
     plotter.camera.up = (0.0, 0.0, 1.0)
     plotter.camera.view_angle = _ANGLE
     plotter.reset_camera_clipping_range()

@@ -22,7 +22,18 @@ if TYPE_CHECKING:
 
 GROUP = "softprint.kinds"
 # In this order: what metadata names first, what only a suffix tells last.
-_OWN = ("body", "truth", "motion", "correction", "report", "experiment", "mesh", "surface", "polygon")
+_OWN = (
+    "body",
+    "truth",
+    "motion",
+    "correction",
+    "report",
+    "published",
+    "experiment",
+    "mesh",
+    "surface",
+    "polygon",
+)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,53 @@
+"""`softprint export`: body and truth in the layout of the data published with the thesis's papers."""
+
+from __future__ import annotations
+
+import argparse
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+FOLDER = "published"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Which collider."""
+    parser.add_argument(
+        "--collider", metavar="NAME", help="whose samples (default: that of the [sampling] table)"
+    )
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """Write published/meshes.h5 and published/dataset.h5 into the run directory."""
+    from runtime.cli.run_body import body_of_run
+    from runtime.colliders.build import build_collider
+    from runtime.errors import SoftprintError
+    from runtime.published.export import export_published, published_samples
+    from runtime.truth_file import load_truth
+
+    experiment = context.experiment
+    name = args.collider or experiment.sampling.collider
+    if name not in {spec.name for spec in experiment.colliders}:
+        raise SoftprintError(f"{experiment.path}: has no collider {name!r}; name one with --collider")
+    body = body_of_run(context)
+    collider = build_collider(experiment.collider(name), experiment.base_dir)
+    with load_truth(context.out_dir / "truth.h5", body) as truth:
+        total, all_samples = len(published_samples(truth, collider)), truth.n_samples
+        with context.progress(total, "samples", "export") as bar:
+            meshes, dataset, count = export_published(
+                context.out_dir / FOLDER, truth, body, collider, bar.update
+            )
+    context.say(f"{meshes}: W, q_ref, tris, tets of {body.name}; W, z_ref, tris of {collider.name}")
+    context.say(f"{dataset}: q, z, x of {count} samples; {all_samples - count} may not be learned from")
+    return 0
+
+
+VERB = Verb(
+    name="export",
+    order=46,
+    summary="Body and truth in the HDF5 layout published with the thesis's papers (q, z, x; W, q_ref).",
+    example="softprint export examples/jelly3d_small.toml",
+    run=run,
+    needs=("h5py",),
+    configure=configure,
+)
