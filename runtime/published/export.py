@@ -18,7 +18,8 @@ from runtime.files import provenance
 from runtime.published.layout import PublishedMeshes, PublishedObject, write_dataset, write_meshes
 from runtime.truth_file import TruthData
 
-_OUTLINE_CELLS = 160  # of the grid on which the outline of a collider of the plane is found
+# Cells along a collider of the grid on which its surface is found: some thousand triangles, as colliders have.
+CELLS = {2: 160, 3: 40}
 
 
 def frames_first(body: ReducedBody) -> IntArray:
@@ -39,13 +40,13 @@ def published_meshes(body: ReducedBody, collider: Collider) -> PublishedMeshes:
         PublishedObject(
             body.name, body.basis[:, order], body.rest_rows[order], {"tris": surface, "tets": mesh.cells}
         ),
-        _published_collider(collider),
+        published_collider(collider),
     )
 
 
-def _published_collider(collider: Collider) -> PublishedObject:
-    cells = None if collider.dim == 3 else _OUTLINE_CELLS
-    vertices, facets = collider_surface(collider, cells)
+def published_collider(collider: Collider) -> PublishedObject:
+    """The collider as a group of `meshes.h5`: W = [X 1], so that z is [R^T; t]."""
+    vertices, facets = collider_surface(collider, CELLS[collider.dim])
     rest = np.vstack([np.eye(collider.dim), np.zeros(collider.dim)])
     basis = np.column_stack([vertices, np.ones(len(vertices))])
     if collider.dim == 2:
