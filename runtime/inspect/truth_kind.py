@@ -99,6 +99,15 @@ def _sample(truth: TruthData, sample: int) -> dict[str, Any]:
     }
 
 
+def _collider(truth: TruthData, sample: int) -> str:
+    number = int(truth.contacts["collider"][truth.samples["contact"][sample]])
+    if not 0 <= number < len(truth.header.colliders):
+        raise SoftprintError(
+            f"{truth.path}: sample {sample} is of collider {number}, which has no name: make it again"
+        )
+    return truth.header.colliders[number]
+
+
 def _with_unit(key: str) -> str:
     unit = SAMPLES[key].unit
     return f"{key} [{unit}]" if unit not in ("", "1") else key
@@ -115,7 +124,7 @@ def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
             status = STATUS_NAMES[int(truth.samples["status"][sample])]
             raise SoftprintError(f"{path}: sample {sample} has no solution to draw ({status})")
         displacement, state = truth.displacement(sample), int(truth.sample_state[sample])
-        collider = truth.header.colliders[truth.contacts["collider"][truth.samples["contact"][sample]]]
+        collider = _collider(truth, sample)
         depth, pose = float(truth.samples["depth"][sample]), truth.pose(sample)
     with open_softprint_h5(path, TRUTH, VERSION) as file:
         cells, equilibrium = file["mesh/cells"][()], file[f"view/points_{state}"][()]

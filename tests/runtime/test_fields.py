@@ -22,6 +22,7 @@ from runtime.fields.deformed import Deformed, fields_of
 from runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
 from runtime.fields.vtu import write_collection, write_fields, write_surface
 from runtime.mesh import box_mesh, write_mesh
+from tests.toy_truth import PRESS
 
 CONTACT = PenaltyContact(1e10)
 
@@ -154,43 +155,10 @@ def test_a_collection_is_a_series_in_time(tmp_path: Path, jelly3d_body) -> None:
     np.testing.assert_allclose(reader.read()[0].points, jelly3d_body.mesh.points + 2, rtol=1e-12)
 
 
-EXPERIMENT = """
-[experiment]
-name = "toy"
-[body]
-mesh = "box.vtu"
-[body.handles]
-points = 5
-frames = [{ name = "base", box = [[-1, -1], [0.015, 1]] }]
-[body.material]
-model = "stable_neo_hookean"
-young = 1e5
-poisson = 0.4
-density = 1000.0
-[[colliders]]
-name = "ball"
-shape = "circle"
-radius = 0.02
-[contact]
-stiffness = 1e9
-friction = 0.0
-[dynamics]
-gravity = [0, -9.81]
-[[scenes]]
-name = "press"
-role = "test"
-duration = 0.06
-kinematic = ["base"]
-[[scenes.colliders]]
-name = "ball"
-keyframes = [{ time = 0.0, position = [0.08, 0.066] }]
-"""
-
-
 @pytest.fixture
 def context(tmp_path):
     write_mesh(tmp_path / "box.vtu", box_mesh([0.0, 0.0], [0.1, 0.05], [10, 5]))
-    (tmp_path / "toy.toml").write_text(EXPERIMENT)
+    (tmp_path / "toy.toml").write_text(PRESS)
     return Context(tmp_path / "toy.toml", out=tmp_path / "run", quiet=True, rank=0, write=lambda text: None)
 
 

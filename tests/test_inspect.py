@@ -1,0 +1,264 @@
+"""What `softprint inspect` says of every kind of file, and of what is none of ours."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import tomllib
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from fem_truth.generate.shards import write_shard
+from runtime.body import save_body
+from runtime.cli.context import Context
+from runtime.cli.inspect_verb import VERB
+from runtime.corrections.correction_file import save_correction
+from runtime.corrections.model import ContactModel, ModelOptions
+from runtime.errors import SoftprintError
+from runtime.inspect import kinds
+from runtime.inspect.mesh_quality import cell_angles, mean_ratio, mesh_facts
+from runtime.mesh import box_mesh, write_mesh
+from runtime.mesh.mesh import Mesh
+from surrogate.checkpoints import Checkpoint, save_checkpoint
+from tests.toy_truth import PRESS, write_truth
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+@dataclass(frozen=True)
+class Announced:
+    """An entry point as pyproject.toml has it, whether or not the package was installed since."""
+
+    target: str
+
+    def load(self):
+        module, name = self.target.split(":")
+        return getattr(import_module(module), name)
+
+
+@pytest.fixture(autouse=True)
+def announced(monkeypatch):
+    points = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["entry-points"]
+    monkeypatch.setattr(kinds, "entry_points", lambda group: [Announced(t) for t in points[group].values()])
+
+
+def inspect(file: Path, **given) -> str:
+    said: list[str] = []
+    options = {
+        "sample": None,
+        "frame": None,
+        "json": False,
+        "experiment": False,
+        "png": None,
+        "colliders": None,
+    }
+    args = argparse.Namespace(**{**options, "file": file, **given})
+    assert VERB.run(args, Context(quiet=True, rank=0, write=said.append)) == 0
+    return "\n".join(said)
+
+
+def facts(file: Path, **given) -> dict:
+    return json.loads(inspect(file, json=True, **given))
+
+
+def test_a_regular_simplex_has_the_known_angle_and_shape_one(dim) -> None:
+    points = {2: [[0, 0], [1, 0], [0.5, 3**0.5 / 2]], 3: [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]}[
+        dim
+    ]
+    cells = {2: [[0, 1, 2]], 3: [[0, 2, 1, 3]]}[dim]
+    mesh = Mesh(np.array(points, dtype=float), np.array(cells))
+    if mesh.cell_volumes[0] < 0:
+        mesh = Mesh(mesh.points, mesh.cells[:, [0, 1, 3, 2]])
+    angle = {2: 60.0, 3: np.degrees(np.arccos(1 / 3))}[dim]
+    np.testing.assert_allclose(cell_angles(mesh), angle, rtol=1e-12)
+    np.testing.assert_allclose(mean_ratio(mesh), 1.0, rtol=1e-12)
+
+
+def test_a_box_is_known_to_the_last_number() -> None:
+    box = mesh_facts(box_mesh([0.0, 0.0, 0.0], [0.2, 0.1, 0.1], [4, 2, 2]))
+    assert (box["nodes"], box["tetrahedra"], box["watertight"]) == (45, 96, True)
+    assert box["volume [m^3]"] == pytest.approx(2e-3, rel=1e-12)
+    assert box["surface [m^2]"] == pytest.approx(0.1, rel=1e-12)
+    # Kuhn's tetrahedra have angles of 45, 60 and 90 degrees.
+    assert box["smallest and largest angle [degrees]"] == pytest.approx([45.0, 90.0])
+
+
+def test_a_body_is_told_and_drawn(tmp_path, jelly2d_body) -> None:
+    path = tmp_path / "body.h5"
+    save_body(path, jelly2d_body, "a recipe")
+    told = facts(path)
+    assert told["kind"] == "a body"
+    assert told["body"]["handles"] == {"points": 6, "frame 'base' of nodes": 32}
+    assert told["mesh"]["area [m^2]"] == pytest.approx(0.006)
+    assert told["hashes"] == {"content": jelly2d_body.content_hash, "recipe": "a recipe"}
+    assert told["subspace"]["cubature error"]["energy"] == jelly2d_body.cubature.energy_error
+    assert "numpy" in told["made with"]
+    assert "watertight" in inspect(path, png=tmp_path / "body.png")
+    assert picture_colours(tmp_path / "body.png") > 20
+
+
+def picture_colours(path: Path) -> int:
+    """How many colours a picture has: an empty one has one."""
+    from PIL import Image
+
+    return len(np.unique(np.asarray(Image.open(path).convert("RGB")).reshape(-1, 3), axis=0))
+
+
+def test_a_truth_is_told_sample_by_sample_and_drawn(tmp_path, jelly2d_body) -> None:
+    write_truth(tmp_path / "truth.h5", jelly2d_body)
+    told = facts(tmp_path / "truth.h5", sample=1)
+    assert told["truth"]["by status"] == {"converged": 5, "unreached": 1}
+    assert told["truth"]["usable to learn from"] == 5
+    assert told["truth"]["label-noise floor"] is None  # nothing was solved twice
+    assert told["hashes"]["body"] == jelly2d_body.content_hash
+    assert told["sample 1"]["status"] == "converged"
+    assert told["sample 1"]["state, contact"] == [0, 0]
+    assert inspect(tmp_path / "truth.h5", experiment=True) == "[experiment]"
+    inspect(tmp_path / "truth.h5", sample=2, png=tmp_path / "sample.png")
+    assert picture_colours(tmp_path / "sample.png") > 20
+    with pytest.raises(SoftprintError, match="no sample 6; they are numbered 0 to 5"):
+        inspect(tmp_path / "truth.h5", sample=6)
+    with pytest.raises(SoftprintError, match="no solution to draw"):
+        inspect(tmp_path / "truth.h5", sample=3, png=tmp_path / "none.png")
+    with pytest.raises(SoftprintError, match="--frame asks for a frame"):
+        inspect(tmp_path / "truth.h5", frame=1)
+    assert not (tmp_path / "none.png").exists()
+
+
+def test_a_motion_is_told_frame_by_frame_and_drawn_with_its_colliders(tmp_path) -> None:
+    from runtime.cli.run_body import body_of_run
+    from runtime.dynamics.simulate import simulate_scene
+
+    write_mesh(tmp_path / "box.vtu", box_mesh([0.0, 0.0], [0.1, 0.05], [10, 5]))
+    (tmp_path / "toy.toml").write_text(PRESS)
+    context = Context(
+        tmp_path / "toy.toml", out=tmp_path / "run", quiet=True, rank=0, write=lambda text: None
+    )
+    played = simulate_scene(context, body_of_run(context), context.experiment.scenes[0], "bare")
+    told = facts(played.path, frame=2)
+    assert told["motion"]["scene, model"] == ["press", "bare"]
+    assert told["motion"]["frames"] == 5
+    assert told["quality"]["converged share"] == 1.0
+    assert told["frame 2"]["status"] == "CONVERGED"
+    assert inspect(played.path, experiment=True) == PRESS.rstrip("\n")
+    inspect(played.path, png=tmp_path / "frame.png", colliders=tmp_path / "toy.toml")
+    assert picture_colours(tmp_path / "frame.png") > 20
+    with pytest.raises(SoftprintError, match="numbered 0 to 4"):
+        inspect(played.path, frame=5)
+    assert facts(tmp_path / "toy.toml")["experiment"]["colliders"] == {"ball": "circle"}
+    with pytest.raises(SoftprintError, match=r"inspect the \.h5 file"):
+        inspect(played.path.with_suffix(".xdmf"))
+
+
+def test_a_correction_and_a_checkpoint_are_told(tmp_path, jelly2d_body) -> None:
+    model = ContactModel(
+        ModelOptions("weighted_rows", False, (8,), "tanh", "saturating", 1e-3), 2, jelly2d_body.n_rows
+    )
+    path = tmp_path / "ours.safetensors"
+    save_correction(path, "ours", model, jelly2d_body, "ball", "abc", 0.125, {"seconds": 3.0})
+    told = facts(path)
+    assert told["correction"]["error on held-out states"] == 0.125
+    assert told["hashes"] == {"body": jelly2d_body.content_hash, "truth": "abc"}
+    assert told["options"]["widths"] == [8]
+    with pytest.raises(SoftprintError, match="nothing to draw"):
+        inspect(path, png=tmp_path / "x.png")
+    with pytest.raises(SoftprintError, match="does not hold the experiment"):
+        inspect(path, experiment=True)
+    half = tmp_path / "half.safetensors"
+    save_checkpoint(
+        half, Checkpoint("a run", 40, [{"step": 40, "loss": 0.5}], {"model.a": torch.zeros(3, 4)})
+    )
+    told = facts(half)
+    assert (told["checkpoint"]["steps done"], told["checkpoint"]["weights"]) == (40, 12)
+    assert told["latest"]["loss"] == 0.5
+
+
+def test_a_shard_is_told(tmp_path) -> None:
+    samples = {"status": np.array([0, 0, 5])}
+    write_shard(tmp_path / "c.shard", {"contacts": {"seconds": np.array([2.5])}, "samples": samples})
+    told = facts(tmp_path / "c.shard")["shard"]
+    assert told["samples by status"] == {"converged": 2, "unreached": 1}
+    assert told["core-seconds"] == 2.5
+
+
+def test_colliders_are_told() -> None:
+    told = facts(REPOSITORY / "meshes/pointy.stl")["surface, in the file's units"]
+    assert (told["triangles"], told["watertight"], told["as a collider"]) == (4500, True, "usable")
+    assert facts(REPOSITORY / "meshes/star.txt")["polygon, in the file's units"]["corners"] == 10
+    assert facts(REPOSITORY / "meshes/jelly2d.vtu")["mesh"]["triangles"] == 13710
+
+
+def test_an_open_surface_is_no_collider(tmp_path) -> None:
+    import meshio
+
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    meshio.write(
+        tmp_path / "sheet.stl", meshio.Mesh(square, [("triangle", np.array([[0, 1, 2], [0, 2, 3]]))])
+    )
+    told = facts(tmp_path / "sheet.stl")["surface, in the file's units"]
+    assert told["watertight"] is False
+    assert told["as a collider"].startswith("refused: ")
+    assert told["area"] == pytest.approx(1.0)
+
+
+def test_pictures_in_space(tmp_path) -> None:
+    try:
+        inspect(REPOSITORY / "meshes/pointy.stl", png=tmp_path / "x.png")
+    except SoftprintError as error:
+        if "no picture can be drawn here" not in str(error):
+            raise
+        pytest.skip("no OpenGL off screen")
+    assert picture_colours(tmp_path / "x.png") > 100
+
+
+FOREIGN = {
+    "gone.h5": (None, "there is no such file"),
+    "empty.h5": (b"", "is empty"),
+    "text.h5": (b"hello", "not a file of Softprint's"),
+    "cut.h5": (b"\x89HDF\r\n\x1a\n" + bytes(200), "truncated or damaged"),
+    "cut.safetensors": (b"\xff" * 30, "not a readable safetensors file"),
+    "list.safetensors": ((4).to_bytes(8, "little") + b"[12]", "not a readable safetensors file"),
+    "other.safetensors": ((2).to_bytes(8, "little") + b"{}", "not a file of Softprint's"),
+    "cut.json": (b'{"softprint_report": 1,', "not readable as JSON"),
+    "bare.json": (b'{"softprint_report": 1}', "the report is incomplete"),
+    "other.json": (b"[1, 2]", "not a file of Softprint's"),
+    "cut.shard": (b"softprint shard 1\nabc", "truncated or altered"),
+    "bad.toml": (b"a = ", "this is not TOML"),
+    "bad.stl": (b"solid x\n", "bad.stl"),
+    "bad.vtu": (b"<VTKFile>", "cannot be read as a mesh"),
+    "notes.txt": (b"1 2\n3 4\n", "polygon"),
+    "prose.txt": (b"Dear reader\n", "not a file of Softprint's"),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_what_is_not_ours_gets_a_sentence(tmp_path, name) -> None:
+    content, words = FOREIGN[name]
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(SoftprintError, match=words) as told:
+        inspect(tmp_path / name)
+    assert "\n" not in str(told.value)
+
+
+def test_a_damaged_body_is_found(tmp_path, jelly2d_body) -> None:
+    save_body(tmp_path / "body.h5", jelly2d_body)
+    content = bytearray((tmp_path / "body.h5").read_bytes())
+    shutil.copy(tmp_path / "body.h5", tmp_path / "whole.h5")
+    (tmp_path / "body.h5").write_bytes(content[: len(content) // 2])
+    with pytest.raises(SoftprintError, match="truncated or damaged"):
+        inspect(tmp_path / "body.h5")
+    assert facts(tmp_path / "whole.h5")["kind"] == "a body"
+
+
+def test_pictures_are_png(tmp_path) -> None:
+    with pytest.raises(SoftprintError, match=r"call it x\.png"):
+        inspect(REPOSITORY / "meshes/star.txt", png=tmp_path / "x.jpg")
+    with pytest.raises(SoftprintError, match="--colliders is for a picture"):
+        inspect(REPOSITORY / "meshes/star.txt", colliders=tmp_path / "x.toml")
