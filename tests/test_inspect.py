@@ -18,6 +18,7 @@ from fem_truth.generate.shards import write_shard
 from runtime.body import save_body
 from runtime.cli.context import Context
 from runtime.cli.inspect_verb import VERB
+from runtime.colliders.analytic import Sphere
 from runtime.corrections.correction_file import save_correction
 from runtime.corrections.model import ContactModel, ModelOptions
 from runtime.errors import SoftprintError
@@ -25,6 +26,8 @@ from runtime.inspect import kinds
 from runtime.inspect.mesh_quality import cell_angles, mean_ratio, mesh_facts
 from runtime.mesh import box_mesh, write_mesh
 from runtime.mesh.mesh import Mesh
+from runtime.published.export import export_published
+from runtime.truth_file import load_truth
 from surrogate.checkpoints import Checkpoint, save_checkpoint
 from tests.toy_truth import PRESS, write_truth
 
@@ -185,6 +188,37 @@ def test_a_shard_is_told(tmp_path) -> None:
     told = facts(tmp_path / "c.shard")["shard"]
     assert told["samples by status"] == {"converged": 2, "unreached": 1}
     assert told["core-seconds"] == 2.5
+
+
+def test_curves_and_timings_are_told(tmp_path) -> None:
+    held_out = {"rms": 0.25, "worst": 0.5, "samples": 10, "squared": 0.06}
+    curves = {"model": "ours", "held_out": held_out, "noise_floor": 1e-4, "samples": 90, "left_out": 2}
+    (tmp_path / "ours.json").write_text(json.dumps(curves | {"history": [{"step": 7, "loss": 0.5}]}))
+    assert facts(tmp_path / "ours.json")["training"]["error on held-out states"] == {
+        "rms": 0.25,
+        "worst": 0.5,
+    }
+    bench = {
+        "scene": "press",
+        "iterations": 2,
+        "sizes": {"nodes": 9},
+        "machine": {"cores": 2},
+        "software": {},
+    }
+    (tmp_path / "bench.json").write_text(json.dumps(bench | {"speeds": [{"model": "bare", "step": 0.002}]}))
+    assert facts(tmp_path / "bench.json")["model bare"] == {"step": 0.002}
+
+
+def test_a_published_data_set_is_told(tmp_path, jelly2d_body) -> None:
+    ball = Sphere(0.02, dim=2, name="ball")
+    write_truth(tmp_path / "truth.h5", jelly2d_body)
+    with load_truth(tmp_path / "truth.h5") as truth:
+        export_published(tmp_path, truth, jelly2d_body, ball)
+    meshes = facts(tmp_path / "meshes.h5")
+    assert meshes["body box2d"]["point handles"] == 6
+    assert meshes["body box2d"]["frames, nodes"] == [32]
+    told = facts(tmp_path / "dataset.h5")["samples"]
+    assert (told["samples"], told["different handle states"], told["unit of length"]) == (5, 2, "m")
 
 
 def test_colliders_are_told() -> None:

@@ -33,9 +33,11 @@ def summarise(path: Path, part: Part) -> Summary:
             sum(np.asarray(c).nbytes for columns in tables.values() for c in columns.values())
         ),
     }
-    if "samples" in tables:
+    if "samples" in tables:  # and then a contact, as `contact_work` writes it
         codes, counts = np.unique(tables["samples"]["status"], return_counts=True)
-        facts["samples by status"] = {STATUS_NAMES[int(code)]: int(n) for code, n in zip(codes, counts)}
+        facts["samples by status"] = {
+            STATUS_NAMES.get(int(code), f"code {code}"): int(n) for code, n in zip(codes, counts)
+        }
         facts["core-seconds"] = float(np.sum(tables["contacts"]["seconds"]))
     return Summary(path, "a shard: a finished part of a generation", {"shard": facts})
 

@@ -23,16 +23,8 @@ if TYPE_CHECKING:
 GROUP = "softprint.kinds"
 # In this order: what metadata names first, what only a suffix tells last.
 _OWN = (
-    "body",
-    "truth",
-    "motion",
-    "correction",
-    "report",
-    "published",
-    "experiment",
-    "mesh",
-    "surface",
-    "polygon",
+    *("body", "truth", "motion", "correction", "report", "bench", "curves", "published"),
+    *("experiment", "mesh", "surface", "polygon"),
 )
 
 

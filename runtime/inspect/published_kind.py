@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
-from runtime.errors import SoftprintError
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.summary import Summary
+from runtime.published.adopt import SAME
 from runtime.published.handles import find_handles
-from runtime.published.layout import PublishedObject, read_meshes
+from runtime.published.layout import PublishedObject, has_meshes, open_published, read_meshes
 
 _SAMPLES = {"q", "z", "x"}
 
@@ -22,17 +21,12 @@ def recognise(head: FileHead) -> bool:
     """`q`, `z` and `x` side by side, or a group with W."""
     if head.h5 is None or head.kind:
         return False
-    return head.h5 >= _SAMPLES or _has_meshes(head.path)
-
-
-def _has_meshes(path: Path) -> bool:
-    with h5py.File(path, "r") as file:
-        return any(isinstance(group, h5py.Group) and "W" in group for group in file.values())
+    return head.h5 >= _SAMPLES or has_meshes(head.path)
 
 
 def summarise(path: Path, part: Part) -> Summary:
     """Sizes; of meshes also the handles that their basis shows."""
-    if _has_meshes(path):
+    if has_meshes(path):
         meshes = read_meshes(path)
         found = find_handles(meshes.body, str(path))
         body = _object(meshes.body) | {
@@ -44,20 +38,17 @@ def summarise(path: Path, part: Part) -> Summary:
             f"collider {meshes.collider.name}": _object(meshes.collider),
         }
         return Summary(path, "meshes of a published data set", sections)
-    try:
-        with h5py.File(path, "r") as file:
-            shapes = {name: file[name].shape for name in ("q", "z", "x")}
-            q = np.asarray(file["q"][()], dtype=np.float64)
-            unit = str(file.attrs.get("unit", "not told"))
+    with open_published(path) as file:
+        n, rows, _ = file["q"].shape
+        _, nodes, dim = file["x"].shape
+        q = np.asarray(file["q"][()], dtype=np.float64).reshape(n, -1)
         facts = {
-            "samples": shapes["q"][0],
-            "nodes, dimension": list(shapes["x"][1:]),
-            "handle rows": shapes["q"][1],
-            "different handle states": len(np.unique(np.round(q.reshape(len(q), -1), 5), axis=0)),
-            "unit of length": unit,
+            "samples": n,
+            "nodes, dimension": [nodes, dim],
+            "handle rows": rows,
+            "different handle states": len(np.unique(np.round(q / SAME), axis=0)),
+            "unit of length": str(file.attrs.get("unit", "not told")),
         }
-    except (OSError, ValueError, IndexError, AttributeError, RuntimeError, TypeError) as error:
-        raise SoftprintError(f"{path}: a published data set that is damaged ({error})") from error
     return Summary(path, "samples of a published data set", {"samples": facts})
 
 

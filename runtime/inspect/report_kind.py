@@ -23,7 +23,7 @@ def summarise(path: Path, part: Part) -> Summary:
     report = json.loads(path.read_text(encoding="utf-8"))
     try:
         return Summary(path, "a report", _sections(report), report["experiment"]["text"])
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise SoftprintError(f"{path}: the report is incomplete ({error}): make it again") from error
 
 

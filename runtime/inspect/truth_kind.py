@@ -92,11 +92,16 @@ def _sample(truth: TruthData, sample: int) -> dict[str, Any]:
     return {
         "state, contact": [int(truth.sample_state[sample]), contact],
         "place (node)": int(truth.contacts["place"][contact]),
-        "status": STATUS_NAMES[int(truth.samples["status"][sample])],
+        "status": _status(truth, sample),
         "usable to learn from": bool(truth.usable[sample]),
         **{_with_unit(key): truth.samples[key][sample] for key in columns},
         "displacement [m]": {"largest": float(size.max()), "RMS": float(np.sqrt(np.mean(size**2)))},
     }
+
+
+def _status(truth: TruthData, sample: int) -> str:
+    code = int(truth.samples["status"][sample])
+    return STATUS_NAMES.get(code, f"unknown code {code}")
 
 
 def _collider(truth: TruthData, sample: int) -> str:
@@ -121,8 +126,9 @@ def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
         if sample is None:
             sample = int(np.argmax(np.where(converged, truth.samples["depth"], -np.inf)))
         if not converged[sample]:
-            status = STATUS_NAMES[int(truth.samples["status"][sample])]
-            raise SoftprintError(f"{path}: sample {sample} has no solution to draw ({status})")
+            raise SoftprintError(
+                f"{path}: sample {sample} has no solution to draw ({_status(truth, sample)})"
+            )
         displacement, state = truth.displacement(sample), int(truth.sample_state[sample])
         collider = _collider(truth, sample)
         depth, pose = float(truth.samples["depth"][sample]), truth.pose(sample)

@@ -85,7 +85,7 @@ class PublishedMeshes:
 
 def read_meshes(path: Path) -> PublishedMeshes:
     """Read `meshes.h5`. SoftprintError where it is missing, damaged, or has not one body and one collider."""
-    with _open(path) as file:
+    with open_published(path) as file:
         groups = {name: group for name, group in file.items() if isinstance(group, h5py.Group)}
         return PublishedMeshes(
             _object(path, groups, BODY_REFERENCE, "body"),
@@ -137,7 +137,7 @@ class PublishedData:
 @contextmanager
 def open_dataset(path: Path, meshes: PublishedMeshes) -> Iterator[PublishedData]:
     """Open `dataset.h5`; SoftprintError where it is missing, damaged, or not of these meshes."""
-    with _open(path) as file:
+    with open_published(path) as file:
         data = PublishedData(_numbers(file, "q"), _numbers(file, "z"), file["x"])
         n, (nodes, rows), dim = len(data), meshes.body.basis.shape, meshes.body.dim
         wanted = {"q": (n, rows, dim), "z": (n, dim + 1, dim), "x": (n, nodes, dim)}
@@ -153,13 +153,13 @@ def open_dataset(path: Path, meshes: PublishedMeshes) -> Iterator[PublishedData]
 
 def write_meshes(path: Path, meshes: PublishedMeshes, notes: dict[str, Any]) -> None:
     """Write `meshes.h5`, whole or not at all. notes: attributes of the file, which other readers do not look at."""
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with _create(path) as file:
         for item, reference in ((meshes.body, BODY_REFERENCE), (meshes.collider, COLLIDER_REFERENCE)):
             group = file.create_group(item.name)
-            group.create_dataset("W", data=item.basis.astype(np.float32))
-            group.create_dataset(reference, data=item.reference.astype(np.float32))
-            for name, array in item.simplices.items():
-                group.create_dataset(name, data=array.astype(np.int32))
+            arrays = {"W": item.basis.astype(np.float32), reference: item.reference.astype(np.float32)}
+            arrays |= {name: array.astype(np.int32) for name, array in item.simplices.items()}
+            for name, array in arrays.items():
+                group.create_dataset(name, data=array, fletcher32=True)
         file.attrs.update(notes)
 
 
@@ -168,7 +168,9 @@ class DatasetWriter:
 
     def __init__(self, file: h5py.File, n_samples: int, n_nodes: int, n_rows: int, dim: int) -> None:
         self._arrays: dict[str, h5py.Dataset] = {
-            name: file.create_dataset(name, (n_samples, size, dim), "f4", chunks=(1, size, dim))
+            name: file.create_dataset(
+                name, (n_samples, size, dim), "f4", chunks=(1, size, dim), fletcher32=True
+            )
             for name, size in (("q", n_rows), ("z", dim + 1), ("x", n_nodes))
         }
         self._next = 0
@@ -185,13 +187,27 @@ def write_dataset(
     path: Path, n_samples: int, sizes: Sequence[int], notes: dict[str, Any]
 ) -> Iterator[DatasetWriter]:
     """Write `dataset.h5` of so many samples, whole or not at all; sizes: n_nodes, n_rows, dim."""
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with _create(path) as file:
         yield DatasetWriter(file, n_samples, *sizes)
         file.attrs.update(notes)
 
 
+def has_meshes(path: Path) -> bool:
+    """Whether an HDF5 file has a group with a basis W."""
+    with open_published(path) as file:
+        return any(isinstance(group, h5py.Group) and "W" in group for group in file.values())
+
+
 @contextmanager
-def _open(path: Path) -> Iterator[h5py.File]:
+def _create(path: Path) -> Iterator[h5py.File]:
+    """A file that any reader of HDF5 1.10 takes, with the checksums that this format has."""
+    with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
+        yield file
+
+
+@contextmanager
+def open_published(path: Path) -> Iterator[h5py.File]:
+    """Open either file for reading; what turns out to be missing or damaged in the block becomes a SoftprintError."""
     if not path.is_file():
         raise SoftprintError(f"{path}: there is no such file")
     try:
