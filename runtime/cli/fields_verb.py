@@ -42,7 +42,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Write one .vtu for each sample or frame, the colliders beside it, and a .pvd that opens them together."""
+    """Write one .vtu for each sample or frame, the colliders beside it, and a .pvd that opens them together.
+
+    Pressure is the penalty law's at the positions drawn. For truth, full space and the bare subspace it is what pressed
+    the body; a correction of form loads balances forces of its own, which stand in the motion file.
+    """
     from runtime.cli.run_body import body_of_run
     from runtime.dynamics.motion_file import load_motion
     from runtime.errors import SoftprintError

@@ -12,7 +12,7 @@ from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.summary import Summary
 from runtime.published.adopt import SAME
 from runtime.published.handles import find_handles
-from runtime.published.layout import PublishedObject, has_meshes, open_published, read_meshes
+from runtime.published.layout import PublishedObject, has_meshes, numbers_of, open_published, read_meshes
 
 _SAMPLES = {"q", "z", "x"}
 
@@ -41,7 +41,7 @@ def summarise(path: Path, part: Part) -> Summary:
     with open_published(path) as file:
         n, rows, _ = file["q"].shape
         _, nodes, dim = file["x"].shape
-        q = np.asarray(file["q"][()], dtype=np.float64).reshape(n, -1)
+        q = numbers_of(file, "q").reshape(n, -1)
         facts = {
             "samples": n,
             "nodes, dimension": [nodes, dim],

@@ -45,7 +45,8 @@ from runtime.errors import SoftprintError
 from runtime.files import atomic_path
 
 BODY_REFERENCE, COLLIDER_REFERENCE = "q_ref", "z_ref"
-_DAMAGE = (OSError, RuntimeError, ValueError, TypeError, KeyError, AttributeError)
+_DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)
+_MOST_COMPRESSED = 1100  # gzip makes an array smaller by at most this factor; one that claims more is damaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +102,14 @@ def _object(path: Path, groups: dict[str, h5py.Group], reference: str, what: str
             f"{path}: a {what} is a group with W and {reference}; there must be one, there are: {some}"
         )
     group = groups[found[0]]
-    basis, start = _numbers(group, "W"), _numbers(group, reference)
+    basis, start = numbers_of(group, "W"), numbers_of(group, reference)
     if basis.ndim != 2 or start.ndim != 2 or basis.shape[1] != len(start) or start.shape[1] not in (2, 3):
         raise SoftprintError(
             f"{path}: {found[0]}/W {basis.shape} and {found[0]}/{reference} {start.shape} do not fit together: "
             "they are (nodes, rows) and (rows, dim)"
         )
     simplices = {
-        name: np.asarray(group[name][()], dtype=np.int64) for name in ("tris", "tets") if name in group
+        name: np.asarray(_whole(group, name), dtype=np.int64) for name in ("tris", "tets") if name in group
     }
     for name, array in simplices.items():
         if array.ndim != 2 or (array.size and (array.min() < 0 or array.max() >= len(basis))):
@@ -138,7 +139,7 @@ class PublishedData:
 def open_dataset(path: Path, meshes: PublishedMeshes) -> Iterator[PublishedData]:
     """Open `dataset.h5`; SoftprintError where it is missing, damaged, or not of these meshes."""
     with open_published(path) as file:
-        data = PublishedData(_numbers(file, "q"), _numbers(file, "z"), file["x"])
+        data = PublishedData(numbers_of(file, "q"), numbers_of(file, "z"), file["x"])
         n, (nodes, rows), dim = len(data), meshes.body.basis.shape, meshes.body.dim
         wanted = {"q": (n, rows, dim), "z": (n, dim + 1, dim), "x": (n, nodes, dim)}
         for name, shape in wanted.items():
@@ -223,8 +224,17 @@ def open_published(path: Path) -> Iterator[h5py.File]:
             raise SoftprintError(f"{path}: not in the published layout, or damaged ({error})") from error
 
 
-def _numbers(group: h5py.Group, name: str) -> NDArray[np.float64]:
-    array = np.asarray(group[name][()], dtype=np.float64)
+def numbers_of(group: h5py.Group, name: str) -> NDArray[np.float64]:
+    """A dataset of an open file as float64; SoftprintError where it is not finite."""
+    array = np.asarray(_whole(group, name), dtype=np.float64)
     if not np.isfinite(array).all():
         raise SoftprintError(f"{group.file.filename}: {group.name}/{name} has numbers that are not finite")
     return array
+
+
+def _whole(group: h5py.Group, name: str) -> NDArray[Any]:
+    """A dataset, unless it claims more numbers than its file can hold."""
+    dataset, path = group[name], Path(group.file.filename)
+    if dataset.size * dataset.dtype.itemsize > _MOST_COMPRESSED * path.stat().st_size:
+        raise SoftprintError(f"{path}: {name} claims the shape {dataset.shape}, more than the file can hold")
+    return np.asarray(dataset[()])
