@@ -125,6 +125,9 @@ def _look(plotter: pv.Plotter, scene: Scene) -> None:
     lower, upper = seen.min(axis=0), seen.max(axis=0)
     centre, radius = 0.5 * (lower + upper), 0.5 * float(np.linalg.norm(upper - lower))
     direction = _direction(scene)
+    if scene.values is not None:  # room for the scale below
+        radius *= 1.12
+        centre = centre - np.array([0.0, 0.0, 0.14 * radius])
     plotter.camera.focal_point = tuple(centre)
     plotter.camera.position = tuple(centre + direction * 0.88 * radius / np.sin(np.radians(0.5 * _ANGLE)))
     plotter.camera.up = (0.0, 0.0, 1.0)
