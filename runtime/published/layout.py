@@ -14,7 +14,7 @@
 
 What is *documented*, in the tables and the example code of the two repositories
 (crisrom002/hsd-learning-contact-corrections, crisrom002/contact-centric-deformation-learning): names and
-shapes above; that positions of the collider are ``W z``; that `q` and `z` go to a float32 network as they are; that
+shapes above; that positions of the collider are ``W z``; that `q` and `z` go to a traced network as they are; that
 `tris` of 2021 are triangles of the plane, (n, dim+1), while the table of 2022 has `tris` (n, dim) beside
 `tets` (n, dim+1).
 
@@ -23,7 +23,8 @@ dim rows of a transformation are R^T and the last is the translation, so that a 
 z_local R^T + t; in the handle rows, frames (dim+1 rows each) come first and points follow. This writer does the
 same.
 
-What is *assumed*: that the rows of a frame stand together. Nothing else: a reader takes the rest positions
+What is *assumed*: that numbers are float32, which this writer writes and the network will want; that the rows of a
+frame stand together. Nothing else: a reader takes the rest positions
 from W q_ref and W z_ref and the pose of the collider from the motion of its points, so the order of rows, a frame's
 own origin and the order of handles may be any. *Not stated* anywhere is the unit of length; a reader is told it.
 """
