@@ -24,12 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.errors import SoftprintError
+from runtime.h5_contents import claims, refuse_tricks, unreadable_datasets
+from runtime.seal import Damage, Unsealed, damage, seal
 
 if TYPE_CHECKING:
     import h5py
 
 # What h5py and the reading of what it gives raise where bytes of a file were altered.
 _DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)
+_HDF5 = b"\x89HDF\r\n\x1a\n"  # how an HDF5 file begins
 _MAKERS = {"body": "body", "truth": "generate", "motion": "simulate"}  # kind of file -> verb
 _PACKAGES = ("numpy", "scipy", "h5py", "libigl", "meshio", "torch", "fenics-dolfinx", "petsc4py", "mpi4py")
 
@@ -134,20 +137,23 @@ def content_hash(content: Mapping[str, object]) -> str:
 
 @contextmanager
 def create_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5py.File]:
-    """Write a whole HDF5 file, atomically, with its kind, version and provenance in the attributes."""
+    """Write a whole HDF5 file, atomically, with its kind, version and provenance in the attributes, and a
+    seal."""
     import h5py
 
-    # HDF5's format of 1.10 has checksums in its metadata: a damaged file is refused, and cannot crash HDF5.
-    with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
-        file.attrs["softprint_kind"] = fixed_text(kind)
-        file.attrs["softprint_version"] = version
-        file.attrs["provenance"] = fixed_text(json.dumps(provenance(), sort_keys=True))
-        yield file
+    with atomic_path(path) as temporary:
+        # HDF5's format of 1.10 has checksums in its metadata: it can tell which dataset is damaged.
+        with h5py.File(temporary, "w", libver=("v110", "v110")) as file:
+            file.attrs["softprint_kind"] = fixed_text(kind)
+            file.attrs["softprint_version"] = version
+            file.attrs["provenance"] = fixed_text(json.dumps(provenance(), sort_keys=True))
+            yield file
+        seal(temporary)
 
 
 def fixed_text(text: str) -> NDArray[np.bytes_]:
-    """Text for an attribute of an HDF5 file, of fixed length: h5py keeps a str in a part of the file that has
-    no checksum, and damage there can crash HDF5."""
+    """Text for an attribute of an HDF5 file, of fixed length: h5py keeps a str in a part of the file that HDF5
+    has no checksum of, and damage there can crash it."""
     data = text.encode()
     return np.array(data, dtype=f"S{max(1, len(data))}")
 
@@ -160,7 +166,8 @@ def read_text(attributes: h5py.AttributeManager, name: str) -> str:
 
 @contextmanager
 def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5py.File]:
-    """Open an HDF5 file for reading after checking that it is whole, ours, of this kind and of this version.
+    """Open an HDF5 file for reading after checking that every byte of it is as it was written (see
+    :mod:`runtime.seal`), and that it is ours, of this kind and of this version.
 
     Use as a context manager. A dataset or attribute that turns out to be missing or unreadable inside the
     block becomes a SoftprintError that names the file.
@@ -172,34 +179,68 @@ def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5p
         maker = f"; `softprint {_MAKERS[kind]}` makes one" if kind in _MAKERS else ""
         raise SoftprintError(f"{source}: there is no such {kind} file{maker}")
     try:
-        file = h5py.File(source, "r")
+        broken = damage(source)
+    except Unsealed:
+        raise _unsealed(source, kind, version) from None
     except OSError as error:
-        raise SoftprintError(
-            f"{source}: not a readable {kind} file (truncated, damaged, or not HDF5): make it again"
-        ) from error
-    with file:
-        try:
+        raise SoftprintError(f"{source}: cannot be read: {error.strerror}") from error
+    if broken:
+        raise _altered(source, kind, broken)
+    try:
+        with h5py.File(source, "r") as file:
+            refuse_tricks(file, source)
             _check_kind(file, source, kind, version)
             yield file
-        except KeyError as error:
-            raise SoftprintError(
-                f"{source}: the {kind} file is incomplete ({error.args[0]}): make it again"
-            ) from error
-        except _DAMAGE as error:
-            raise SoftprintError(f"{source}: the {kind} file is damaged ({error}): make it again") from error
+    except KeyError as error:
+        raise SoftprintError(
+            f"{source}: the {kind} file is incomplete ({error.args[0]}): make it again"
+        ) from error
+    except _DAMAGE as error:
+        raise SoftprintError(f"{source}: the {kind} file is damaged ({error}): make it again") from error
+
+
+def _altered(source: Path, kind: str, broken: list[Damage]) -> SoftprintError:
+    places = " and ".join(map(str, broken[:3])) + (" and more" if len(broken) > 3 else "")
+    where = ", ".join(unreadable_datasets(source)[:3]) or "between its datasets"
+    return SoftprintError(
+        f"{source}: the {kind} file is damaged: bytes within {places} are not those that were written "
+        f"({where}): make it again"
+    )
+
+
+def _unsealed(source: Path, kind: str, version: int) -> SoftprintError:
+    """Why a file does not end in a seal: another file, another version, or cut short."""
+    with source.open("rb") as file:
+        found = claims(source) if file.read(len(_HDF5)) == _HDF5 else None
+    if found is None:
+        return SoftprintError(
+            f"{source}: not a readable {kind} file (truncated, damaged, or not HDF5): make it again"
+        )
+    return _mismatch(source, kind, version, *found) or SoftprintError(
+        f"{source}: the {kind} file was cut short, damaged at its end, or changed by another program (its "
+        "checksums are gone): make it again"
+    )
 
 
 def _check_kind(file: h5py.File, source: Path, kind: str, version: int) -> None:
-    if "softprint_kind" not in file.attrs:
-        raise SoftprintError(
+    found = read_text(file.attrs, "softprint_kind") if "softprint_kind" in file.attrs else None
+    trouble = _mismatch(source, kind, version, found, int(file.attrs.get("softprint_version", -1)))
+    if trouble is not None:
+        raise trouble
+
+
+def _mismatch(
+    source: Path, kind: str, version: int, found_kind: str | None, found_version: int
+) -> SoftprintError | None:
+    if found_kind is None:
+        return SoftprintError(
             f"{source}: an HDF5 file, but not one of Softprint's; a {kind} file was expected"
         )
-    found_kind = read_text(file.attrs, "softprint_kind")
     if found_kind != kind:
-        raise SoftprintError(f"{source}: this is a {found_kind} file; a {kind} file was expected")
-    found_version = int(file.attrs.get("softprint_version", -1))
+        return SoftprintError(f"{source}: this is a {found_kind} file; a {kind} file was expected")
     if found_version != version:
-        raise SoftprintError(
+        return SoftprintError(
             f"{source}: {kind} file of version {found_version}, but this program reads version {version}: "
             "make the file again with this program"
         )
+    return None

@@ -77,7 +77,8 @@ class TruthWriter:
                     fletcher32=True,
                     compression="gzip" if column.dtype == "str" else None,
                 )
-                dataset.attrs["unit"], dataset.attrs["meaning"] = column.unit, column.meaning
+                dataset.attrs["unit"] = fixed_text(column.unit)
+                dataset.attrs["meaning"] = fixed_text(column.meaning)
         file.create_dataset("mesh/points", data=body.mesh.points, fletcher32=True)
         file.create_dataset("mesh/cells", data=body.mesh.cells, fletcher32=True)
 

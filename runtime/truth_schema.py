@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from runtime.errors import SoftprintError
 
 KIND = "truth"
-VERSION = 1
+VERSION = 2
 
 # Status of a sample: the codes of the full-space solver, and one of the sampling. Only converged samples have
 # a displacement; the others hold NaN, which no training can mistake for truth.

@@ -2,25 +2,23 @@
 
 They hold the weights, the best weights so far, Adam's moments and the curves. Batches are drawn from (seed,
 step), so no state of a random generator needs keeping: a run that was killed and resumed equals one that was
-not. A digest tells whether anything was altered: safetensors itself keeps no checksum.
+not.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path, content_hash
+from runtime.tensor_file import load_tensors, save_tensors
 
-KIND, VERSION = "training_checkpoint", 2
+KIND, VERSION = "training_checkpoint", 3
+REMEDY = "remove it and train again"
 
 
 @dataclass(frozen=True)
@@ -36,43 +34,21 @@ class Checkpoint:
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint, replacing the one before only when whole."""
-    header = {
-        "softprint_kind": KIND,
-        "softprint_version": str(VERSION),
+    texts = {
         "fingerprint": checkpoint.fingerprint,
         "step": str(checkpoint.step),
         "history": json.dumps(checkpoint.history),
     }
-    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.tensors.items()}
-    header["digest"] = _digest(header, tensors)
-    with atomic_path(path) as temporary:
-        save_file(tensors, temporary, metadata=header)
+    save_tensors(path, KIND, VERSION, texts, checkpoint.tensors)
 
 
 def load_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint. Raises SoftprintError where the file is damaged or foreign."""
+    texts, tensors = load_tensors(path, KIND, VERSION, REMEDY)
     try:
-        with safe_open(path, framework="pt") as file:
-            header = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-    except (SafetensorError, OSError) as error:
-        raise SoftprintError(
-            f"{path}: not a readable checkpoint ({error}): remove it and train again"
-        ) from error
-    if (header.get("softprint_kind"), header.get("softprint_version")) != (KIND, str(VERSION)):
-        raise SoftprintError(
-            f"{path}: not a training checkpoint of version {VERSION}: remove it and train again"
-        )
-    recorded = header.pop("digest", "")
-    if recorded != _digest(header, tensors):
-        raise SoftprintError(
-            f"{path}: the checkpoint was altered or damaged (its digest does not match): remove it and train again"
-        )
-    return Checkpoint(header["fingerprint"], int(header["step"]), json.loads(header["history"]), tensors)
-
-
-def _digest(header: Mapping[str, str], tensors: Mapping[str, Tensor]) -> str:
-    return content_hash({**header, **{f"tensor {name}": tensor.numpy() for name, tensor in tensors.items()}})
+        return Checkpoint(texts["fingerprint"], int(texts["step"]), json.loads(texts["history"]), tensors)
+    except (KeyError, ValueError) as error:
+        raise SoftprintError(f"{path}: the checkpoint is incomplete ({error}): {REMEDY}") from error
 
 
 def pack(

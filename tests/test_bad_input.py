@@ -7,13 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 from runtime.cli import main
+from runtime.files import fixed_text
 from runtime.mesh import write_mesh
 from runtime.mesh.box import box_mesh
+from tests.altered import alter_tensors, altered_h5
 from tests.toy_experiment import write_experiment
 
 LOCKS = {".generate.lock"}  # stays: who would remove it could remove another's
@@ -517,10 +518,10 @@ def test_flipped_bits_never_pass_for_good(finished):
     ids=["version", "kind", "foreign"],
 )
 def test_hdf5_of_another_kind(finished, name, attribute, value, words):
-    with h5py.File(finished.run / name, "a") as file:
+    with altered_h5(finished.run / name) as file:
         del file.attrs[attribute]
         if value is not None:
-            file.attrs[attribute] = value
+            file.attrs[attribute] = fixed_text(value) if isinstance(value, str) else value
     print(finished.refused(*READERS[name][0], words=(Path(name).name, *words)))
 
 
@@ -535,13 +536,7 @@ def test_hdf5_of_another_kind(finished, name, attribute, value, words):
     ids=["version", "kind", "no header", "bad header"],
 )
 def test_correction_of_another_kind(finished, change, words):
-    from safetensors import safe_open
-    from safetensors.torch import load_file, save_file
-
-    path = finished.run / "corrections" / "ours.safetensors"
-    with safe_open(path, framework="pt") as file:
-        metadata = file.metadata()
-    save_file(load_file(path), path, metadata={**metadata, **change})
+    alter_tensors(finished.run / "corrections" / "ours.safetensors", change)
     finished.refused("simulate", "--model=ours", words=("ours.safetensors", *words))
 
 

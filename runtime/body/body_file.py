@@ -29,7 +29,7 @@ from runtime.files import content_hash, create_softprint_h5, fixed_text, open_so
 from runtime.mesh import Mesh
 
 KIND = "body"
-VERSION = 1
+VERSION = 2
 
 
 def save_body(path: Path | str, body: ReducedBody, recipe: str = "") -> None:
@@ -38,7 +38,10 @@ def save_body(path: Path | str, body: ReducedBody, recipe: str = "") -> None:
     with create_softprint_h5(path, KIND, VERSION) as file:
         for name, array in arrays.items():
             large = array.size > 1000
-            file.create_dataset(name, data=array, compression="gzip" if large else None, shuffle=large)
+            compression = "gzip" if large else None
+            file.create_dataset(
+                name, data=array, compression=compression, shuffle=large, fletcher32=array.size > 0
+            )
         for index, frame in enumerate(body.handles.frames):
             file[f"handles/frames/{index}"].attrs["name"] = fixed_text(frame.name)
         file["material"].attrs["model"] = fixed_text(body.material.model)

@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
@@ -26,12 +24,14 @@ from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.model import ContactModel, ModelOptions
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path, content_hash, provenance
+from runtime.files import provenance
+from runtime.tensor_file import load_tensors, save_tensors
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 2
+KIND, VERSION = "correction", 3
+REMEDY = "train it again"
 FIELD, LOADS = "field", "loads"  # forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`
 
 
@@ -82,21 +82,13 @@ def save_correction(
         provenance=provenance(),
     )
     text = json.dumps({field.name: getattr(header, field.name) for field in fields(header)})
-    tensors = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
+    tensors = dict(model.state_dict())
     if mechanics is not None:
         tensors |= compliance_tensors(mechanics.compliance)
         if mechanics.internal is not None:
             arrays = internal_arrays(mechanics.internal)
             tensors |= {name: torch.from_numpy(array) for name, array in arrays.items()}
-    metadata = {
-        "softprint_kind": KIND,
-        "softprint_version": str(VERSION),
-        "header": text,
-        "digest": _digest(text, tensors),
-    }
-    with atomic_path(path) as temporary:
-        # Not `save_file`, which makes files that no one else may read.
-        temporary.write_bytes(save(tensors, metadata=metadata))
+    save_tensors(path, KIND, VERSION, {"header": text}, tensors)
 
 
 def read_header(path: Path) -> CorrectionHeader:
@@ -135,37 +127,9 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> Contac
     return ElasticContact(header.name, load_model, body, collider, mechanics)
 
 
-def _digest(header: str, tensors: Mapping[str, Tensor]) -> str:
-    """Tells whether anything was altered: safetensors itself keeps no checksum."""
-    return content_hash(
-        {"header": header, **{f"tensor {name}": value.numpy() for name, value in tensors.items()}}
-    )
-
-
 def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:
-    if not path.is_file():
-        raise SoftprintError(f"{path}: there is no such correction file; `softprint train` makes one")
+    texts, tensors = load_tensors(path, KIND, VERSION, REMEDY)
     try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-    except (SafetensorError, OSError) as error:
-        raise SoftprintError(
-            f"{path}: not a readable correction file (truncated, damaged, or not safetensors): train it again"
-        ) from error
-    if metadata.get("softprint_kind") != KIND:
-        raise SoftprintError(f"{path}: a safetensors file, but not a correction of Softprint's")
-    if metadata.get("softprint_version") != str(VERSION):
-        raise SoftprintError(
-            f"{path}: correction of version {metadata.get('softprint_version')}, but this program reads "
-            f"version {VERSION}: train it again"
-        )
-    try:
-        header = CorrectionHeader(**json.loads(metadata["header"]))
+        return CorrectionHeader(**json.loads(texts["header"])), tensors
     except (KeyError, TypeError, ValueError) as error:
         raise SoftprintError(f"{path}: the header is incomplete ({error}): train it again") from error
-    if metadata.get("digest") != _digest(metadata["header"], tensors):
-        raise SoftprintError(
-            f"{path}: weights and header do not fit together (their digest is another): train it again"
-        )
-    return header, tensors

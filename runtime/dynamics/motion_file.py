@@ -32,7 +32,7 @@ from runtime.files import create_softprint_h5, fixed_text, open_softprint_h5, re
 from runtime.xdmf import Step, Values, write_xdmf
 
 KIND = "motion"
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,14 @@
 """The body file: what is written comes back, and whatever is wrong with it is named."""
 
-import h5py
 import numpy as np
 import pytest
 
 from runtime.body import assemble_body, frame_in_box, load_body, place_handles, save_body
 from runtime.elasticity import make_material
 from runtime.errors import SoftprintError
+from runtime.files import fixed_text
 from runtime.mesh import box_mesh
+from tests.altered import altered_h5
 
 
 @pytest.fixture(scope="module", params=[(2, True), (3, True), (2, False)], ids=["2d", "3d", "no frame"])
@@ -48,7 +49,7 @@ def alter_hash(file):
 
 
 def alter_model(file):
-    file["material"].attrs["model"] = "linear"
+    file["material"].attrs["model"] = fixed_text("linear")
 
 
 def alter_version(file):
@@ -68,7 +69,7 @@ def alter_version(file):
 def test_altered_files_are_refused(body, tmp_path, alter, words):
     path = tmp_path / "body.h5"
     save_body(path, body)
-    with h5py.File(path, "r+") as file:
+    with altered_h5(path) as file:
         alter(file)
     with pytest.raises(SoftprintError, match=words):
         load_body(path)

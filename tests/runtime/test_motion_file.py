@@ -2,7 +2,6 @@
 
 import argparse
 
-import h5py
 import numpy as np
 import pytest
 
@@ -16,6 +15,7 @@ from runtime.dynamics.scene import find_scene, scene_parts, scene_steps
 from runtime.dynamics.simulate import motion_path, simulate_scene
 from runtime.errors import SoftprintError
 from runtime.mesh import box_mesh, write_mesh
+from tests.altered import altered_h5
 
 EXPERIMENT = """
 [experiment]
@@ -193,7 +193,7 @@ def test_bad_motion_files_are_named(context, tmp_path):
     with pytest.raises(SoftprintError, match="truncated, damaged"):
         load_motion(path)
     path.write_bytes(whole)
-    with h5py.File(path, "a") as file:
+    with altered_h5(path) as file:
         del file["rows"]
     with pytest.raises(SoftprintError, match="incomplete"):
         load_motion(path)

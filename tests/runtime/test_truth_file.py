@@ -13,6 +13,7 @@ import pytest
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthHeader, create_truth, load_truth
 from runtime.truth_schema import TABLES, UNREACHED
+from tests.altered import altered_h5, flipped
 
 
 def table(name, body, n: int, rng: np.random.Generator, **given):
@@ -131,12 +132,12 @@ def test_bad_files_are_told_apart(truth_path, jelly2d_body, jelly3d_body) -> Non
         load_truth(truncated)
     other = folder / "other.h5"
     shutil.copy(truth_path, other)
-    with h5py.File(other, "r+") as file:
+    with altered_h5(other) as file:
         file.attrs["softprint_version"] = 99
     with pytest.raises(SoftprintError, match="version 99"):
         load_truth(other)
     shutil.copy(truth_path, other)
-    with h5py.File(other, "r+") as file:
+    with altered_h5(other) as file:
         del file["samples/depth"]
     with pytest.raises(SoftprintError, match="incomplete"):
         load_truth(other)
@@ -145,13 +146,24 @@ def test_bad_files_are_told_apart(truth_path, jelly2d_body, jelly3d_body) -> Non
     load_truth(truth_path, jelly2d_body).close()
 
 
-def test_a_flipped_bit_in_a_field_is_noticed_when_it_is_read(truth_path) -> None:
+def test_a_flipped_bit_in_a_field_is_noticed_and_named(truth_path) -> None:
     with load_truth(truth_path) as truth:
         wanted = truth.displacement(1).tobytes()
-    content = bytearray(truth_path.read_bytes())
-    content[content.index(wanted) + 5] ^= 1
-    truth_path.write_bytes(content)
+    content = truth_path.read_bytes()
+    place = content.index(wanted) + 5
+    truth_path.write_bytes(flipped(content, place))
+    with pytest.raises(
+        SoftprintError, match=r"truth\.h5.*bytes within .*samples/displacement.*make it again"
+    ):
+        load_truth(truth_path)
+
+
+def test_damage_that_comes_while_a_truth_is_open_is_noticed_when_it_is_read(truth_path) -> None:
     with load_truth(truth_path) as truth:
+        wanted = truth.displacement(1).tobytes()
+    content = truth_path.read_bytes()
+    with load_truth(truth_path) as truth:
+        truth_path.write_bytes(flipped(content, content.index(wanted) + 5))
         truth.displacement(0)
         with pytest.raises(SoftprintError, match="'displacement' is damaged"):
             truth.displacement(1)

@@ -281,7 +281,7 @@ def test_damaged_checkpoints_are_refused(tmp_path):
     save_checkpoint(path, Checkpoint("run", 3, [{"step": 3.0}], {"model.w": torch.ones(2)}))
     assert load_checkpoint(path).history == [{"step": 3.0}]
     path.write_bytes(path.read_bytes()[:-4])
-    with pytest.raises(SoftprintError, match="not a readable checkpoint"):
+    with pytest.raises(SoftprintError, match="training checkpoint file is damaged"):
         load_checkpoint(path)
 
 

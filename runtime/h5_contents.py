@@ -1,0 +1,124 @@
+"""What an HDF5 file may hold before anything of it is read, and what is wrong with one that is not sealed.
+
+HDF5 can point out of a file (external and soft links, external storage, virtual datasets), round in circles
+(a group within itself), to Python objects, and can claim in a few bytes arrays of terabytes. Files of ours do
+none of it, so a file that does is refused whole.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runtime.errors import SoftprintError
+
+if TYPE_CHECKING:
+    import h5py
+
+# A dataset may take this much room, whatever the size of its file (texts compress a thousandfold) ...
+_ROOM = 1 << 28  # bytes
+# ... and this many times the size of its file, for numbers compress, too.
+_COMPRESSION = 16
+_DEPTH = 8  # of groups within groups; ours go to three
+_PLAIN = set("iufbS")  # kinds of numpy types: integers, floats, truth values, text of fixed length
+_PATIENCE = 60.0  # s
+
+# Says on stdout what a file is. In a process of its own: HDF5 may crash on bytes that nothing vouches for.
+_PROBE = """
+import json, sys, h5py
+with h5py.File(sys.argv[1], "r") as file:
+    kind, version = (file.attrs.get(name) for name in ("softprint_kind", "softprint_version"))
+    kind = kind.decode(errors="replace") if isinstance(kind, bytes) else kind
+    print(json.dumps([None if kind is None else str(kind), -1 if version is None else int(version)]))
+"""
+
+
+def claims(path: Path) -> tuple[str | None, int] | None:
+    """Kind and version that an HDF5 file says it is of, asked in a process that may crash; None if
+    unreadable."""
+    command = [sys.executable, "-c", _PROBE, str(path)]
+    try:
+        asked = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            timeout=_PATIENCE,
+            check=False,
+            stdin=subprocess.DEVNULL,
+        )
+    except subprocess.TimeoutExpired:
+        return None
+    if asked.returncode != 0:
+        return None
+    kind, version = json.loads(asked.stdout)
+    return kind, version
+
+
+def refuse_tricks(file: h5py.File, source: Path) -> None:
+    """Raise SoftprintError where an open file holds what no file of ours does."""
+    import h5py
+
+    limit = _ROOM + _COMPRESSION * source.stat().st_size
+    for name, item in _walk(file, source, "", 0):
+        for attribute in item.attrs:
+            kind = item.attrs.get_id(attribute).dtype.kind
+            if kind not in _PLAIN:
+                raise _refusal(source, f"{name}@{attribute}", "is neither a number nor text of fixed length")
+        if not isinstance(item, h5py.Dataset):
+            continue
+        if item.dtype.kind not in _PLAIN:
+            raise _refusal(source, name, "holds neither numbers nor text of fixed length")
+        if item.is_virtual or item.external:
+            raise _refusal(source, name, "has its numbers in another file")
+        if item.size is None or item.size * item.dtype.itemsize > limit:
+            raise _refusal(source, name, f"claims {item.shape} values, more than such a file can hold")
+
+
+def _walk(group: h5py.Group, source: Path, name: str, depth: int) -> Iterator[tuple[str, h5py.HLObject]]:
+    import h5py
+
+    if depth > _DEPTH:
+        raise _refusal(source, name, "lies in too many groups")
+    yield name or "/", group
+    for key in group:
+        child = f"{name}/{key}"
+        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            raise _refusal(source, child, "points elsewhere")
+        item = group[key]
+        if isinstance(item, h5py.Group):
+            yield from _walk(item, source, child, depth + 1)
+        else:
+            yield child, item
+
+
+def _refusal(source: Path, name: str, trouble: str) -> SoftprintError:
+    return SoftprintError(f"{source}: {name!r} {trouble}; no file of Softprint's does: make it again")
+
+
+def unreadable_datasets(path: Path) -> list[str]:
+    """Names of the datasets that HDF5 cannot read whole; it knows by their own checksums."""
+    import h5py
+
+    bad = []
+    try:
+        with h5py.File(path, "r") as file:
+            for name, item in _walk(file, path, "", 0):
+                if isinstance(item, h5py.Dataset) and not _is_readable(item):
+                    bad.append(name)
+    except (OSError, RuntimeError, ValueError, LookupError, SoftprintError):
+        bad.append("its own table of contents")
+    return bad
+
+
+def _is_readable(dataset: h5py.Dataset) -> bool:
+    step = dataset.chunks[0] if dataset.chunks else max(1, len(dataset))
+    try:
+        for start in range(0, len(dataset), step):
+            dataset[start : start + step]
+    except (OSError, RuntimeError, ValueError, TypeError, MemoryError):
+        return False
+    return True

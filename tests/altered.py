@@ -1,0 +1,35 @@
+"""Files that were altered on purpose, with checksums that fit: what a program with a fault, or an enemy, might
+write."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+from safetensors import safe_open
+
+from runtime.seal import seal
+from runtime.tensor_file import save_tensors
+
+
+@contextmanager
+def altered_h5(path: Path) -> Iterator[h5py.File]:
+    """An HDF5 file of ours open for changes, sealed afterwards."""
+    with h5py.File(path, "r+") as file:  # HDF5 cuts the old seal off
+        yield file
+    seal(path)
+
+
+def alter_tensors(path: Path, texts: Mapping[str, str], dropped: int = 0) -> None:
+    """Write a safetensors file of ours again with some of its texts changed and its first tensors left out."""
+    with safe_open(path, framework="pt") as file:
+        before = {name: text for name, text in file.metadata().items() if name != "checksums"}
+        tensors = {name: file.get_tensor(name) for name in list(file.keys())[dropped:]}
+    save_tensors(path, "", 0, {**before, **texts}, tensors)
+
+
+def flipped(content: bytes, place: int, mask: int = 0x20) -> bytes:
+    """The content with one byte altered."""
+    return content[:place] + bytes([content[place] ^ mask]) + content[place + 1 :]
