@@ -139,11 +139,10 @@ def content_hash(content: Mapping[str, object]) -> str:
 def create_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5py.File]:
     """Write a whole HDF5 file, atomically, with its kind, version and provenance in the attributes, and a
     seal."""
-    import h5py
+    from runtime.h5_writing import H5Writer
 
     with atomic_path(path) as temporary:
-        # HDF5's format of 1.10 has checksums in its metadata: it can tell which dataset is damaged.
-        with h5py.File(temporary, "w", libver=("v110", "v110")) as file:
+        with H5Writer(temporary) as file:
             file.attrs["softprint_kind"] = fixed_text(kind)
             file.attrs["softprint_version"] = version
             file.attrs["provenance"] = fixed_text(json.dumps(provenance(), sort_keys=True))

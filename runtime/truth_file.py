@@ -27,10 +27,8 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.pose import RigidPose
 from runtime.errors import SoftprintError
 from runtime.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
-from runtime.truth_schema import CONVERGED, KIND, STATUS_NAMES, TABLES, VERSION, checked_table
+from runtime.truth_schema import CONVERGED, KIND, STATUS_NAMES, TABLES, TEXT_BYTES, VERSION, checked_table
 from runtime.xdmf import Step, Values, write_xdmf
-
-TEXT_BYTES = 1024  # of a text in a table; compressed, so the room costs nothing
 
 
 @dataclass(frozen=True)
@@ -67,11 +65,10 @@ class TruthWriter:
                 # One row of a field is one chunk: a training batch reads the samples it wants and nothing
                 # else.
                 chunk = (1, *shape) if "nodes" in column.shape else (256, *shape)
-                dtype = f"S{TEXT_BYTES}" if column.dtype == "str" else column.dtype
                 dataset = group.create_dataset(
                     key,
                     (0, *shape),
-                    dtype,
+                    column.stored_dtype,
                     maxshape=(None, *shape),
                     chunks=chunk,
                     fletcher32=True,
@@ -208,7 +205,7 @@ class Table:
     def _damage_is_told(self, column: str) -> Iterator[None]:
         try:
             yield
-        except OSError as error:
+        except (OSError, ValueError) as error:
             name = Path(self._group.file.filename)
             raise SoftprintError(
                 f"{name}: column {column!r} is damaged ({error}): make the file again"
@@ -250,8 +247,19 @@ class TruthData:
             self._stack = stack.pop_all()  # all is well: keep the file open
 
     def _check_tables(self, file: h5py.File) -> None:
+        basis_rows = file["states/rows"].shape[1:2]
+        sizes = dict(zip(("nodes", "dim", "rows"), (*file["mesh/points"].shape, *basis_rows), strict=True))
         for name, columns in TABLES.items():
-            lengths = {key: len(file[name][key]) for key in columns}
+            lengths = {}
+            for key, column in columns.items():
+                found = file[name][key]
+                wanted, dtype = column.row_shape(sizes), column.stored_dtype
+                if found.shape[1:] != wanted or found.dtype != dtype:
+                    raise SoftprintError(
+                        f"{self.path}: column {name}/{key} holds {found.dtype} of shape {found.shape[1:]}, not "
+                        f"{dtype} of shape {wanted}: make the file again"
+                    )
+                lengths[key] = len(found)
             if len(set(lengths.values())) != 1:
                 raise SoftprintError(
                     f"{self.path}: columns of {name!r} differ in length ({lengths}): make it again"

@@ -17,6 +17,7 @@ from runtime.errors import SoftprintError
 
 KIND = "truth"
 VERSION = 2
+TEXT_BYTES = 1024  # of a text in a table; compressed, so the room costs nothing
 
 # Status of a sample: the codes of the full-space solver, and one of the sampling. Only converged samples have
 # a displacement; the others hold NaN, which no training can mistake for truth.
@@ -45,6 +46,11 @@ class Column:
 
     def row_shape(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         return tuple(sizes[word] for word in self.shape)
+
+    @property
+    def stored_dtype(self) -> np.dtype[Any]:
+        """Type in the file, where text is of fixed length."""
+        return np.dtype(f"S{TEXT_BYTES}" if self.dtype == "str" else self.dtype)
 
 
 STATES: dict[str, Column] = {

@@ -47,7 +47,7 @@ def load_checkpoint(path: Path) -> Checkpoint:
     texts, tensors = load_tensors(path, KIND, VERSION, REMEDY)
     try:
         return Checkpoint(texts["fingerprint"], int(texts["step"]), json.loads(texts["history"]), tensors)
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, RecursionError) as error:
         raise SoftprintError(f"{path}: the checkpoint is incomplete ({error}): {REMEDY}") from error
 
 

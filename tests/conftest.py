@@ -88,3 +88,17 @@ def softprint(tmp_path) -> Callable[..., subprocess.CompletedProcess[str]]:
         )
 
     return call
+
+
+@pytest.fixture(scope="session")
+def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a toy experiment in 2D; its `run` has everything."""
+    from runtime.cli import main
+    from tests.toy_experiment import write_experiment
+
+    folder = tmp_path_factory.mktemp("finished")
+    experiment = write_experiment(folder, 2)
+    experiment.write_text(experiment.read_text().replace("steps = 20", "steps = 3"))
+    for verb, *options in (["body"], ["generate"], ["train"], ["simulate", "--model=bare", "--model=full"]):
+        assert main.main([verb, str(experiment), "--out", str(folder / "run"), "--quiet", *options]) == 0
+    return folder

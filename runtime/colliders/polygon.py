@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.arrays import Array
+from runtime.arrays import Array, BoolArray
 from runtime.colliders.grid import GridCollider
 from runtime.errors import SoftprintError
 
 # Arcs are drawn with chords of this angle: the sagitta is then 0.04 % of the fillet's radius.
 ARC_STEP = np.deg2rad(3.0)
+# Crossings are looked for between all pairs of sides: this many take seconds.
+MOST_CORNERS = 5000
 
 
 def polygon_collider(
@@ -72,21 +74,31 @@ def _checked(vertices: Array, name: str) -> Array:
     corners: Array = vertices[keep]
     if len(corners) < 3:
         raise SoftprintError(f"collider '{name}': a polygon needs at least three different vertices")
-    count = len(corners)
+    if len(corners) > MOST_CORNERS:
+        raise SoftprintError(
+            f"collider '{name}': the polygon has {len(corners)} vertices, and at most {MOST_CORNERS} are taken; "
+            "draw it with fewer"
+        )
     after = np.roll(corners, -1, axis=0)
-    for i in range(count):
-        for j in range(i + 2, count - (i == 0)):
-            if _segments_meet(corners[i], after[i], corners[j], after[j]):
-                raise SoftprintError(f"collider '{name}': sides {i} and {j} of the polygon cross each other")
+    for i in range(len(corners)):
+        others = np.arange(i + 2, len(corners) - (i == 0))
+        meets = _segments_meet(corners[i], after[i], corners[others], after[others])
+        if meets.any():
+            raise SoftprintError(
+                f"collider '{name}': sides {i} and {others[meets][0]} of the polygon cross each other"
+            )
     area = 0.5 * np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0])
     return corners if area > 0 else np.flip(corners, axis=0)
 
 
-def _segments_meet(a: Array, b: Array, c: Array, d: Array) -> bool:
-    def side(p: Array, q: Array, r: Array) -> float:
-        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+def _segments_meet(a: Array, b: Array, c: Array, d: Array) -> BoolArray:
+    """(n,) whether the segment from a to b (2,) meets those from c to d (n, 2)."""
 
-    return side(a, b, c) * side(a, b, d) <= 0 and side(c, d, a) * side(c, d, b) <= 0
+    def side(p: Array, q: Array, r: Array) -> Array:
+        along, off = q - p, r - p
+        return np.asarray(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0])
+
+    return (side(a, b, c) * side(a, b, d) <= 0) & (side(c, d, a) * side(c, d, b) <= 0)
 
 
 def _fillet(corners: Array, radius: float, name: str) -> Array:

@@ -22,6 +22,8 @@ MERGE_DISTANCE = 1e-6
 DEGENERATE_HEIGHT = 1e-9
 # A hole is closed if its rim is shorter than this share of the diagonal; that of a larger one is unknown.
 SMALL_HOLE = 0.25
+# More separate surfaces than this are a soup, and which lies in which takes too long to find out.
+MOST_PIECES = 1000
 
 
 def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[Array, IntArray]:
@@ -151,26 +153,31 @@ def _fill_small_holes(
 def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray:
     """Turn every separate surface outward, except cavities (nested an odd number deep): inward."""
     component = np.asarray(igl.facet_components(triangles)[1]).reshape(-1)
-    result = triangles.copy()
     count = int(component.max()) + 1
-    for c in range(count):
-        own = triangles[component == c]
-        corners = vertices[own]
-        volume = np.linalg.det(corners).sum() / 6.0
-        if volume < 0:
-            own = own[:, ::-1]
+    if count > MOST_PIECES:
+        raise SoftprintError(
+            f"{source}: the surface is in {count} separate pieces, and a collider has at most {MOST_PIECES}; "
+            "join them in a modeller, or take fewer"
+        )
+    pieces = [triangles[component == c] for c in range(count)]
+    for c, piece in enumerate(pieces):
+        if np.linalg.det(vertices[piece]).sum() < 0:  # six times the volume
+            pieces[c] = piece[:, ::-1]
             log.warning("%s: turned an inward-facing surface outward", source)
-        result[component == c] = own
-    depth = np.zeros(count, dtype=int)
-    for c in range(count):
-        for other in range(count):
-            if other != c:
-                probe = vertices[result[component == c][0]][:1]
-                inside = igl.winding_number(vertices, result[component == other], probe)
-                depth[c] += int(np.atleast_1d(inside)[0] > 0.5)
-    cavity = np.flatnonzero(depth % 2 == 1)
-    for c in cavity:
-        result[component == c] = result[component == c][:, ::-1]
-    if cavity.size:
-        log.info("%s: %d cavity surface(s) kept as holes", source, cavity.size)
+    corners = [vertices[piece].reshape(-1, 3) for piece in pieces]
+    lower, upper = (np.array([bound(points, axis=0) for points in corners]) for bound in (np.min, np.max))
+    result = triangles.copy()
+    cavities = 0
+    for c, piece in enumerate(pieces):
+        probe = corners[c][:1]
+        around = np.flatnonzero(((lower <= probe) & (probe <= upper)).all(axis=1))
+        depth = sum(
+            np.atleast_1d(igl.winding_number(vertices, pieces[other], probe))[0] > 0.5
+            for other in around
+            if other != c
+        )
+        result[component == c] = piece[:, ::-1] if depth % 2 else piece
+        cavities += depth % 2
+    if cavities:
+        log.info("%s: %d cavity surface(s) kept as holes", source, cavities)
     return result

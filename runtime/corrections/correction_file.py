@@ -131,5 +131,5 @@ def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:
     texts, tensors = load_tensors(path, KIND, VERSION, REMEDY)
     try:
         return CorrectionHeader(**json.loads(texts["header"])), tensors
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise SoftprintError(f"{path}: the header is incomplete ({error}): train it again") from error

@@ -12,6 +12,7 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
 from runtime.files import atomic_path
+from runtime.memory import memory_bound
 from runtime.mesh.check import oriented_mesh
 from runtime.mesh.mesh import Mesh
 
@@ -74,8 +75,16 @@ def _read(source: Path) -> tuple[Array, dict[str, IntArray]]:
         raise SoftprintError(f"{source}: there is no such mesh file")
     try:
         # meshio prints its complaints and calls sys.exit when no reader accepts the file.
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with (
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(io.StringIO()),
+            memory_bound(source),
+        ):
             raw = meshio.read(source)
+    except MemoryError as error:
+        raise SoftprintError(
+            f"{source}: asks for far more memory than a mesh of its size can need"
+        ) from error
     except (SystemExit, Exception) as error:
         raise SoftprintError(
             f"{source}: cannot be read as a mesh: empty, truncated, or of a format that meshio does not know"

@@ -1,0 +1,87 @@
+"""Reads doubtful files in a process that may crash: `python -m tests.hostile_reader LIST.json FIRST`.
+
+The list holds pairs of kind and path. One line a file goes to stdout, when it has been read: its number, how it
+ended ("read", "refused", "bug"), what was said, the memory that the process has held so far [MiB], and
+the processor time it took [s]. A file that
+takes more than its share of processor time ends the process.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import resource
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+SECONDS = 10  # of processor time for a file
+MEMORY = 2 << 30  # bytes that reading may map beyond what the process has mapped before
+
+
+def _readers() -> dict[str, Callable[[Path], object]]:
+    from runtime.body import load_body
+    from runtime.colliders.mesh_collider import load_mesh_collider
+    from runtime.colliders.polygon import load_polygon, polygon_collider
+    from runtime.corrections.correction_file import read_header
+    from runtime.dynamics.motion_file import load_motion
+    from runtime.mesh import read_mesh
+    from runtime.truth_file import load_truth
+    from runtime.truth_schema import TABLES
+    from surrogate.checkpoints import load_checkpoint
+
+    def truth(path: Path) -> object:
+        with load_truth(path) as found:
+            columns = [getattr(found, table)[name] for table, names in TABLES.items() for name in names]
+            return (
+                columns,
+                found.usable,
+                found.noise_floor,
+                [found.displacement(k) for k in range(found.n_samples)],
+            )
+
+    def motion(path: Path) -> object:
+        found = load_motion(path)
+        return [found.positions(frame) for frame in range(found.n_frames)]
+
+    return {
+        "mesh": read_mesh,
+        "surface": lambda path: load_mesh_collider(path, resolution=8),
+        "polygon": lambda path: polygon_collider(load_polygon(path), resolution=8),
+        "body": load_body,
+        "truth": truth,
+        "motion": motion,
+        "correction": read_header,
+        "checkpoint": load_checkpoint,
+    }
+
+
+def main() -> None:
+    from runtime.errors import SoftprintError
+
+    files: list[tuple[str, str]] = json.loads(Path(sys.argv[1]).read_text())
+    logging.disable()
+    readers = _readers()
+    mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (mapped + MEMORY, mapped + MEMORY))
+    for number in range(int(sys.argv[2]), len(files)):
+        kind, path = files[number]
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        began = time.process_time()
+        try:
+            readers[kind](Path(path))
+            outcome, said = "read", ""
+        except SoftprintError as error:
+            outcome, said = "refused", str(error)
+        except BaseException:
+            outcome, said = "bug", traceback.format_exc()
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+        print(json.dumps([number, outcome, said, peak, time.process_time() - began]), flush=True)
+
+
+if __name__ == "__main__":
+    main()
