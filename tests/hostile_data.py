@@ -154,10 +154,11 @@ _UNSEALED = ("is gone", "in a circle", "version of soup")  # to look into these 
 
 
 def hdf5(kind: str, good: Path, scratch: Path, seed: int) -> Iterator[Variant]:
-    """Of one of our HDF5 files: battered with the seal as it was, battered and sealed again, and changed by
-    HDF5."""
+    """Of one of our HDF5 files: battered with the seal as it was (a body), battered and sealed again, and changed
+    by HDF5."""
     rng = np.random.default_rng(seed)
-    yield from battered(kind, kind, ".h5", good.read_bytes(), rng)
+    if kind == "body":  # once for all kinds: of what is not sealed no more is read than this
+        yield from battered(kind, kind, ".h5", good.read_bytes(), rng)
     for name, _, suffix, content in battered(kind, kind, ".h5", good.read_bytes(), rng):
         scratch.write_bytes(content)
         seal(scratch)
@@ -166,7 +167,7 @@ def hdf5(kind: str, good: Path, scratch: Path, seed: int) -> Iterator[Variant]:
         shutil.copy(good, scratch)
         with h5py.File(scratch, "r+") as file:
             change(file, _PLACES[kind][0], _PLACES[kind][2])
-        if name in _UNSEALED:
+        if kind == "body" and name in _UNSEALED:
             yield f"{kind} {name}, not sealed", kind, ".h5", scratch.read_bytes()
         seal(scratch)
         yield f"{kind} {name}", kind, ".h5", scratch.read_bytes()

@@ -17,17 +17,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.errors import SoftprintError
 from runtime.files import atomic_path
 
 MAGIC = b"softprint shard 1\n"
+_REMEDY = "the same command again does it anew"
 _HEADER_BYTES = len(MAGIC) + 64 + 1
 
 Column = NDArray[Any]
 Tables = dict[str, dict[str, Column]]
 
 
-class DamagedShard(Exception):
-    """The file is not a whole shard: it has to be made again."""
+class DamagedShard(SoftprintError):
+    """The file is not a whole shard: it has to be made again, which the next run does."""
 
 
 def write_shard(path: Path, tables: Mapping[str, Mapping[str, object]]) -> None:
@@ -56,10 +58,10 @@ def read_shard(path: Path) -> Tables:
     try:
         content = path.read_bytes()
     except FileNotFoundError as error:
-        raise DamagedShard(f"{path}: not there") from error
+        raise DamagedShard(f"{path}: is not there (any more); {_REMEDY}") from error
     payload = content[_HEADER_BYTES:]
     if content[:_HEADER_BYTES] != MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n":
-        raise DamagedShard(f"{path}: truncated or altered")
+        raise DamagedShard(f"{path}: finished work was cut short or altered; {_REMEDY}")
     tables: Tables = {}
     with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
         for name in arrays.files:

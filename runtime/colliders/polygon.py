@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,9 @@ def load_polygon(path: Path) -> Array:
     if not path.is_file():
         raise SoftprintError(f"{path}: there is no such polygon file")
     try:
-        vertices = np.loadtxt(path, ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that it is empty, which is said below
+            vertices = np.loadtxt(path, ndmin=2)
     except ValueError as error:
         raise SoftprintError(f"{path}: a polygon is a text file with two numbers a line: {error}") from error
     if vertices.ndim != 2 or vertices.shape[1:] != (2,):

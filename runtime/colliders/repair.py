@@ -26,6 +26,7 @@ SMALL_HOLE = 0.25
 MOST_PIECES = 1000
 
 
+@np.errstate(over="ignore", invalid="ignore")  # coordinates beyond reason are refused for what follows
 def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[Array, IntArray]:
     """Vertices (v, 3) and triangles (t, 3) of the repaired surface, normals outward.
 

@@ -19,6 +19,7 @@ log = logging.getLogger(__name__)
 DEGENERATE = 1e-6
 
 
+@np.errstate(over="ignore", invalid="ignore")  # coordinates beyond reason are refused for what follows
 def oriented_mesh(points: Array, cells: IntArray, source: str = "the mesh") -> Mesh:
     """A checked :class:`Mesh`: unused nodes dropped, inverted cells turned round (both logged).
 

@@ -23,6 +23,7 @@ from fem_truth.newton import Status
 from runtime.mesh import box_mesh, write_mesh
 from runtime.truth_file import load_truth
 from runtime.truth_schema import CONVERGED, STATUS_NAMES
+from tests.kill_generate import kill_storm
 
 EXPERIMENT = """
 [experiment]
@@ -141,31 +142,63 @@ def _circle(z: np.ndarray) -> np.ndarray:
     return np.linalg.norm(z, axis=1) - 0.02
 
 
-def test_two_ranks_give_the_same_truth(experiment: Path, reference: Path) -> None:
+@pytest.fixture(scope="module")
+def duration(experiment: Path, reference: Path) -> float:
+    """How long an undisturbed run on two ranks lasts [s]."""
     out = experiment.parent / "two_ranks"
+    began = time.monotonic()
     finished = generate(experiment, "--out", out, ranks=2)
     assert finished.returncode == 0, finished.stderr
     assert content(out) == content(reference)
+    return time.monotonic() - began
 
 
-def test_a_killed_run_goes_on_to_the_same_truth(experiment: Path, reference: Path) -> None:
-    out = experiment.parent / "killed"
-    process = subprocess.Popen(
-        command(experiment, "--out", out),
-        env=environment(),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+def test_two_ranks_give_the_same_truth(duration: float) -> None:
+    assert duration > 0
+
+
+@pytest.mark.slow
+def test_ten_kills_lose_nothing(experiment: Path, reference: Path, duration: float) -> None:
+    """Of all processes, of one rank, of mpirun, at moments drawn from the time that an undisturbed run takes."""
+    storm = kill_storm(
+        experiment, experiment.parent, 10, seed=4, wanted=content(reference), duration=duration
     )
-    wait_for_shards(out, process)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    done = finished_contacts(out)
-    assert 3 <= len(done) < N_CONTACTS
-    assert not (out / "truth.h5").exists()
-    # Go on with one unit, so that the shards are still there to be looked at; then to the end.
-    assert generate(experiment, "--out", out, "--units", "1").returncode == 0
-    assert {path: path.stat().st_mtime_ns for path in done} == done  # nothing finished was computed again
-    assert generate(experiment, "--out", out).returncode == 0
+    assert storm.is_harmless, str(storm)
+    assert storm.kills.total() == 10
+    assert storm.truths >= 1
+    assert storm.kept > 0, "no kill came after a contact was finished"
+
+
+def test_a_full_disk_is_told_and_the_run_goes_on_where_there_is_room(
+    experiment: Path, reference: Path
+) -> None:
+    """Files may not grow beyond a limit, which HDF5 meets as it does a full disk: first not the body's, then the
+    truth's, which is larger than any shard."""
+    out = experiment.parent / "full"
+    limited = (  # MPI first, which wants large files of its own
+        "import resource, sys; from mpi4py import MPI; limit = int(sys.argv.pop(1))\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))\n"
+        "from runtime.cli.main import main; sys.exit(main())"
+    )
+    body, truth = ((reference / name).stat().st_size for name in ("body.h5", "truth.h5"))
+    for name, limit in (("body.h5", body // 2), ("truth.h5", truth - 5000)):
+        full = subprocess.run(
+            [sys.executable, "-c", limited, str(limit), "generate", experiment, "--out", out, "--quiet"],
+            env=environment(),
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        assert full.returncode == 1, full.stderr
+        assert full.stderr.splitlines()[-1] == f"cannot write {out / name}: File too large"
+        assert "Traceback" not in full.stderr
+        assert not [
+            path for path in out.rglob("*") if path.name == name or path.name.startswith(f".{name[:-3]}.")
+        ]
+    assert len(finished_contacts(out)) == N_CONTACTS
+    done = generate(experiment, "--out", out)
+    assert "this run: 0 contacts" in done.stdout
     assert content(out) == content(reference)
 
 
