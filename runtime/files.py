@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from runtime.errors import SoftprintError
 from runtime.h5_contents import claims, refuse_tricks, unreadable_datasets
-from runtime.seal import Damage, Unsealed, damage, seal
+from runtime.seal import Damage, Unsealed, damage, seal, was_found_whole
 
 if TYPE_CHECKING:
     import h5py
@@ -178,6 +178,7 @@ def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5p
         maker = f"; `softprint {_MAKERS[kind]}` makes one" if kind in _MAKERS else ""
         raise SoftprintError(f"{source}: there is no such {kind} file{maker}")
     try:
+        known = was_found_whole(source)
         broken = damage(source)
     except Unsealed:
         raise _unsealed(source, kind, version) from None
@@ -187,7 +188,8 @@ def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5p
         raise _altered(source, kind, broken)
     try:
         with h5py.File(source, "r") as file:
-            refuse_tricks(file, source)
+            if not known:
+                refuse_tricks(file, source)
             _check_kind(file, source, kind, version)
             yield file
     except KeyError as error:

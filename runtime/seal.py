@@ -71,10 +71,15 @@ def seal(path: Path) -> None:
         file.write(table + footer + _CRC.pack(zlib.crc32(footer)))
 
 
+def was_found_whole(path: Path) -> bool:
+    """Whether this process has examined the file, and it has not changed since. Raises OSError."""
+    return _found_whole.get(path) == _identity(os.stat(path))
+
+
 def damage(path: Path) -> list[Damage]:
     """What of a sealed file was altered: nothing, or the blocks, neighbours joined. Raises Unsealed, OSError."""
     with path.open("rb") as file:
-        identity = _identity(file)
+        identity = _identity(os.fstat(file.fileno()))
         if _found_whole.get(path) == identity:
             return []
         length, table_crc = _read_footer(file)
@@ -89,13 +94,16 @@ def damage(path: Path) -> list[Damage]:
             for _, group in groupby(enumerate(bad), key=lambda pair: pair[1] - pair[0])
             for run in [[number for _, number in group]]
         ]
-        if not damaged and _identity(file) == identity and time.time() - max(identity[3:]) / 1e9 > _SETTLED:
+        if (
+            not damaged
+            and _identity(os.fstat(file.fileno())) == identity
+            and time.time() - max(identity[3:]) / 1e9 > _SETTLED
+        ):
             _found_whole[path] = identity
         return damaged
 
 
-def _identity(file: BufferedIOBase) -> _Identity:
-    found = os.fstat(file.fileno())
+def _identity(found: os.stat_result) -> _Identity:
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 
