@@ -153,6 +153,9 @@ def kill_storm(
         _judge(run, before, storm)
         if run.content_hash() is not None:
             _finish(run, wanted, storm)
+            print(
+                f"{storm.kills.total()} kills, {storm.truths} truths, {storm.lost} contacts lost", flush=True
+            )
             run = next(runs)
     _finish(run, wanted, storm)
     return storm
