@@ -20,6 +20,7 @@ class _SafeDisk(io.RawIOBase):
 
     def __init__(self, path: Path) -> None:
         self.error: OSError | None = None
+        self.stop: KeyboardInterrupt | None = None  # came in the midst of HDF5, which it would have crashed
         self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666)
         self._place = self._size = 0
         self._spilled: list[tuple[int, bytes]] = []  # writes that found no room: where, and what
@@ -51,16 +52,23 @@ class _SafeDisk(io.RawIOBase):
         return self._size
 
     def write(self, data: Any) -> int:
-        content = memoryview(data).cast("B")
+        place = self._place
+        while True:  # what is interrupted is done again, whole
+            try:
+                return self._write(memoryview(data).cast("B"), place)
+            except KeyboardInterrupt as stop:
+                self.stop = stop
+
+    def _write(self, content: memoryview, place: int) -> int:
         done = 0
         while self.error is None and done < len(content):
             try:
-                done += os.pwrite(self._handle, content[done:], self._place + done)
+                done += os.pwrite(self._handle, content[done:], place + done)
             except OSError as error:
                 self.error = error
         if done < len(content):
-            self._spilled.append((self._place + done, bytes(content[done:])))
-        self._place += len(content)
+            self._spilled.append((place + done, bytes(content[done:])))
+        self._place = place + len(content)
         self._size = max(self._size, self._place)
         return len(content)
 
@@ -111,5 +119,7 @@ class H5Writer(h5py.File):  # type: ignore[misc]  # h5py says nothing of its typ
             self._raise_error()
 
     def _raise_error(self) -> None:
+        if self._disk.stop is not None:
+            raise self._disk.stop
         if self._disk.error is not None:
             raise self._disk.error

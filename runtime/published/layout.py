@@ -44,6 +44,7 @@ from numpy.typing import NDArray
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
 from runtime.files import atomic_path
+from runtime.h5_writing import H5Writer
 
 BODY_REFERENCE, COLLIDER_REFERENCE = "q_ref", "z_ref"
 _DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)
@@ -203,7 +204,7 @@ def has_meshes(path: Path) -> bool:
 @contextmanager
 def _create(path: Path) -> Iterator[h5py.File]:
     """A file that any reader of HDF5 1.10 takes, with the checksums that this format has."""
-    with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
+    with atomic_path(path) as temporary, H5Writer(temporary) as file:
         yield file
 
 
