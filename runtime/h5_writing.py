@@ -42,6 +42,9 @@ class _SafeDisk(io.RawIOBase):
     def tell(self) -> int:
         return self._place
 
+    def flush(self) -> None:
+        """Nothing is held back."""
+
     def truncate(self, size: int | None = None) -> int:
         self._size = self._place if size is None else size
         if self.error is None:
@@ -113,7 +116,11 @@ class H5Writer(h5py.File):  # type: ignore[misc]  # h5py says nothing of its typ
 
     def __exit__(self, *exception: Any) -> None:
         try:
-            super().__exit__(*exception)
+            while self:  # closing, too, is done again where it was interrupted
+                try:
+                    super().__exit__(*exception)
+                except KeyboardInterrupt as stop:
+                    self._disk.stop = stop
         finally:
             self._disk.close()
             self._raise_error()
