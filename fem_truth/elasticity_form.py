@@ -28,6 +28,13 @@ def neo_hookean(F: Any, mu: Any, lam: Any) -> Any:
     return mu / 2.0 * _strain(F) - mu * log_J + lam / 2.0 * log_J**2
 
 
+def isochoric_neo_hookean(F: Any, mu: Any, lam: Any) -> Any:
+    """psi = mu/2 (J^(-2/3) I_C - 3) + kappa/4 (J^2 - 1 - 2 log J), kappa = lam + 2/3 mu; not a number where J <= 0."""
+    J, kappa = ufl.det(F), lam + 2.0 / 3.0 * mu
+    shape = J ** (-2.0 / 3.0) * (_strain(F) + 3.0) - 3.0
+    return mu / 2.0 * shape + kappa / 4.0 * (J**2 - 1.0 - 2.0 * ufl.ln(J))
+
+
 def linear(F: Any, mu: Any, lam: Any) -> Any:
     """psi = mu e:e + lam/2 (tr e)^2 with the small strain e = sym F - I: not rotation invariant."""
     strain = ufl.sym(F) - ufl.Identity(F.ufl_shape[0])
@@ -37,6 +44,7 @@ def linear(F: Any, mu: Any, lam: Any) -> Any:
 DENSITIES: dict[str, Callable[[Any, Any, Any], Any]] = {
     "stable_neo_hookean": stable_neo_hookean,
     "neo_hookean": neo_hookean,
+    "isochoric_neo_hookean": isochoric_neo_hookean,
     "linear": linear,
 }
 

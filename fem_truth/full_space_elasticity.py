@@ -8,7 +8,7 @@ Node order is always that of `body.mesh`; DOLFINx's own numbering never leaves t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,17 +20,24 @@ from fem_truth.block_matrix import BlockMatrix, BlockPattern
 from fem_truth.elasticity_form import energy_density
 from runtime.arrays import Array, IntArray
 from runtime.elasticity.determinant import determinant
+from runtime.elasticity.materials import Material
 from runtime.mesh import Mesh
 
-if TYPE_CHECKING:
-    from runtime.body import ReducedBody
+
+class ElasticBody(Protocol):
+    """What elasticity needs of a body: a mesh, and a material with one value for all cells or one for each."""
+
+    @property
+    def mesh(self) -> Mesh: ...
+    @property
+    def material(self) -> Material: ...
 
 
 class FullSpaceElasticity:
     """W(x) [J] and its derivatives at node positions x (n_nodes, dim) [m]; the matrix is reused between
     calls."""
 
-    def __init__(self, body: ReducedBody) -> None:
+    def __init__(self, body: ElasticBody) -> None:
         mesh, material = body.mesh, body.material
         self.mesh: Mesh = mesh
         mu_values, lam_values = (np.broadcast_to(v, mesh.n_cells) for v in (material.mu, material.lam))

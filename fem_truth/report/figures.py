@@ -17,7 +17,8 @@ from runtime.arrays import Array
 
 Values = Sequence[float] | Array
 
-_RC = {
+#: How all plots look.
+RC = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 9.0,
@@ -89,7 +90,7 @@ def over_time(
     series: model -> one value a time; marks: model -> (times, values) known at some times only (dots).
     """
     shown = [styles[key] for key in styles if key in series or key in (marks or {})]
-    with plt.rc_context(_RC):
+    with plt.rc_context(RC):
         if depth is None:
             figure, axes = plt.subplots(figsize=(8.6, 3.0), layout="constrained")
             bottom = axes
@@ -119,7 +120,7 @@ def phases(
     models = [key for key in styles if key in milliseconds]
     names = list(dict.fromkeys(phase for key in models for phase in milliseconds[key]))
     tints = np.linspace(1.0, 0.25, len(names))
-    with plt.rc_context({**_RC, "axes.grid.axis": "x"}):
+    with plt.rc_context({**RC, "axes.grid.axis": "x"}):
         figure, axes = plt.subplots(figsize=(8.6, 0.75 + 0.48 * len(models)), layout="constrained")
         for row, key in enumerate(models):
             left = 0.0
@@ -144,7 +145,7 @@ def loss_curves(
     histories: model -> columns `step`, `loss`, `validation_rms`.
     """
     shown = [styles[key] for key in styles if key in histories]
-    with plt.rc_context(_RC):
+    with plt.rc_context(RC):
         figure, (left, right) = plt.subplots(1, 2, figsize=(8.6, 3.0), layout="constrained")
         for i, style in enumerate(shown):
             history = histories[style.key]
@@ -165,7 +166,7 @@ def histograms(name: str, columns: Mapping[str, Values]) -> str:
 
     Columns that spread over more than two decades and are positive are binned in the logarithm.
     """
-    with plt.rc_context(_RC):
+    with plt.rc_context(RC):
         rows = -(-len(columns) // 3)
         figure, grid = plt.subplots(
             rows, 3, figsize=(8.6, 1.95 * rows), layout="constrained", squeeze=False, sharey=False

@@ -59,7 +59,7 @@ def render_page(content: PageContent) -> str:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    template = environment.from_string(_template("page.html.j2"))
+    template = environment.from_string(template_text("fem_truth.report", "page.html.j2"))
     return template.render(
         s=content.summary,
         n=Numbers(content.summary),
@@ -67,7 +67,7 @@ def render_page(content: PageContent) -> str:
         plots={name: Markup(svg) for name, svg in content.plots.items()},
         styles=content.styles,
         hero=content.hero,
-        css=Markup(_template("page.css")),
+        css=Markup(page_style()),
         model_variables=Markup(_model_variables(content.styles)),
         heat_gradient=", ".join(ERROR_COLOURS),
     )
@@ -147,8 +147,14 @@ _SUPERSCRIPT = str.maketrans(
 )
 
 
-def _template(name: str) -> str:
-    return resources.files("fem_truth.report").joinpath("templates", name).read_text(encoding="utf-8")
+def page_style() -> str:
+    """The style sheet of all pages that Softprint writes."""
+    return template_text("fem_truth.report", "page.css")
+
+
+def template_text(package: str, name: str) -> str:
+    """A file of a package's folder `templates`."""
+    return resources.files(package).joinpath("templates", name).read_text(encoding="utf-8")
 
 
 def _safe_plots(pictures: ScenePictures) -> ScenePictures:

@@ -158,13 +158,53 @@ class NeoHookean(Material):
 
     def tangent(self, F: Array) -> Array:
         inverse_transpose, log_J = _inverse_transpose(F)
-        # dF^-T_ij / dF_kl = -F^-T_il F^-T_kj
-        crossed: Array = (
-            inverse_transpose[:, :, None, None, :] * inverse_transpose.transpose(0, 2, 1)[:, None, :, :, None]
-        )
-        result = (self.mu - self.lam * log_J)[:, None, None, None, None] * crossed
+        result = (self.mu - self.lam * log_J)[:, None, None, None, None] * _crossed(inverse_transpose)
         result += _outer(inverse_transpose, self.lam)
         return _add_identity(result, self.mu)
+
+
+class IsochoricNeoHookean(Material):
+    """Neo-Hookean in the volume-preserving part of the deformation (Simo and Miehe 1992; Holzapfel 2000, sec. 6.4):
+
+    Psi = mu/2 (J^(-2/3) I_C - 3) + kappa/4 (J^2 - 1 - 2 log J),    mu = mu_L, kappa = lambda_L + 2/3 mu_L.
+
+    P = mu J^(-2/3) (F - I_C/3 F^-T) + kappa/2 (J^2 - 1) F^-T. Shape and volume are told apart: the pressure depends
+    on J alone, which suits nearly incompressible solids. Infinite for J <= 0, as the law above.
+    """
+
+    model = "isochoric_neo_hookean"
+
+    @cached_property
+    def bulk(self) -> Array:
+        """kappa [Pa], the bulk modulus."""
+        return np.asarray(self.lame_lambda + 2.0 / 3.0 * self.lame_mu)
+
+    def energy_density(self, F: Array) -> Array:
+        J = determinant(F)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shape = 0.5 * self.mu * (np.cbrt(J) ** -2 * _first_invariant(F) - 3.0)
+            density = shape + 0.25 * self.bulk * (J**2 - 1.0 - 2.0 * np.log(J))
+        return np.where(J > 0, density, np.inf)
+
+    def first_piola(self, F: Array) -> Array:
+        inverse_transpose, log_J = _inverse_transpose(F)
+        shear = self.mu * np.exp(-2.0 / 3.0 * log_J)
+        pressure = 0.5 * self.bulk * np.expm1(2.0 * log_J)
+        spherical = pressure - shear * _first_invariant(F) / 3.0
+        return shear[:, None, None] * F + spherical[:, None, None] * inverse_transpose
+
+    def tangent(self, F: Array) -> Array:
+        inverse_transpose, log_J = _inverse_transpose(F)
+        shear, trace = self.mu * np.exp(-2.0 / 3.0 * log_J), _first_invariant(F)
+        pressure = 0.5 * self.bulk * np.expm1(2.0 * log_J)
+        result = (shear * trace / 3.0 - pressure)[:, None, None, None, None] * _crossed(inverse_transpose)
+        volume = self.bulk * np.exp(2.0 * log_J) + 2.0 / 9.0 * shear * trace
+        result += _outer(inverse_transpose, volume)
+        # F (x) F^-T + F^-T (x) F, each symmetric in the exchange of both
+        mixed: Array = F[:, :, :, None, None] * inverse_transpose[:, None, None, :, :]
+        mixed = mixed + mixed.transpose(0, 3, 4, 1, 2)
+        result -= (2.0 / 3.0 * shear)[:, None, None, None, None] * mixed
+        return _add_identity(result, shear)
 
 
 class Linear(Material):
@@ -198,7 +238,9 @@ class Linear(Material):
         )
 
 
-_MODELS: dict[str, type[Material]] = {kind.model: kind for kind in (StableNeoHookean, NeoHookean, Linear)}
+_MODELS: dict[str, type[Material]] = {
+    kind.model: kind for kind in (StableNeoHookean, NeoHookean, IsochoricNeoHookean, Linear)
+}
 
 
 def make_material(model: str, young: ArrayLike, poisson: ArrayLike) -> Material:
@@ -218,6 +260,14 @@ def _inverse_transpose(F: Array) -> tuple[Array, Array]:
     J = determinant(F)
     with np.errstate(invalid="ignore", divide="ignore"):
         return cofactor(F) / np.where(J > 0, J, np.nan)[:, None, None], np.log(np.where(J > 0, J, np.nan))
+
+
+def _crossed(inverse_transpose: Array) -> Array:
+    """F^-T_il F^-T_kj = -dF^-T_ij / dF_kl, (n, dim, dim, dim, dim)."""
+    crossed: Array = (
+        inverse_transpose[:, :, None, None, :] * inverse_transpose.transpose(0, 2, 1)[:, None, :, :, None]
+    )
+    return crossed
 
 
 def _small_strain(F: Array) -> Array:

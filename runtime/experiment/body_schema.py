@@ -42,7 +42,7 @@ class MaterialRegionSpec(Section):
 class MaterialSpec(Section):
     """`[body.material]`: hyperelastic solid; plane strain in 2D."""
 
-    model: Literal["stable_neo_hookean", "neo_hookean", "linear"] = Field(
+    model: Literal["stable_neo_hookean", "neo_hookean", "isochoric_neo_hookean", "linear"] = Field(
         "stable_neo_hookean", description="strain energy density"
     )
     young: Positive = Field(description="Young's modulus [Pa]")

@@ -1,0 +1,1 @@
+"""`softprint verify`: cases with known answers, and how near Softprint comes to them."""

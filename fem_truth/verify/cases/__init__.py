@@ -1,0 +1,8 @@
+"""The cases of the suite, in the order in which they run and are told."""
+
+from __future__ import annotations
+
+from fem_truth.verify.case import Case
+from fem_truth.verify.cases import closed_forms
+
+CASES: tuple[Case, ...] = (closed_forms.CASE,)

@@ -1,0 +1,107 @@
+"""Static equilibria of plain bodies (no handles, no subspace) with Softprint's own elasticity and minimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem_truth.block_matrix import BlockMatrix
+from fem_truth.full_space_elasticity import FullSpaceElasticity
+from fem_truth.newton import NewtonSettings, minimise
+from fem_truth.null_space import NullSpace
+from fem_truth.potentials import Potential
+from fem_truth.total_energy import Gradient, TotalEnergy
+from runtime.arrays import Array, BoolArray
+from runtime.elasticity.materials import Material
+from runtime.errors import SoftprintError
+from runtime.mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A mesh and what it is made of."""
+
+    mesh: Mesh
+    material: Material
+
+
+@dataclass(frozen=True, eq=False)
+class DeadLoad:
+    """W = - sum_i f_i . (x_i - X_i): forces that neither turn nor change. force: f (n_nodes, dim) [N]."""
+
+    force: Array
+    rest: Array
+
+    def energy(self, x: Array) -> float:
+        return -float(np.vdot(self.force, x - self.rest))
+
+    def gradient(self, x: Array) -> Array:
+        return -self.force
+
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
+        """Nothing: the energy is linear in x."""
+
+
+class HeldComponents(NullSpace):
+    """Displacements that are zero in the held components: rollers and planes of symmetry. held: (n_nodes, dim)."""
+
+    def __init__(self, held: BoolArray) -> None:
+        super().__init__(np.zeros((len(held), 0)), np.flatnonzero(held.all(axis=1)))
+        self._moving = np.where(held, 0.0, 1.0)
+
+    def project(self, v: Array) -> Array:
+        return v * self._moving
+
+    def violation(self, v: Array) -> float:
+        return float(np.abs(v * (1.0 - self._moving)).max(initial=0.0))
+
+
+class _LoadedEnergy(TotalEnergy):
+    """Residuals are measured against the elastic forces, reactions included, and decrements against the elastic energy.
+
+    Forces below 1e-4 of those at a strain of one are measured against that: they are sums of terms that cancel.
+    """
+
+    elastic: FullSpaceElasticity
+
+    def force_scale(self, x: Array, gradient: Gradient) -> float:
+        return max(float(np.linalg.norm(gradient.elastic)), 1e-4 * self.elastic.unit_force)
+
+    def energy_scale(self, x: Array) -> float:
+        return max(self.elastic.energy(x), 1e-18 * self.elastic.unit_energy)
+
+
+def equilibrium(
+    elasticity: FullSpaceElasticity,
+    held: BoolArray,
+    start: Array,
+    terms: Sequence[Potential] = (),
+    tolerance: float = 1e-10,
+) -> Array:
+    """Where the body comes to rest, (n_nodes, dim), from `start`, whose held components stay as they are.
+
+    held: (n_nodes, dim); tolerance: of the residual, relative to the elastic forces. Raises SoftprintError if the
+    minimiser does not reach it.
+    """
+    problem = _LoadedEnergy(elasticity, terms, HeldComponents(held))
+    settings = NewtonSettings(
+        gradient_tolerance=tolerance,
+        decrement_tolerance=1e-12,
+        max_iterations=100,
+        cg_tolerance_min=1e-5,
+        cg_max_iterations=20000,
+    )
+    result = minimise(problem, start, settings)
+    if not result.converged:
+        raise SoftprintError(f"no equilibrium was found (residual {result.residual:.1e}): {result.status.sentence}")
+    return result.x
+
+
+def mean_first_piola(mesh: Mesh, force: Array) -> Array:
+    """The mean of P over the body (dim, dim) [Pa] from the forces on its nodes, W'(x) (n_nodes, dim) [N].
+
+    integral P dV = sum_i f_i (x) X_i in equilibrium, by the divergence theorem.
+    """
+    return force.T @ mesh.points / float(mesh.cell_volumes.sum())

@@ -1,0 +1,103 @@
+"""The outcome of a suite for a terminal and as plain numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from fem_truth.verify.case import Row
+from fem_truth.verify.suite import Outcome
+
+_WIDTHS = (46, 15, 15, 9, 9, 6)  # quantity, reference, ours, error, allowed, order
+
+
+def header() -> str:
+    """The line above the first case."""
+    return _line(("quantity", "reference", "ours", "error", "allowed", "order"), "")
+
+
+def lines(outcome: Outcome) -> list[str]:
+    """A case as lines of text: its title, one line a number, and why it failed if it did."""
+    verdict = "passed" if outcome.passed else "FAILED"
+    text = [f"{outcome.case.name}: {outcome.case.title} ({verdict}, {outcome.seconds:.1f} s)"]
+    for row in outcome.result.rows:
+        reference, ours = shown(row)
+        bound = {"=": "", "<=": "at most ", ">=": "at least "}[row.relation]
+        order = "" if row.order is None else f"{row.order:.2f}"
+        cells = (f"  {_named(row)}", bound + reference, ours, format_error(row.error), format_error(row.allowed), order)
+        text.append(_line(cells, "ok" if row.passed else "FAILED"))
+    if outcome.failure:
+        text.append(f"  did not finish: {outcome.failure}")
+    return text
+
+
+def summary(outcomes: Sequence[Outcome]) -> str:
+    """The last line: how many of how many passed."""
+    rows = [row for outcome in outcomes for row in outcome.result.rows]
+    cases = sum(outcome.passed for outcome in outcomes)
+    return (
+        f"{cases} of {len(outcomes)} cases passed, {sum(row.passed for row in rows)} of {len(rows)} numbers, "
+        f"in {sum(outcome.seconds for outcome in outcomes):.0f} s of processor time"
+    )
+
+
+def shown(row: Row) -> tuple[str, str]:
+    """Reference and ours with as many digits as the tolerance can tell apart, and one more."""
+    size = max(abs(row.reference), abs(row.ours)) if math.isfinite(row.ours) else abs(row.reference)
+    digits = 4
+    if row.tolerance > 0 and size > 0:
+        digits = max(4, min(10, math.ceil(math.log10(size / row.tolerance)) + 1))
+    return f"{row.reference:.{digits}g}", f"{row.ours:.{digits}g}"
+
+
+def format_error(error: float) -> str:
+    """A percentage down to a hundredth of a percent, a power of ten below it."""
+    if error == 0.0 or not math.isfinite(error):
+        return f"{error:g}"
+    return f"{100 * error:.2g} %" if 1e-4 <= error < 10 else f"{error:.0e}"
+
+
+def as_json(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
+    """Every outcome in JSON's own types but for numbers that are not finite."""
+    return [
+        {
+            "name": outcome.case.name,
+            "title": outcome.case.title,
+            "statement": outcome.case.statement,
+            "sources": outcome.case.sources,
+            "passed": outcome.passed,
+            "failure": outcome.failure,
+            "seconds": outcome.seconds,
+            "notes": outcome.result.notes,
+            "rows": [
+                {
+                    "quantity": row.quantity,
+                    "unit": row.unit,
+                    "reference": row.reference,
+                    "relation": row.relation,
+                    "source": row.source,
+                    "ours": row.ours,
+                    "error": row.error,
+                    "tolerance": row.tolerance,
+                    "tolerance_reason": row.tolerance_reason,
+                    "order": row.order,
+                    "passed": row.passed,
+                }
+                for row in outcome.result.rows
+            ],
+        }
+        for outcome in outcomes
+    ]
+
+
+def _named(row: Row) -> str:
+    return f"{row.quantity} [{row.unit}]" if row.unit else row.quantity
+
+
+def _line(cells: Sequence[str], verdict: str) -> str:
+    first, *others = cells
+    # A long name takes a line of its own, so that the columns stay where they are.
+    lead = f"{first:<{_WIDTHS[0]}}" if len(first) <= _WIDTHS[0] else f"{first}\n{'':<{_WIDTHS[0]}}"
+    columns = "".join(f" {cell:>{width}}" for cell, width in zip(others, _WIDTHS[1:]))
+    return f"{lead}{columns}  {verdict}".rstrip()

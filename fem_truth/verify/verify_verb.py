@@ -1,0 +1,58 @@
+"""`softprint verify`: problems whose answers are known from elsewhere, and ours beside them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Which cases, how thoroughly, and where to."""
+    parser.add_argument("cases", nargs="*", metavar="CASE", help="cases to run (default: all, see --list)")
+    parser.add_argument("--quick", action="store_true", help="coarse meshes and loose bounds: seconds a case")
+    parser.add_argument("--list", action="store_true", help="say what cases there are, and run none")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/verify"), metavar="DIR", help="where verify.html and .json go"
+    )
+
+
+def run(options: argparse.Namespace, context: Context) -> int:
+    """verify.html and verify.json in the output folder, a table on the terminal; 1 if anything failed."""
+    from fem_truth.verify import table
+    from fem_truth.verify.cases import CASES
+    from fem_truth.verify.suite import run_cases, select
+    from fem_truth.verify.write import write_page
+
+    chosen = select(CASES, options.cases)
+    if context.rank > 0:  # one process is enough
+        return 0
+    if options.list:
+        for case in chosen:
+            context.say(f"{case.name:<22} {case.title}")
+        return 0
+    context.say(table.header())
+    outcomes = []
+    with context.progress(len(chosen), unit="case", desc="verify") as progress:
+        for outcome in run_cases(chosen, options.quick):
+            outcomes.append(outcome)
+            progress.update(note=outcome.case.name)
+            context.say("\n" + "\n".join(table.lines(outcome)))
+    page = write_page(outcomes, options.out, options.quick)
+    context.say(f"\n{table.summary(outcomes)}")
+    context.say(f"page: {page}")
+    return 0 if all(outcome.passed for outcome in outcomes) else 1
+
+
+VERB = Verb(
+    name="verify",
+    order=70,
+    summary="Hold the solvers against closed forms, published benchmarks and another library.",
+    example="softprint verify cook hertz",
+    run=run,
+    needs=("dolfinx", "jinja2", "matplotlib"),
+    configure=configure,
+    reads_experiment=False,
+)
