@@ -47,11 +47,11 @@ def make_mesh(mesh: Mesh) -> Any:
     return create_mesh(MPI.COMM_SELF, cells, points, domain)
 
 
-def vector_space(domain: Any, dim: int) -> Any:
-    """Continuous piecewise linear displacements."""
+def vector_space(domain: Any, dim: int, degree: int = 1) -> Any:
+    """Continuous displacements, piecewise polynomials of the degree."""
     if NEW_NAMES:
-        return fem.functionspace(domain, ("Lagrange", 1, (dim,)))
-    return _compiled_space(domain, ufl.VectorElement("Lagrange", domain.ufl_cell(), 1))
+        return fem.functionspace(domain, ("Lagrange", degree, (dim,)))
+    return _compiled_space(domain, ufl.VectorElement("Lagrange", domain.ufl_cell(), degree))
 
 
 def cell_space(domain: Any) -> Any:
