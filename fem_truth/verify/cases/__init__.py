@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from fem_truth.verify.case import Case
-from fem_truth.verify.cases import closed_forms, manufactured_solutions
+from fem_truth.verify.cases import closed_forms, constrained, hertz, independent_library, manufactured_solutions
 
-CASES: tuple[Case, ...] = (closed_forms.CASE, manufactured_solutions.CASE)
+CASES: tuple[Case, ...] = (closed_forms.CASE, manufactured_solutions.CASE, hertz.CASE, independent_library.CASE, constrained.CASE)

@@ -1,0 +1,16 @@
+"""The witness needs scikit-fem, which not every installation has: say so in a sentence."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from runtime.errors import SoftprintError
+
+
+def import_witness() -> Any:
+    """The module `fem_truth.verify.witness`; raises SoftprintError where scikit-fem is missing."""
+    if find_spec("skfem") is None:
+        raise SoftprintError("this case needs scikit-fem, which is not installed: pip install scikit-fem")
+    return import_module("fem_truth.verify.witness")
