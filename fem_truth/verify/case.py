@@ -59,8 +59,10 @@ class Row:
 
     @property
     def share(self) -> float:
-        """The error as a share of what is allowed; 0 where both are zero."""
-        return self.excess / self.tolerance if self.tolerance else float("inf") * self.excess if self.excess else 0.0
+        """The error as a share of what is allowed: at most 1 if the row has passed."""
+        if self.excess == 0.0:
+            return 0.0
+        return self.excess / self.tolerance if self.tolerance > 0 else float("inf")
 
     @property
     def passed(self) -> bool:

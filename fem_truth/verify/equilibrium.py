@@ -95,7 +95,9 @@ def equilibrium(
     )
     result = minimise(problem, start, settings)
     if not result.converged:
-        raise SoftprintError(f"no equilibrium was found (residual {result.residual:.1e}): {result.status.sentence}")
+        raise SoftprintError(
+            f"no equilibrium was found (residual {result.residual:.1e}): {result.status.sentence}"
+        )
     return result.x
 
 

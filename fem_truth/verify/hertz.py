@@ -70,7 +70,7 @@ class Pressed:
 
 
 def boussinesq(force: float, young: float, poisson: float, points: Array) -> Array:
-    """Displacement (n, 3) [m] of the half-space z <= 0 under a force along -z at the origin (Johnson 1985, eq. 3.18)."""
+    """Displacement (n, 3) [m] of the half-space z <= 0 under a force along -z at the origin (Johnson 1985, 3.18)."""
     mu = young / (2.0 * (1.0 + poisson))
     depth, distance = -points[:, 2], np.linalg.norm(points, axis=1)
     outward = depth / distance**3 - (1.0 - 2.0 * poisson) / (distance * (distance + depth))
@@ -80,11 +80,15 @@ def boussinesq(force: float, young: float, poisson: float, points: Array) -> Arr
 
 
 def press(problem: Hertz, cells: int, penetration: float) -> Pressed:
-    """The block under the ball. cells: along a radius of contact; penetration: share of the approach, see `stiffness`."""
+    """The block under the ball. cells: along a radius of contact; penetration: see `Hertz.stiffness`."""
     mesh = _quarter_block(problem.contact_radius, cells)
     points = mesh.points
     edge = _BLOCK * problem.contact_radius
-    outer = (points[:, 0] > edge - 1e-9 * edge) | (points[:, 1] > edge - 1e-9 * edge) | (points[:, 2] < -edge + 1e-9 * edge)
+    outer = (
+        (points[:, 0] > edge - 1e-9 * edge)
+        | (points[:, 1] > edge - 1e-9 * edge)
+        | (points[:, 2] < -edge + 1e-9 * edge)
+    )
     held = np.zeros(points.shape, dtype=bool)
     held[outer] = True
     held[:, :2] |= points[:, :2] == 0.0

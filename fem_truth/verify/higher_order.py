@@ -28,7 +28,10 @@ _SMALLEST_STEP = 1e-3
 
 
 class HigherOrderElasticity:
-    """W(u) of a solid of one material, with displacements of the given degree. nodes: (n, dim) where the unknowns are."""
+    """W(u) of a solid of one material, with displacements of the given degree.
+
+    nodes: (n, dim) where the unknowns are; load: (n, dim) [N] their share of the load.
+    """
 
     def __init__(self, solid: Solid, degree: int, load: Load, quadrature_degree: int = 4) -> None:
         dim = solid.mesh.dim
@@ -52,8 +55,8 @@ class HigherOrderElasticity:
     def solve(self, held: BoolArray, start: Array, tolerance: float = 1e-9) -> Array:
         """Displacements (n, dim) in equilibrium; those held (n, dim) stay as they are in `start`.
 
-        The load is put on in steps, halved where Newton's method does not converge. tolerance: of the residual, relative
-        to the forces. Raises SoftprintError if steps of a thousandth of the load do not converge.
+        The load is put on in steps, halved where Newton's method does not converge. tolerance: of the residual,
+        relative to the forces. Raises SoftprintError if steps of a thousandth of the load do not converge.
         """
         free = np.flatnonzero(~held.ravel())
         u, share, step = start.ravel(), 0.0, 1.0

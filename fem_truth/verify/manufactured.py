@@ -61,7 +61,9 @@ class Manufactured:
     def displacement_form(self, X: Any) -> Any:
         """u as a UFL expression of the place."""
         dim = self.dim
-        angles = [sum(float(self.wave[a, j]) * X[j] for j in range(dim)) + float(self.phase[a]) for a in range(dim)]
+        angles = [
+            sum(float(self.wave[a, j]) * X[j] for j in range(dim)) + float(self.phase[a]) for a in range(dim)
+        ]
         return ufl.as_vector(
             [sum(float(self.amplitude[i, a]) * ufl.sin(angles[a]) for a in range(dim)) for i in range(dim)]
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
@@ -40,7 +41,7 @@ def draw(name: str, curves: Sequence[Curve]) -> str:
     columns = min(_COLUMNS, len(curves))
     rows = -(-len(curves) // columns)
     with plt.rc_context({**RC, "axes.grid.axis": "both", "font.size": 8.5}):
-        size = (4.3 * columns if columns > 1 else 5.6, 3.3 * rows)
+        size = (4.3 * columns if columns > 1 else 5.2, 3.3 * rows)
         figure, grid = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
         for axes in grid.flat[len(curves) :]:
             axes.set_axis_off()
@@ -55,7 +56,7 @@ def _draw_curve(axes: Axes, curve: Curve) -> None:
         if line.style == "reference":
             axes.plot(line.x, line.y, color=INK, linestyle=(0, (4, 3)), linewidth=1.0, label=line.label)
             continue
-        look = {"color": paint(colour % len(_COLOURS)), "label": line.label}
+        look: dict[str, Any] = {"color": paint(colour % len(_COLOURS)), "label": line.label}
         marker = _MARKERS[colour % len(_MARKERS)]
         if line.style == "curve":
             axes.plot(line.x, line.y, **look)
@@ -68,7 +69,7 @@ def _draw_curve(axes: Axes, curve: Curve) -> None:
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
             low, high = sorted(axis.get_view_interval())
-            if high < 30 * low:  # less than a decade and a half: a label for some of the digits between
+            if high < 100 * low:  # not two decades: labels for some of the digits between
                 axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                 axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())

@@ -9,7 +9,7 @@ from typing import Any
 from fem_truth.verify.case import Row
 from fem_truth.verify.suite import Outcome
 
-_WIDTHS = (46, 15, 15, 9, 9, 6)  # quantity, reference, ours, error, allowed, order
+_WIDTHS = (50, 20, 13, 8, 8, 6)  # quantity, reference, ours, error, allowed, order
 
 
 def header() -> str:
@@ -25,7 +25,14 @@ def lines(outcome: Outcome) -> list[str]:
         reference, ours = shown(row)
         bound = {"=": "", "<=": "at most ", ">=": "at least "}[row.relation]
         order = "" if row.order is None else f"{row.order:.2f}"
-        cells = (f"  {_named(row)}", bound + reference, ours, format_error(row.error), format_error(row.allowed), order)
+        cells = (
+            f"  {_named(row)}",
+            bound + reference,
+            ours,
+            format_error(row.error),
+            format_error(row.allowed),
+            order,
+        )
         text.append(_line(cells, "ok" if row.passed else "FAILED"))
     if outcome.failure:
         text.append(f"  did not finish: {outcome.failure}")
@@ -48,7 +55,7 @@ def shown(row: Row) -> tuple[str, str]:
     digits = 4
     if row.tolerance > 0 and size > 0:
         digits = max(4, min(10, math.ceil(math.log10(size / row.tolerance)) + 1))
-    return f"{row.reference:.{digits}g}", f"{row.ours:.{digits}g}"
+    return _number(row.reference, digits), _number(row.ours, digits)
 
 
 def format_error(error: float) -> str:
@@ -89,6 +96,12 @@ def as_json(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
         }
         for outcome in outcomes
     ]
+
+
+def _number(value: float, digits: int) -> str:
+    """Significant digits, and no exponent where it would only hide the zeros of a round number."""
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e" in text and 1.0 <= abs(value) < 1e7 else text
 
 
 def _named(row: Row) -> str:

@@ -73,9 +73,7 @@ def isochoric_neo_hookean(F: Any, mu: Any, lam: Any) -> tuple[Any, Callable[[Any
     return shear * deviator + kappa / 2 * (J**2 - 1) * F_T, change
 
 
-LAWS: dict[str, Law] = {
-    law.__name__: law for law in (stable_neo_hookean, neo_hookean, isochoric_neo_hookean)
-}
+LAWS: dict[str, Law] = {law.__name__: law for law in (stable_neo_hookean, neo_hookean, isochoric_neo_hookean)}
 
 
 def _across(F_T: Any, dF: Any) -> Any:
@@ -137,7 +135,7 @@ class Witness:
 
 
 class WitnessBody:
-    """Any displacement elements of scikit-fem with a law; unknowns in scikit-fem's order. young, poisson: (n_cells,)."""
+    """Any displacement elements of scikit-fem with a law; unknowns in its order. young, poisson: (n_cells,)."""
 
     def __init__(self, basis: Any, young: Array, poisson: Array, law: str) -> None:
         stress = LAWS[law]
@@ -184,4 +182,3 @@ class WitnessBody:
 
     def _assembled(self, form: Any, u: Array) -> Any:
         return form.assemble(self.basis, u=self.basis.interpolate(u), **self._moduli)
-

@@ -11,9 +11,11 @@ from markupsafe import Markup
 from fem_truth.report.machine import machine_summary
 from fem_truth.report.page import page_style, template_text
 from fem_truth.report.report_json import json_text, plain, write_text
+from fem_truth.verify.case import Row
 from fem_truth.verify.plots import colour_variables, draw
 from fem_truth.verify.suite import Outcome
 from fem_truth.verify.table import as_json, format_error, shown
+from fem_truth.verify.typeset import typeset
 from runtime.files import provenance
 
 VERSION = 1  # of verify.json
@@ -56,6 +58,8 @@ def render(outcomes: Sequence[Outcome], quick: bool, versions: dict[str, str]) -
         n_passed=sum(outcome.passed for outcome in outcomes),
         shown=shown,
         error=format_error,
+        typeset=typeset,
+        footnotes={outcome.case.name: _footnotes(outcome.result.rows) for outcome in outcomes},
         bounds={"=": "", "<=": "\u2264\u202f", ">=": "\u2265\u202f"},
         quick=quick,
         seconds=sum(outcome.seconds for outcome in outcomes),
@@ -64,6 +68,13 @@ def render(outcomes: Sequence[Outcome], quick: bool, versions: dict[str, str]) -
         css=Markup(page_style()),
         colours=Markup(colour_variables()),
     )
+
+
+def _footnotes(rows: Sequence[Row]) -> tuple[list[str], list[int]]:
+    """What the rows say of sources and tolerances, each sentence once, and the number of each row's."""
+    told = [f"{row.source}. Tolerance: {row.tolerance_reason}." for row in rows]
+    distinct = list(dict.fromkeys(told))
+    return distinct, [distinct.index(text) + 1 for text in told]
 
 
 def _finite_elements() -> dict[str, str]:

@@ -3,6 +3,20 @@
 from __future__ import annotations
 
 from fem_truth.verify.case import Case
-from fem_truth.verify.cases import closed_forms, constrained, hertz, independent_library, manufactured_solutions
+from fem_truth.verify.cases import (
+    closed_forms,
+    constrained,
+    cook,
+    hertz,
+    independent_library,
+    manufactured_solutions,
+)
 
-CASES: tuple[Case, ...] = (closed_forms.CASE, manufactured_solutions.CASE, hertz.CASE, independent_library.CASE, constrained.CASE)
+CASES: tuple[Case, ...] = (
+    closed_forms.CASE,
+    manufactured_solutions.CASE,
+    cook.CASE,
+    hertz.CASE,
+    independent_library.CASE,
+    constrained.CASE,
+)

@@ -228,7 +228,9 @@ def run(quick: bool) -> CaseResult:
         rows += _bar_rows(law, material, block)
         rows += _shear_rows(law, material, block)
         rows += _small_strain_rows(law, material, block)
-        stress = [_kernel_bar(material, float(stretch))[1] / 1e3 for stretch in stretches if law.model != "linear"]
+        stress = [
+            _kernel_bar(material, float(stretch))[1] / 1e3 for stretch in stretches if law.model != "linear"
+        ]
         if stress:
             exact = [free_bar(law, float(stretch))[1] / 1e3 for stretch in stretches]
             lines += [Line(law.label, stretches, stress, "dots"), Line("", stretches, exact, "reference")]
@@ -247,7 +249,7 @@ CASE = Case(
     statement=(
         "A bar of E = 100 kPa and nu = 0.46 is stretched to twice and pressed to half of its length, its sides free; a "
         "cube is sheared by 0.5; a bar is stretched by 1e-5, which has to give back E and nu. The references are the "
-        "published laws written in principal stretches l: P_i = dPsi/dl_i, with the lateral stretch the root of "
+        "published laws as principal stresses P_i of the principal stretches l_i, with the lateral stretch the root of "
         "P_2 = 0; in simple shear all is explicit, because J = 1.\n\n"
         "Ours is computed twice: with the stress kernels of the runtime, and from the nodal forces of a block of 48 "
         "tetrahedra in equilibrium, whose forms are differentiated and compiled by UFL and FFCx: "
