@@ -82,7 +82,7 @@ def test_cases_are_selected_by_name_in_the_order_of_the_suite():
     assert len(set(names)) == len(names)
     assert [case.name for case in select(cases.CASES, names[1::-1])] == names[:2]
     assert select(cases.CASES, []) == cases.CASES
-    with pytest.raises(SoftprintError, match="no verification case 'cok'; there are: .*cook"):
+    with pytest.raises(SoftprintError, match=r"no verification case 'cok'; there are: .*cook"):
         select(cases.CASES, ["cok"])
 
 
