@@ -1,10 +1,10 @@
-"""Running cases one after the other: what one of them raises is its own failure and nobody else's."""
+"""Running cases: what one of them raises is its own failure and nobody else's."""
 
 from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fem_truth.verify.case import Case, CaseResult
@@ -34,15 +34,14 @@ def select(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:
     return tuple(case for case in cases if not names or case.name in names)
 
 
-def run_cases(cases: Iterable[Case], quick: bool) -> Iterator[Outcome]:
-    """Each case's outcome as soon as it is there."""
-    for case in cases:
-        started = time.process_time()
-        try:
-            result, failure = case.run(quick), ""
-        except SoftprintError as error:
-            result, failure = CaseResult(()), str(error)
-        except Exception as error:  # a bug in one case must not hide what the others found
-            traceback.print_exc()
-            result, failure = CaseResult(()), f"{type(error).__name__}: {error}"
-        yield Outcome(case, result, failure, time.process_time() - started)
+def run_case(case: Case, quick: bool) -> Outcome:
+    """Its outcome, whatever happens."""
+    started = time.process_time()
+    try:
+        result, failure = case.run(quick), ""
+    except SoftprintError as error:
+        result, failure = CaseResult(()), str(error)
+    except Exception as error:  # a bug in one case must not hide what the others found
+        traceback.print_exc()
+        result, failure = CaseResult(()), f"{type(error).__name__}: {error}"
+    return Outcome(case, result, failure, time.process_time() - started)

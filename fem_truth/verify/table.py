@@ -18,9 +18,8 @@ def header() -> str:
 
 
 def lines(outcome: Outcome) -> list[str]:
-    """A case as lines of text: its title, one line a number, and why it failed if it did."""
-    verdict = "passed" if outcome.passed else "FAILED"
-    text = [f"{outcome.case.name}: {outcome.case.title} ({verdict}, {outcome.seconds:.1f} s)"]
+    """A case as lines of text: one line a number, why it failed if it did, and the verdict."""
+    text = []
     for row in outcome.result.rows:
         reference, ours = shown(row)
         bound = {"=": "", "<=": "at most ", ">=": "at least "}[row.relation]
@@ -36,6 +35,7 @@ def lines(outcome: Outcome) -> list[str]:
         text.append(_line(cells, "ok" if row.passed else "FAILED"))
     if outcome.failure:
         text.append(f"  did not finish: {outcome.failure}")
+    text.append(f"  {'passed' if outcome.passed else 'FAILED'} in {outcome.seconds:.1f} s of processor time")
     return text
 
 
@@ -100,7 +100,9 @@ def as_json(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
 
 def _number(value: float, digits: int) -> str:
     """Significant digits, and no exponent where it would only hide the zeros of a round number."""
-    text = f"{value:.{digits}g}"
+    if value == 0.0:
+        return "0"
+    text = f"{value:#.{digits}g}".rstrip(".")  # with its last zeros, so that the columns agree
     return f"{value:.0f}" if "e" in text and 1.0 <= abs(value) < 1e7 else text
 
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from runtime.elasticity import make_material
 from runtime.elasticity.determinant import cofactor, determinant, second_derivative
 from runtime.errors import SoftprintError
+from runtime.experiment import MaterialSpec
 
 MODELS = ["stable_neo_hookean", "neo_hookean", "isochoric_neo_hookean", "linear"]
 YOUNG, POISSON = 1e5, 0.46
@@ -135,6 +136,11 @@ def test_determinant_and_its_derivatives(dim):
     np.testing.assert_allclose(determinant(F), np.linalg.det(F), atol=1e-13)
     np.testing.assert_allclose(cofactor(F), unit_differences(determinant, F), atol=DIFFERENCE)
     np.testing.assert_allclose(second_derivative(F), unit_differences(cofactor, F), atol=DIFFERENCE)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_may_stand_in_an_experiment(model):
+    assert MaterialSpec(model=model, young=YOUNG, poisson=POISSON).model == model
 
 
 def test_parameters_for_each_cell_are_taken_by_cell():

@@ -64,7 +64,7 @@ def run(quick: bool) -> CaseResult:
             f"half of the answer of {_WITNESS}",
             locked[-1],
             0.0,
-            "none: a bound",
+            "none, for this is a bound",
             relation="<=",
         ),
         _row(

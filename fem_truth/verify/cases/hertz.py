@@ -78,7 +78,7 @@ def _mesh_row(coarse: float, fine: float, finer: float, quick: bool) -> Row:
         "linear elements: first order in the energy norm, and the force is the derivative of an energy",
         order,
         0.5 if quick else 0.0,
-        "the coarsest meshes are too coarse for a clean order" if quick else "none: a bound",
+        "the coarsest meshes are too coarse for a clean order" if quick else "none, for this is a bound",
         order,
         ">=",
     )
