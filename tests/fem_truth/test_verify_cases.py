@@ -1,4 +1,4 @@
-"""The quick run of every verification case of statics, and that the suite can fail: a wrong law or a wrong force does not pass."""
+"""The quick run of every static verification case, and that the suite can fail: a wrong law does not pass."""
 
 from __future__ import annotations
 
