@@ -25,8 +25,7 @@ def write_page(outcomes: Sequence[Outcome], folder: Path, quick: bool) -> Path:
     """Both files, each whole or not at all; returns the page's path. Raises SoftprintError where it cannot write."""
     versions = {**provenance(), **_finite_elements()}
     summary = {
-        "kind": "verification",
-        "version": VERSION,
+        "softprint_verification": VERSION,
         "quick": quick,
         "passed": all(outcome.passed for outcome in outcomes),
         "versions": versions,

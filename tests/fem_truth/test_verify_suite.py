@@ -20,6 +20,7 @@ from fem_truth.verify.typeset import typeset
 from fem_truth.verify.verify_verb import VERB
 from runtime.cli.context import Context
 from runtime.errors import SoftprintError
+from runtime.inspect.kinds import inspect_file
 
 ROW = Row("stretch", "m", 2.0, "a book", 2.1, 0.2, "coarse")
 
@@ -99,6 +100,8 @@ def test_the_verb_prints_a_table_and_writes_a_page_that_stands_alone(monkeypatch
     assert f"  {'passed' if status == 0 else 'FAILED'} in " in text
     page = (tmp_path / "verify.html").read_text()
     numbers = json.loads((tmp_path / "verify.json").read_text())
+    facts = inspect_file(tmp_path / "verify.json").sections
+    assert facts["verification"]["passed"] is (status == 0)
     assert "http" not in page.replace("http://www.w3.org", "")
     assert numbers["passed"] is (status == 0)
     if status == 0:
@@ -107,6 +110,7 @@ def test_the_verb_prints_a_table_and_writes_a_page_that_stands_alone(monkeypatch
         assert "<svg" in page
     else:
         assert "the weather was bad" in page
+        assert facts["sample"] == {"did not finish": "the weather was bad"}
 
 
 def test_list_runs_nothing(monkeypatch, tmp_path):
