@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 from pathlib import Path
 
 from runtime.cli.context import Context
@@ -33,6 +34,8 @@ def run(options: argparse.Namespace, context: Context) -> int:
         for case in chosen:
             context.say(f"{case.name:<22} {case.title}")
         return 0
+    # What meshes and bodies say of themselves is of no use here: the cases make many.
+    logging.getLogger("runtime").setLevel(logging.WARNING)
     context.out = options.out
     folder = context.out_dir  # refused now, and not after minutes of work
     context.say(table.header())
