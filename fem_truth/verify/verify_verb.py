@@ -34,8 +34,9 @@ def run(options: argparse.Namespace, context: Context) -> int:
         for case in chosen:
             context.say(f"{case.name:<22} {case.title}")
         return 0
-    # What meshes and bodies say of themselves is of no use here: the cases make many.
-    logging.getLogger("runtime").setLevel(logging.WARNING)
+    # What meshes, bodies and every assembly say of themselves is of no use here: the cases make many.
+    for chatty in ("runtime", "fem_truth", "skfem"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
     context.out = options.out
     folder = context.out_dir  # refused now, and not after minutes of work
     context.say(table.header())
