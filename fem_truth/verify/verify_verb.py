@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from runtime.cli.context import Context
@@ -34,21 +36,33 @@ def run(options: argparse.Namespace, context: Context) -> int:
         for case in chosen:
             context.say(f"{case.name:<22} {case.title}")
         return 0
-    # What meshes, bodies and every assembly say of themselves is of no use here: the cases make many.
-    for chatty in ("runtime", "fem_truth", "skfem"):
-        logging.getLogger(chatty).setLevel(logging.WARNING)
     context.out = options.out
     folder = context.out_dir  # refused now, and not after minutes of work
     context.say(table.header())
     outcomes = []
     for case in chosen:  # said before it runs, so that one sees what takes its time
         context.say(f"\n{case.name}: {case.title}")
-        outcomes.append(run_case(case, options.quick))
+        with _quiet():
+            outcomes.append(run_case(case, options.quick))
         context.say("\n".join(table.lines(outcomes[-1])))
     page = write_page(outcomes, folder, options.quick)
     context.say(f"\n{table.summary(outcomes)}")
     context.say(f"page: {page}")
     return 0 if all(outcome.passed for outcome in outcomes) else 1
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps to itself what meshes, bodies and every assembly of scikit-fem log: the cases make many."""
+    loggers = [logging.getLogger(name) for name in ("runtime", "fem_truth", "skfem")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels):
+            logger.setLevel(level)
 
 
 VERB = Verb(
