@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from fem_truth.verify.case import Case
 from fem_truth.verify.cases import (
+    backward_euler,
     closed_forms,
     constrained,
     cook,
+    energy,
+    free_body,
+    frequency,
     hertz,
+    impact,
+    incline,
     independent_library,
     manufactured_solutions,
+    resting,
 )
 
-CASES: tuple[Case, ...] = (
+STATIC: tuple[Case, ...] = (
     closed_forms.CASE,
     manufactured_solutions.CASE,
     cook.CASE,
@@ -20,3 +27,15 @@ CASES: tuple[Case, ...] = (
     independent_library.CASE,
     constrained.CASE,
 )
+
+DYNAMIC: tuple[Case, ...] = (
+    backward_euler.CASE,
+    free_body.CASE,
+    energy.CASE,
+    frequency.CASE,
+    impact.CASE,
+    resting.CASE,
+    incline.CASE,
+)
+
+CASES = STATIC + DYNAMIC
