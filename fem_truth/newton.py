@@ -125,9 +125,12 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
             energy, gradient = problem.energy(x), problem.gradient(x)
         residual = gradient.norm / problem.force_scale(x, gradient)
         decrement = -0.5 * cg.slope / problem.energy_scale(x)
-        full_step = length == 1.0 and direction is None and not changed
+        # The length of a step whose gain drowns in round-off says nothing.
+        full_step = length == 1.0 or -cg.slope <= _round_off(problem, energy)
         if (
             full_step
+            and direction is None
+            and not changed
             and residual <= settings.gradient_tolerance
             and decrement <= settings.decrement_tolerance
         ):
@@ -150,6 +153,11 @@ def _forcing(fall: float, eta: float, residual: float, settings: NewtonSettings)
     return float(np.clip(max(proposed, enough), settings.cg_tolerance_min, settings.cg_tolerance))
 
 
+def _round_off(problem: TotalEnergy, energy: float) -> float:
+    """Differences of energy below this say nothing [J]."""
+    return max(1e-12 * abs(energy), problem.noise)
+
+
 def _line_search(
     problem: TotalEnergy, x: Array, energy: float, step: Array, slope: float, halvings: int
 ) -> tuple[float, Array, float, Gradient] | None:
@@ -158,7 +166,7 @@ def _line_search(
     Where the predicted change drowns in the round-off of the energy, the slope at the end of the step decides
     instead (the approximate Wolfe condition of Hager and Zhang 2005).
     """
-    noise = max(1e-12 * abs(energy), problem.noise)
+    noise = _round_off(problem, energy)
     length = 1.0
     for _ in range(halvings + 1):
         trial = x + length * step

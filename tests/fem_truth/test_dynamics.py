@@ -192,3 +192,19 @@ def test_one_iteration_says_that_it_is_not_converged(block, dim):
     assert not result.converged
     assert result.iterations == 1
     assert "ran out" in result.reason
+
+
+@both
+def test_a_body_at_rest_on_a_rough_floor_is_found_at_rest(block, dim):
+    """Friction takes up new normal forces so often that the last steps are too small for round-off to see."""
+    floor = PlacedCollider("floor", Plane(-down(dim)), KeyframedPath.constant(RigidPose.identity(dim)))
+    scene = {"contact": CONTACT, "gravity": down(dim)}
+    standing = FullSpaceSimulator(block(dim), [floor], **scene)
+    low = replace(standing.rest_state(), x=block(dim).mesh.points + 1e-4 * down(dim))
+    settled = standing.settle(low, NewtonSettings(100, 1e-9))
+    assert settled.converged, settled.reason
+    settings = DynamicsSettings(STEP, NewtonSettings(50, 1e-6), friction_updates=15)
+    rough = FullSpaceSimulator(block(dim), [floor], friction=CoulombFriction(0.5), settings=settings, **scene)
+    result = rough.step(settled.state)
+    assert result.converged, result.reason
+    assert np.abs(result.state.x - settled.state.x).max() < 1e-8  # metres: the tolerance of `settle`
