@@ -227,7 +227,7 @@ CASE = Case(
     ),
     sources=(
         "E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, sec. IV.3: 1/(1 - z).",
-        "T. J. R. Hughes, The Finite Element Method, 1987, ch. 9 (dispersion of the lumped linear bar).",
+        "T. J. R. Hughes, The Finite Element Method, 1987 (dispersion of the lumped linear bar).",
         "SciPy's DOP853 (Dormand and Prince, Runge-Kutta of order 8).",
     ),
     run=run,

@@ -201,7 +201,7 @@ CASE = Case(
     title="Natural frequencies of bars",
     statement=(
         "A bar is let go in the shape of its first mode, and the frequency is read off its motion by Prony's method: "
-        "two roots r of a_n+1 = p a_n - q a_n-1, fitted to the amplitudes. Backward Euler moves and damps a mode "
+        "the roots of a_n+1 = p a_n - q a_n-1, fitted to the amplitudes. Backward Euler moves and damps a mode "
         "w: the motion has the frequency atan(h w)/h and decays at the rate log(1 + h^2 w^2)/(2 h), so that w = "
         "tan(h w_seen)/h is what the body itself has.\n\n"
         "Along a bar held at both ends, nu = 0, w = pi/L sqrt(E/rho). A cantilever, ten times as long as thick, in "
@@ -213,7 +213,7 @@ CASE = Case(
         "prismatic bars, Philosophical Magazine 41, 1921.",
         "G. R. Cowper, The shear coefficient in Timoshenko's beam theory, Journal of Applied Mechanics 33, 1966 "
         "(10 (1 + nu)/(12 + 11 nu), which is 5/6 for nu = 0).",
-        "T. J. R. Hughes, The Finite Element Method, 1987, ch. 9 (lumped linear bars).",
+        "T. J. R. Hughes, The Finite Element Method, 1987 (lumped linear bars).",
     ),
     run=run,
 )

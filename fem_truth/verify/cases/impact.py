@@ -203,7 +203,7 @@ CASE = Case(
         "number, for the exact balance of impulse and momentum in every step, and that no step creates energy."
     ),
     sources=(
-        "W. Goldsmith, Impact, 1960, ch. 3 (St Venant's solution for a bar on a rigid wall).",
+        "W. Goldsmith, Impact, 1960 (St Venant's solution for a bar on a rigid wall).",
         "R. J. LeVeque, Finite Volume Methods for Hyperbolic Problems, 2002, sec. 8.6 and 8.7 (modified equations, "
         "accuracy near jumps).",
     ),
