@@ -1,11 +1,17 @@
 """The short forms of the dynamic verification cases: every row within its own tolerance, and these are narrow."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from fem_truth.verify.cases import DYNAMIC
+pytest.importorskip("dolfinx")
+
+from fem_truth.potentials import Inertia
+from fem_truth.verify.cases import DYNAMIC, backward_euler, incline
 from fem_truth.verify.motion import FULL, observed_order, oscillation, play, simulator
 from fem_truth.verify.small_bodies import Stuff, affine_body, held_handles, node_body, rigid_body
+from runtime.contact import CoulombFriction
 from runtime.dynamics import DynamicsSettings, NewtonSettings
 from runtime.errors import SoftprintError
 from runtime.mesh import box_mesh
@@ -21,6 +27,28 @@ def test_every_row_of_the_short_form_passes(case):
     assert all(np.isfinite(row.ours) for row in result.rows)
     simulators = {row.quantity.split(",")[0].split(":")[0] for row in result.rows}
     assert {"full space", "reduced"} <= simulators  # both are put to the test
+
+
+def test_friction_that_is_wrong_by_a_hundredth_fails(monkeypatch):
+    right = CoulombFriction.terms
+
+    def stronger(law, x, lagged, time_step):
+        terms = right(law, x, lagged, time_step)
+        return replace(terms, gradient=1.01 * terms.gradient)
+
+    monkeypatch.setattr(CoulombFriction, "terms", stronger)
+    monkeypatch.setattr(incline, "BOTH", ("reduced",))
+    missed = {row.quantity.split(": ")[1] for row in incline.CASE.run(True).rows if not row.passed}
+    assert {"creep at tan a = 0.5 mu", "acceleration at tan a = 2 mu"} <= missed
+
+
+def test_inertia_that_is_wrong_by_a_thousandth_fails(monkeypatch):
+    right = Inertia.__init__
+    monkeypatch.setattr(
+        Inertia, "__init__", lambda self, mass, predicted, h: right(self, 0.999 * mass, predicted, h)
+    )
+    rows = backward_euler.CASE.run(True).rows
+    assert "full space, triangles" in {row.quantity.split(":")[0] for row in rows if not row.passed}
 
 
 @pytest.mark.parametrize("turn", [0.02, 0.3, 1.5])
