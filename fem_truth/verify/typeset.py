@@ -18,7 +18,7 @@ _GREEK = {
 }
 _WORD = re.compile(rf"(?<![A-Za-z])({'|'.join(_GREEK)})(?=[_\d\W]|$)")
 _ABOVE = re.compile(r"\^(?:\(([^()]+)\)|(-?\w+))")
-_BELOW = re.compile(r"(?<![A-Za-z])([A-Za-zμλκνγΨΣ])_(\w+)")
+_BELOW = re.compile(r"(?<![A-Za-z])([A-Za-zμλκνγΨΣ])_(\w+(?:[+-]\d)?)")
 _SIGNS = {"(x)": "⊗", " - ": " − ", "&lt;=": "≤", "&gt;=": "≥"}
 
 

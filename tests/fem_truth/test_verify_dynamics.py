@@ -11,6 +11,7 @@ from fem_truth.potentials import Inertia
 from fem_truth.verify.cases import DYNAMIC, backward_euler, incline
 from fem_truth.verify.motion import FULL, observed_order, oscillation, play, simulator
 from fem_truth.verify.small_bodies import Stuff, affine_body, held_handles, node_body, rigid_body
+from fem_truth.verify.typeset import typeset
 from runtime.contact import CoulombFriction
 from runtime.dynamics import DynamicsSettings, NewtonSettings
 from runtime.errors import SoftprintError
@@ -90,3 +91,7 @@ def test_a_step_that_does_not_converge_ends_the_case():
     model = simulator(FULL, body, settings, gravity=[0.0, -9.81], kinematic=held_handles(body, [0.0]))
     with pytest.raises(SoftprintError, match="step 1 of 3 did not converge"):
         list(play(model, model.rest_state(), 3))
+
+
+def test_the_index_of_the_next_step_is_set_as_one():
+    assert typeset("x_n+1 = x_n + h") == "x<sub>n+1</sub> = x<sub>n</sub> + h"

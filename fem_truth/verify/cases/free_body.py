@@ -149,7 +149,7 @@ def _rotor_rows(quick: bool) -> list[Row]:
                 f"{name}, {dim}D: turn of a stiff spinning cube in step {steps}",
                 "rad",
                 turn,
-                "tan(turn_n+1) = sin(turn_n)/(2 - cos(turn_n)), from 0.2 rad on",
+                "tan(d_n+1) = sin(d_n)/(2 - cos(d_n)), from 0.2 rad on",
                 _angle(path[-2], path[-1]),
                 tolerance * turn,
                 reason,
@@ -219,12 +219,12 @@ CASE = Case(
     title="Momenta of a free body, and free fall",
     statement=(
         "Nothing holds the body. A step of backward Euler is M (v_n+1 - v_n)/h = -W'(x_n+1), x_n+1 = x_n + h v_n+1. "
-        "The elastic energy W is the same for a body that is moved as a whole: the forces of a step sum to zero, and "
+        "The elastic energy W is the same for a body that is moved as a whole: the forces of a step add up to zero, and "
         "linear momentum is conserved exactly. W is also the same for a body that is turned, and so is their moment "
         "about x_n+1: sum x_n+1 x m v_n+1 = sum x_n+1 x m v_n, exactly. The right side is not L_n but "
         "L_n + h sum m v_n+1 x v_n: angular momentum decays, by an amount of order h^2 a step, of order h in all. "
-        "A rigid body that turns by turn_n in step n has L = I sin(turn_n)/h, and the law above gives "
-        "tan(turn_n+1) = sin(turn_n)/(2 - cos(turn_n)): a stiff cube has to follow it.\n\n"
+        "A rigid body that turns by d_n in step n has L = I sin(d_n)/h, and the law above gives "
+        "tan(d_n+1) = sin(d_n)/(2 - cos(d_n)): a stiff cube has to follow it.\n\n"
         "In free fall momentum is m g t exactly, and the way after n steps is n (n + 1)/2 h^2 g."
     ),
     sources=(
