@@ -219,7 +219,7 @@ CASE = Case(
     title="Momenta of a free body, and free fall",
     statement=(
         "Nothing holds the body. A step of backward Euler is M (v_n+1 - v_n)/h = -W'(x_n+1), x_n+1 = x_n + h v_n+1. "
-        "The elastic energy W is the same for a body that is moved as a whole: the forces of a step add up to zero, and "
+        "The elastic energy W is the same for a body that is moved as a whole: forces of a step add up to zero, and "
         "linear momentum is conserved exactly. W is also the same for a body that is turned, and so is their moment "
         "about x_n+1: sum x_n+1 x m v_n+1 = sum x_n+1 x m v_n, exactly. The right side is not L_n but "
         "L_n + h sum m v_n+1 x v_n: angular momentum decays, by an amount of order h^2 a step, of order h in all. "
