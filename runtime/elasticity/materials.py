@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.arrays import Array, BoolArray, IntArray
-from runtime.elasticity.determinant import cofactor, determinant, second_derivative
+from runtime.elasticity.determinant import cofactor, determinant
+from runtime.elasticity.tangent_kernel import isotropic_tangent
 from runtime.errors import SoftprintError
 
 
@@ -128,10 +129,14 @@ class StableNeoHookean(Material):
         barrier = 1.0 / (_first_invariant(F) + 1.0)
         stretch = self.mu * (1.0 - barrier)
         pressure = self.lam * (determinant(F) - 1.0) - 0.75 * self.mu
-        result = pressure[:, None, None, None, None] * second_derivative(F)
-        result += _outer(F, 2.0 * self.mu * barrier**2)
-        result += _outer(cofactor(F), self.lam)
-        return _add_identity(result, stretch)
+        return isotropic_tangent(
+            np.ascontiguousarray(F),
+            cofactor(F),
+            stretch,
+            2.0 * self.mu * barrier**2,
+            np.broadcast_to(self.lam, stretch.shape),
+            pressure,
+        )
 
 
 class NeoHookean(Material):
