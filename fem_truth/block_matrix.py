@@ -1,125 +1,122 @@
 """Sparse symmetric matrices of dim x dim blocks, and the two cheap things Newton's method adds to them.
 
-scipy's BSR product took 0.85 ms where PETSc's BAIJ product took 2.3 ms (11,900 nodes, 167,000 blocks of 3 x
-3, one core), and float32 gained nothing, so the inner iterations run here, in float64.
+The blocks above the diagonal come from elasticity alone. All that Newton's method adds goes to the diagonal, so that
+matrices share the former and have a diagonal of their own. Half of the memory of a matrix is half of the time of its
+product: 0.3 ms where scipy's BSR product of both triangles takes 1 to 2 ms (12,400 nodes, 77,000 blocks above the
+diagonal, one core).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
+from fem_truth.block_kernels import BlockKernels
+from fem_truth.small_blocks import block_diagonal
 from runtime.arrays import Array, IntArray
-from runtime.elasticity.determinant import cofactor, determinant
 
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Where the blocks are. row_starts (n+1,), columns (n_blocks,) in CSR order; diagonal (n,): block of (i,
-    i)."""
+    """Where the blocks above the diagonal are: row_starts (n+1,), columns (n_blocks,), in CSR order, int32."""
 
     row_starts: IntArray
     columns: IntArray
-    diagonal: IntArray
+
+    @property
+    def n_nodes(self) -> int:
+        return len(self.row_starts) - 1
+
+    @cached_property
+    def rows(self) -> IntArray:
+        """(n_blocks,)"""
+        return np.repeat(np.arange(self.n_nodes), np.diff(self.row_starts))
 
     @classmethod
-    def from_csr(cls, row_starts: IntArray, columns: IntArray) -> BlockPattern:
-        rows = np.repeat(np.arange(len(row_starts) - 1), np.diff(row_starts))
-        return cls(row_starts, columns, np.flatnonzero(rows == columns))
+    def from_pairs(cls, pairs: IntArray, n_nodes: int) -> tuple[BlockPattern, IntArray]:
+        """The pattern of node pairs (..., 2), lower node first, each any number of times; and the block of each
+        pair (...)."""
+        key = pairs[..., 0].astype(np.int64) * n_nodes + pairs[..., 1]
+        present, block = np.unique(key, return_inverse=True)
+        starts = np.searchsorted(present, np.arange(n_nodes + 1, dtype=np.int64) * n_nodes)
+        pattern = cls(starts.astype(np.int32), (present % n_nodes).astype(np.int32))
+        return pattern, block.reshape(key.shape)
+
+
+class UpperBlocks:
+    """The blocks above the diagonal on a pattern, never written to once they are here.
+
+    storage: (n_blocks + 1, dim, dim) [N/m]; what the last one holds does not matter, see `native/blocks.c`.
+    """
+
+    def __init__(self, pattern: BlockPattern, storage: Array) -> None:
+        self.pattern, self.storage = pattern, storage
+
+    @cached_property
+    def single(self) -> Array:
+        """The storage in single precision."""
+        return self.storage.astype(np.float32)
+
+    def of_type(self, real: type) -> Array:
+        return self.single if real is np.float32 else self.storage
 
 
 @dataclass(eq=False)
 class BlockMatrix:
-    """A matrix over node vectors (n, dim). blocks: (n_blocks, dim, dim) on `pattern`, plus for each entry (w,
-    k) of `low_rank` the rank-dim term k (w w^T) (x) I with w (n,): a spring that holds the w-weighted mean of
-    the nodes."""
+    """A symmetric matrix over node vectors (n, dim): blocks above the diagonal, those on it (n, dim, dim), plus for
+    each entry (w, k) of `low_rank` the rank-dim term k (w w^T) (x) I with w (n,): a spring that holds the w-weighted
+    mean of the nodes."""
 
-    pattern: BlockPattern
-    blocks: Array
+    upper: UpperBlocks
+    diagonal: Array
     low_rank: tuple[tuple[Array, float], ...] = ()
 
     @property
     def n_nodes(self) -> int:
-        return len(self.pattern.diagonal)
+        return len(self.diagonal)
 
-    def sparse(self) -> sp.bsr_matrix:
-        """The block part as a scipy matrix that shares the blocks."""
-        size = self.n_nodes * self.blocks.shape[1]
-        return sp.bsr_matrix(
-            (self.blocks, self.pattern.columns, self.pattern.row_starts), shape=(size, size), copy=False
-        )
+    @property
+    def dim(self) -> int:
+        return int(self.diagonal.shape[1])
+
+    def sparse(self) -> sp.csr_matrix:
+        """The block part, both triangles, as a scipy matrix."""
+        n, dim = self.n_nodes, self.dim
+        pattern, shape = self.upper.pattern, (n * dim, n * dim)
+        above = sp.bsr_matrix(
+            (self.upper.storage[:-1], pattern.columns, pattern.row_starts), shape=shape
+        ).tocsr()
+        return above + above.T + block_diagonal(self.diagonal).tocsr()
 
     def apply(self, v: Array) -> Array:
         """The product with a node vector v (n, dim)."""
-        product = np.asarray(self.sparse() @ v.ravel()).reshape(v.shape)
+        kernels = BlockKernels.of(self.dim, np.float64)
+        product = np.empty_like(padded := kernels.vector(v))
+        kernels.product(self.upper.pattern, self.diagonal, self.upper.storage, padded, product)
+        product = product[:, : self.dim]
         for weights, stiffness in self.low_rank:
             product += stiffness * weights[:, None] * (weights @ v)
         return product
 
     def diagonal_blocks(self) -> Array:
         """(n, dim, dim), a copy, low-rank terms included."""
-        diagonal = self.blocks[self.pattern.diagonal]
-        identity = np.eye(self.blocks.shape[1])
+        diagonal, identity = self.diagonal.copy(), np.eye(self.dim)
         for weights, stiffness in self.low_rank:
             diagonal += (stiffness * weights**2)[:, None, None] * identity
         return diagonal
 
     def copy(self) -> BlockMatrix:
-        return BlockMatrix(self.pattern, self.blocks.copy(), self.low_rank)
+        return BlockMatrix(self.upper, self.diagonal.copy(), self.low_rank)
 
     def add_diagonal(self, index: IntArray, blocks: Array) -> None:
         """Add blocks (m, dim, dim), or scalars (m, 1, 1) times the identity, at the distinct nodes index
         (m,)."""
         if blocks.shape[1] == 1:
-            blocks = blocks * np.eye(self.blocks.shape[1])
-        self.blocks[self.pattern.diagonal[index]] += blocks
+            blocks = blocks * np.eye(self.dim)
+        self.diagonal[index] += blocks
 
     def add_low_rank(self, weights: Array, stiffness: float) -> None:
         self.low_rank = (*self.low_rank, (weights, stiffness))
-
-
-def spd_inverse(blocks: Array) -> Array:
-    """Inverses of (n, dim, dim) symmetric blocks, made positive definite first where they are not.
-
-    In a block that is indefinite the eigenvalues are replaced by their absolute values (at least 1e-3 of the
-    largest one), the usual cure: a preconditioner has to be positive definite, and it decides nothing but the
-    speed.
-    """
-    det, cofactors = determinant(blocks), cofactor(blocks)
-    scale = np.trace(blocks, axis1=1, axis2=2) / blocks.shape[1]
-    # Sylvester's criterion; in 2D the last cofactor is the first entry itself.
-    positive = (
-        (blocks[:, 0, 0] > 0) & (cofactors[:, -1, -1] > 0) & (det > 1e-9 * np.abs(scale) ** blocks.shape[1])
-    )
-    inverse = cofactors / np.where(positive, det, 1.0)[:, None, None]
-    if not positive.all():
-        values, vectors = np.linalg.eigh(blocks[~positive])
-        inverse[~positive] = (vectors / _positive(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
-    return inverse
-
-
-def inverse_square_roots(blocks: Array) -> Array:
-    """|B|^(-1/2) of (n, dim, dim) symmetric blocks, with absolute eigenvalues as in `spd_inverse`."""
-    values, vectors = np.linalg.eigh(blocks)
-    return np.asarray((vectors / np.sqrt(_positive(values))[:, None, :]) @ vectors.transpose(0, 2, 1))
-
-
-def positive_part(blocks: Array) -> Array:
-    """The nearest positive semi-definite blocks to (n, dim, dim) symmetric ones."""
-    values, vectors = np.linalg.eigh(blocks)
-    return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1))
-
-
-def _positive(values: Array) -> Array:
-    """Eigenvalues (n, dim) made positive; 1 for a node that nothing holds, where any scaling will do."""
-    values = np.abs(values)
-    values = np.maximum(values, 1e-3 * values.max(axis=1, keepdims=True))
-    return np.where(values > 0, values, 1.0)
-
-
-def block_diagonal(blocks: Array) -> sp.bsr_matrix:
-    """(n, dim, dim) blocks as a sparse block-diagonal matrix: three times faster to apply than einsum."""
-    n, dim, _ = blocks.shape
-    return sp.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(n * dim, n * dim), copy=False)

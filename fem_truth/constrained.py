@@ -116,8 +116,9 @@ class ContactEnergy(TotalEnergy):
         self._force_floor, self._energy_floor = floors
 
     def force_scale(self, x: Array, gradient: Gradient) -> float:
-        force = self.null_space.project(self._contact.gradient(x))
-        return max(float(np.linalg.norm(force)), self._force_floor)
+        terms = self._contact.terms(x)
+        force = self.null_space.projected_norm(self._contact.nodes[terms.index], terms.gradient)
+        return max(force, self._force_floor)
 
     def energy_scale(self, x: Array) -> float:
         terms = self._contact.terms(x)
@@ -226,13 +227,10 @@ class Press:
         #: Depths and positions of the last two solves: the secant on which the next one starts.
         self._path = [(0.0, self._internal)]
         elasticity = problem.elasticity
-        force, energy = (
-            float(np.linalg.norm(elastic.gradient(self._internal))),
-            abs(elastic.energy(self._internal)),
-        )
+        energy, gradient = elastic.energy_gradient(self._internal)
         self._floors = (
-            max(_FORCE_FLOOR * force, 1e-9 * elasticity.unit_force),
-            max(_FORCE_FLOOR**2 * energy, 1e-12 * elasticity.unit_energy),
+            max(_FORCE_FLOOR * float(np.linalg.norm(gradient)), 1e-9 * elasticity.unit_force),
+            max(_FORCE_FLOOR**2 * abs(energy), 1e-12 * elasticity.unit_energy),
         )
 
     def solve(

@@ -18,19 +18,19 @@ class QuadraticElasticity:
     def __init__(self, elasticity: FullSpaceElasticity, x0: Array) -> None:
         self._x0 = x0
         self.unit_energy = elasticity.unit_energy
-        self._energy, self._gradient = elasticity.energy(x0), elasticity.gradient(x0)
+        self._energy, self._gradient = elasticity.energy_gradient(x0)
         self._hessian = elasticity.hessian(x0)
-        self._matrix = self._hessian.sparse()
 
     def energy(self, x: Array) -> float:
-        u = x - self._x0
-        return self._energy + float(np.vdot(self._gradient + 0.5 * self._apply(u), u))
+        return self.energy_gradient(x)[0]
 
     def gradient(self, x: Array) -> Array:
-        return self._gradient + self._apply(x - self._x0)
+        return self.energy_gradient(x)[1]
+
+    def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        u = x - self._x0
+        change = self._hessian.apply(u)
+        return self._energy + float(np.vdot(self._gradient + 0.5 * change, u)), self._gradient + change
 
     def hessian(self, x: Array) -> BlockMatrix:
         return self._hessian.copy()
-
-    def _apply(self, u: Array) -> Array:
-        return np.asarray(self._matrix @ u.ravel()).reshape(u.shape)

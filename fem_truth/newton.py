@@ -89,8 +89,8 @@ class NewtonResult:
 def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> NewtonResult:
     """Minimise from x0 (n, dim), which has to satisfy the constraint already."""
     start = time.process_time()
-    x, energy = x0, problem.energy(x0)
-    gradient = problem.gradient(x)
+    x = x0
+    energy, gradient = problem.evaluate(x)
     residual, decrement = gradient.norm / problem.force_scale(x, gradient), np.inf
     status, iteration, cg_total, eta = Status.MAX_ITERATIONS, 0, 0, settings.cg_tolerance
     direction: Array | None = None
@@ -122,7 +122,7 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
         length, x, energy, gradient = found
         changed = problem.stepped(x, length * cg.step, previous, gradient)
         if changed:
-            energy, gradient = problem.energy(x), problem.gradient(x)
+            energy, gradient = problem.evaluate(x)
         residual = gradient.norm / problem.force_scale(x, gradient)
         decrement = -0.5 * cg.slope / problem.energy_scale(x)
         # The length of a step whose gain drowns in round-off says nothing.
@@ -170,13 +170,11 @@ def _line_search(
     length = 1.0
     for _ in range(halvings + 1):
         trial = x + length * step
-        value = problem.energy(trial)
+        value, gradient = problem.evaluate(trial)  # most trials are taken, and both cost hardly more than one
         if np.isfinite(value):
             if value <= energy + 1e-4 * length * slope:
-                return length, trial, value, problem.gradient(trial)
-            if value <= energy + noise:
-                gradient = problem.gradient(trial)
-                if abs(float(np.vdot(gradient.projected, step))) <= 0.9 * abs(slope):
-                    return length, trial, value, gradient
+                return length, trial, value, gradient
+            if value <= energy + noise and abs(float(np.vdot(gradient.projected, step))) <= 0.9 * abs(slope):
+                return length, trial, value, gradient
         length *= 0.5
     return None

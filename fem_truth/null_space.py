@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
+from fem_truth.block_kernels import BlockKernels
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
 
@@ -33,6 +34,7 @@ class NullSpace:
         reduced = basis * self._mask
         self.condition = _condition(reduced, int(self.free.sum()))
         self._basis = np.ascontiguousarray(_orthonormal(reduced))
+        self._for_kernels: dict[tuple[int, type], tuple[Array, Array]] = {}
 
     @property
     def rank(self) -> int:
@@ -48,6 +50,20 @@ class NullSpace:
         """P v, (n_nodes, dim)."""
         v = v * self._mask
         return v - self._basis @ (self._basis.T @ v)
+
+    def projected_norm(self, nodes: IntArray, v: Array) -> float:
+        """|P v| of a vector that is v (m, dim) at the distinct nodes (m,) and zero elsewhere: its length without that
+        in the range of Q."""
+        v = v * self._mask[nodes]
+        within = self._basis[nodes].T @ v
+        return float(np.sqrt(max(np.vdot(v, v) - np.vdot(within, within), 0.0)))
+
+    def for_kernels(self, kernels: BlockKernels) -> tuple[Array, Array]:
+        """Q and the mask (n_nodes,) of free nodes as the kernels want them; kept."""
+        key = (kernels.dim, kernels.real)
+        if key not in self._for_kernels:
+            self._for_kernels[key] = kernels.tiled(self._basis), self.free.astype(kernels.real)
+        return self._for_kernels[key]
 
     def violation(self, v: Array) -> float:
         """Largest entry of Q^T v and of v at fixed nodes, in the unit of v: zero on the null space."""

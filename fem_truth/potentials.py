@@ -11,7 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix, positive_part
+from fem_truth.block_matrix import BlockMatrix
+from fem_truth.small_blocks import positive_part
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
@@ -95,7 +96,7 @@ class SurfaceContact:
     """Penalty contact of the surface nodes with one collider at one pose; the curvature of the distance
     included.
 
-    The terms of the last x are kept, for gradient and Hessian are asked for at the same x.
+    The terms of the last x are kept, for energy, gradient and Hessian are asked for at the same x.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class SurfaceContact:
         return self._terms
 
     def energy(self, x: Array) -> float:
-        return self.contact.energy(x[self.nodes], self.areas, self.collider, self.pose)
+        return self.terms(x).energy
 
     def gradient(self, x: Array) -> Array:
         terms, gradient = self.terms(x), np.zeros_like(x)

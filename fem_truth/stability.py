@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix, block_diagonal, inverse_square_roots
+from fem_truth.block_matrix import BlockMatrix
 from fem_truth.null_space import NullSpace
+from fem_truth.small_blocks import block_diagonal, inverse_square_roots
 from runtime.arrays import Array
 
 # The lowest mode of the 60,000-cell jelly has settled to two digits after about 100 steps, its sign much
@@ -21,7 +22,7 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
     eigenvalue of H on the null space, and it bounds the lowest eigenvalue of S H S from above: a negative
     value proves instability. The start vector is fixed, so the answer is reproducible.
     """
-    n, dim = hessian.n_nodes, hessian.blocks.shape[1]
+    n, dim = hessian.n_nodes, hessian.dim
     scaling = block_diagonal(inverse_square_roots(hessian.diagonal_blocks()))
     mask = np.repeat(null_space.free, dim).astype(float)
     # In the scaled unknowns y the constraint Q^T (S y) = 0 couples the coordinates: one column for each pair.

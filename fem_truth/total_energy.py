@@ -41,7 +41,7 @@ class Elastic(Protocol):
     unit_energy: float
 
     def energy(self, x: Array) -> float: ...
-    def gradient(self, x: Array) -> Array: ...
+    def energy_gradient(self, x: Array) -> tuple[float, Array]: ...
     def hessian(self, x: Array) -> BlockMatrix: ...
 
 
@@ -90,16 +90,15 @@ class TotalEnergy:
         #: cell.
         self.noise = 1e-15 * elastic.unit_energy
 
-    def energy(self, x: Array) -> float:
-        return self.elastic.energy(x) + sum(term.energy(x) for term in self.terms)
-
-    def gradient(self, x: Array) -> Gradient:
-        elastic = self.elastic.gradient(x)
+    def evaluate(self, x: Array) -> tuple[float, Gradient]:
+        """E [J] and its gradient at x (n, dim)."""
+        energy, elastic = self.elastic.energy_gradient(x)
         total = elastic.copy()
         for term in self.terms:
+            energy += term.energy(x)
             total += term.gradient(x)
         projected = self.null_space.project(total)
-        return Gradient(elastic, projected, float(np.linalg.norm(projected)))
+        return energy, Gradient(elastic, projected, float(np.linalg.norm(projected)))
 
     def hessian(self, x: Array, convex: bool = False) -> BlockMatrix:
         """convex: without the negative curvature of the terms, that of contact with a curved collider."""

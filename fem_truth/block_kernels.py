@@ -1,0 +1,106 @@
+"""`native/blocks.c` for one dimension and one precision, called with numpy arrays.
+
+Node vectors are (n, width) here, width being 4 in 3D; a basis Q of a null space is (tiles, n, TILE): see the C
+source. Every sum over all nodes that a solve needs is returned by one of `product`, `coordinates`, `descend` and
+`deflate`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fem_truth.native.library import load_library
+from fem_truth.small_blocks import absolute_inverses
+from runtime.arrays import Array
+
+if TYPE_CHECKING:
+    from fem_truth.block_matrix import BlockPattern
+
+TILE = 8  # columns of Q that are read together
+_C_NAMES = {np.float32: "float", np.float64: "double"}
+
+
+class BlockKernels:
+    """real: np.float32 or np.float64. All arrays are C-contiguous and of this type unless said otherwise."""
+
+    def __init__(self, dim: int, real: type) -> None:
+        self.dim, self.real, self.width = dim, real, 4 if dim == 3 else 2
+        library = load_library("blocks.c", DIM=dim, REAL=_C_NAMES[real])
+        size, array, number = ctypes.c_int64, ctypes.c_void_p, ctypes.c_double
+
+        def function(name: str, returns: type | None, *arguments: type) -> ctypes._NamedFuncPointer:
+            found = getattr(library, name)
+            found.restype, found.argtypes = returns, arguments
+            return found
+
+        self._product = function("product", number, size, *[array] * 6)
+        self._coordinates = function("coordinates", None, size, size, *[array] * 3)
+        self._descend = function("descend", number, size, size, *[array] * 4, number, *[array] * 3)
+        self._deflate = function("deflate", number, size, size, *[array] * 4)
+        self._advance = function("advance", None, size, number, number, *[array] * 3)
+        self._invert = function("invert", size, size, *[array] * 4)
+
+    @staticmethod
+    @cache
+    def of(dim: int, real: type) -> BlockKernels:
+        return BlockKernels(dim, real)
+
+    def vector(self, v: Array) -> Array:
+        """A node vector (n, dim) in the layout of the kernels."""
+        padded = np.zeros((len(v), self.width), dtype=self.real)
+        padded[:, : self.dim] = v
+        return padded
+
+    def tiled(self, basis: Array) -> Array:
+        """Q (n, rank) in tiles (tiles, n, TILE), filled up with zeros."""
+        n, rank = basis.shape
+        tiles = -(-rank // TILE)
+        filled = np.zeros((n, tiles * TILE), dtype=self.real)
+        filled[:, :rank] = basis
+        return np.ascontiguousarray(filled.reshape(n, tiles, TILE).transpose(1, 0, 2))
+
+    def product(self, pattern: BlockPattern, diagonal: Array, upper: Array, x: Array, y: Array) -> float:
+        """y = A x; returns x . y. diagonal (n, dim, dim); upper (n_blocks + 1, dim, dim)."""
+        starts, columns = _at(pattern.row_starts), _at(pattern.columns)
+        return float(self._product(len(x), starts, columns, _at(diagonal), _at(upper), _at(x), _at(y)))
+
+    def coordinates(self, Q: Array, v: Array) -> Array:
+        """Q^T v, (tiles * TILE, width), summed in double precision."""
+        c = np.empty((len(Q) * TILE, self.width))
+        self._coordinates(len(v), len(Q), _at(Q), _at(v), _at(c))
+        return c.astype(self.real, copy=False)
+
+    def descend(
+        self, Q: Array, c: Array, free: Array, inverse: Array, alpha: float, y: Array, r: Array, z: Array
+    ) -> float:
+        """r -= alpha (y - Q c) where free (n,) is 1, and z = D^-1 r; returns |r|^2."""
+        arrays = _at(y), _at(r), _at(z)
+        return float(
+            self._descend(len(r), len(Q), _at(Q), _at(c), _at(free), _at(inverse), alpha, *arrays)
+        )
+
+    def deflate(self, Q: Array, c: Array, r: Array, z: Array) -> float:
+        """z -= Q c; returns r . z."""
+        return float(self._deflate(len(z), len(Q), _at(Q), _at(c), _at(r), _at(z)))
+
+    def advance(self, alpha: float, beta: float, z: Array, x: Array, p: Array) -> None:
+        """x += alpha p, then p = z + beta p."""
+        self._advance(len(x), alpha, beta, _at(z), _at(x), _at(p))
+
+    def inverses(self, blocks: Array, free: Array) -> Array:
+        """Inverses (n, dim, dim) of float64 symmetric blocks, those that are not positive definite made so; 0 where
+        free (n,) is 0."""
+        inverse, left = np.empty(blocks.shape, dtype=self.real), np.empty(len(blocks), dtype=np.int64)
+        count = self._invert(len(blocks), _at(blocks), _at(free), _at(inverse), _at(left))
+        if count:
+            inverse[left[:count]] = absolute_inverses(blocks[left[:count]])
+        return inverse
+
+
+def _at(array: Array) -> int:
+    """Where its numbers lie: the caller keeps the array alive."""
+    return int(array.ctypes.data)
