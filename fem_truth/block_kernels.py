@@ -1,7 +1,7 @@
 """`native/blocks.c` for one dimension and one precision, called with numpy arrays.
 
-Node vectors are (n, width) here, width being 4 in 3D; a basis Q of a null space is (tiles, n, TILE): see the C
-source. Every sum over all nodes that a solve needs is returned by one of `product`, `coordinates`, `descend` and
+Node vectors are (n, width) here, width being 4 in 3D; a basis Q of a null space is (tiles, n, tile), `tile` of its
+columns being read together: see the C source. Every sum over all nodes that a solve needs is returned by one of `product`, `coordinates`, `descend` and
 `deflate`.
 """
 
@@ -20,16 +20,15 @@ from runtime.arrays import Array
 if TYPE_CHECKING:
     from fem_truth.block_matrix import BlockPattern
 
-TILE = 8  # columns of Q that are read together
 _C_NAMES = {np.float32: "float", np.float64: "double"}
 
 
 class BlockKernels:
     """real: np.float32 or np.float64. All arrays are C-contiguous and of this type unless said otherwise."""
 
-    def __init__(self, dim: int, real: type) -> None:
-        self.dim, self.real, self.width = dim, real, 4 if dim == 3 else 2
-        library = load_library("blocks.c", DIM=dim, REAL=_C_NAMES[real])
+    def __init__(self, dim: int, real: type, tile: int = 8) -> None:
+        self.dim, self.real, self.tile, self.width = dim, real, tile, 4 if dim == 3 else 2
+        library = load_library("blocks.c", DIM=dim, REAL=_C_NAMES[real], TILE=tile)
         size, array, number = ctypes.c_int64, ctypes.c_void_p, ctypes.c_double
 
         def function(name: str, returns: type | None, *arguments: type) -> ctypes._NamedFuncPointer:
@@ -46,8 +45,9 @@ class BlockKernels:
 
     @staticmethod
     @cache
-    def of(dim: int, real: type) -> BlockKernels:
-        return BlockKernels(dim, real)
+    def of(dim: int, real: type, tile: int = 8) -> BlockKernels:
+        """The same ones every time."""
+        return BlockKernels(dim, real, tile)
 
     def vector(self, v: Array) -> Array:
         """A node vector (n, dim) in the layout of the kernels."""
@@ -56,12 +56,12 @@ class BlockKernels:
         return padded
 
     def tiled(self, basis: Array) -> Array:
-        """Q (n, rank) in tiles (tiles, n, TILE), filled up with zeros."""
+        """Q (n, rank) in tiles (tiles, n, tile), filled up with zeros."""
         n, rank = basis.shape
-        tiles = -(-rank // TILE)
-        filled = np.zeros((n, tiles * TILE), dtype=self.real)
+        tiles = -(-rank // self.tile)
+        filled = np.zeros((n, tiles * self.tile), dtype=self.real)
         filled[:, :rank] = basis
-        return np.ascontiguousarray(filled.reshape(n, tiles, TILE).transpose(1, 0, 2))
+        return np.ascontiguousarray(filled.reshape(n, tiles, self.tile).transpose(1, 0, 2))
 
     def product(self, pattern: BlockPattern, diagonal: Array, upper: Array, x: Array, y: Array) -> float:
         """y = A x; returns x . y. diagonal (n, dim, dim); upper (n_blocks + 1, dim, dim)."""
@@ -69,8 +69,8 @@ class BlockKernels:
         return float(self._product(len(x), starts, columns, _at(diagonal), _at(upper), _at(x), _at(y)))
 
     def coordinates(self, Q: Array, v: Array) -> Array:
-        """Q^T v, (tiles * TILE, width), summed in double precision."""
-        c = np.empty((len(Q) * TILE, self.width))
+        """Q^T v, (tiles * tile, width), summed in double precision."""
+        c = np.empty((len(Q) * self.tile, self.width))
         self._coordinates(len(v), len(Q), _at(Q), _at(v), _at(c))
         return c.astype(self.real, copy=False)
 
@@ -99,6 +99,11 @@ class BlockKernels:
         if count:
             inverse[left[:count]] = absolute_inverses(blocks[left[:count]])
         return inverse
+
+
+def fitting_tile(rank: int) -> int:
+    """The width of tiles, of 5 to 8 columns, that fills up `rank` columns with the fewest zeros."""
+    return min((8, 7, 6, 5), key=lambda tile: -rank % tile)
 
 
 def _at(array: Array) -> int:

@@ -264,8 +264,9 @@ class Press:
 
     def _depth(self, pose: RigidPose) -> float:
         """How deep the collider is below the surface at the internal equilibrium [m]."""
-        nodes = self._problem.body.mesh.surface_nodes
-        return -float(self._collider.sdf(pose.apply_inverse(self._internal[nodes])).min())
+        local = pose.apply_inverse(self._internal[self._problem.body.mesh.surface_nodes])
+        _, inside = self._collider.closer(local, 0.0)
+        return -float((inside if len(inside) else self._collider.sdf(local)).min())
 
     def _extrapolated(self, depth: float) -> Array:
         """Where the last two solves point to: or else the collider would overrun the nodes it pushes."""

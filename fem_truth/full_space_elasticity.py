@@ -14,6 +14,7 @@ import numpy as np
 
 from fem_truth.block_matrix import BlockMatrix
 from fem_truth.form_elasticity import FormElasticity
+from fem_truth.native.memory import keep_freed_memory
 from fem_truth.native_elasticity import KERNELS, NativeElasticity
 from runtime.arrays import Array
 from runtime.elasticity.materials import Material
@@ -36,6 +37,7 @@ class FullSpaceElasticity:
     """
 
     def __init__(self, body: ElasticBody, forms: bool = False) -> None:
+        keep_freed_memory()
         mesh, material = body.mesh, body.material
         self.mesh: Mesh = mesh
         law = NativeElasticity if material.model in KERNELS and not forms else FormElasticity

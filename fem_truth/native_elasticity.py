@@ -10,7 +10,7 @@ import numpy as np
 
 from fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
 from fem_truth.native.library import load_library
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array
 from runtime.elasticity.materials import Material
 from runtime.mesh import Mesh
 
@@ -25,7 +25,7 @@ class _Cells(ctypes.Structure):
 
     _fields_ = (
         ("groups", ctypes.c_int64),
-        *[(name, ctypes.c_void_p) for name in ("corners", "pairs", "gradients", "volumes", "mu", "lambda")],
+        *[(name, ctypes.c_void_p) for name in ("corners", "pairs", "gradients", "mu", "lambda")],
     )
 
 
@@ -41,10 +41,12 @@ class NativeElasticity:
         first, second = np.triu_indices(mesh.dim + 1, 1)
         pairs = np.stack([corners[:, first], corners[:, second]], axis=-1)
         self.pattern, blocks = BlockPattern.from_pairs(pairs, mesh.n_nodes)
-        moduli = (np.broadcast_to(values, mesh.n_cells) for values in (material.mu, material.lam))
+        moduli = (values * mesh.cell_volumes for values in (material.mu, material.lam))
         self._arrays = [
-            *(_in_groups(values, np.int32) for values in (corners, blocks)),
-            *(_in_groups(values, np.float64) for values in (gradients, mesh.cell_volumes, *moduli)),
+            *(_in_groups(values.astype(np.int32)) for values in (corners, blocks)),
+            _in_groups(gradients[:, 1:]),
+            # Cells that only fill up the last group weigh nothing.
+            *(_in_groups(values, 0.0) for values in moduli),
         ]
         self._cells = _Cells(len(self._arrays[0]), *(array.ctypes.data for array in self._arrays))
         library = load_library("elastic.c", DIM=mesh.dim, MODEL=KERNELS[material.model])
@@ -85,10 +87,11 @@ class NativeElasticity:
         return float(energy), least.value
 
 
-def _in_groups(values: Array | IntArray, real: Any) -> Any:
-    """Values of cells (n_cells, ...) as (groups, number, lanes), the last group filled up with zeros."""
+def _in_groups(values: Any, filler: Any = None) -> Any:
+    """Values of cells (n_cells, ...) as (groups, number, lanes). The last group is filled up with the first cell's, or
+    with the filler."""
     numbers = values.reshape(len(values), -1)
-    groups = -(-len(values) // _LANES)
-    filled = np.zeros((groups * _LANES, numbers.shape[1]), dtype=real)
-    filled[: len(values)] = numbers
-    return np.ascontiguousarray(filled.reshape(groups, _LANES, -1).transpose(0, 2, 1))
+    missing = -len(values) % _LANES
+    more = np.repeat(numbers[:1], missing, axis=0) if filler is None else np.full((missing, numbers.shape[1]), filler)
+    filled = np.concatenate([numbers, more])
+    return np.ascontiguousarray(filled.reshape(-1, _LANES, numbers.shape[1]).transpose(0, 2, 1))

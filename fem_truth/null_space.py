@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from fem_truth.block_kernels import BlockKernels
+from fem_truth.block_kernels import BlockKernels, fitting_tile
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
 
@@ -34,7 +34,7 @@ class NullSpace:
         reduced = basis * self._mask
         self.condition = _condition(reduced, int(self.free.sum()))
         self._basis = np.ascontiguousarray(_orthonormal(reduced))
-        self._for_kernels: dict[tuple[int, type], tuple[Array, Array]] = {}
+        self._for_kernels: dict[tuple[int, type], tuple[BlockKernels, Array, Array]] = {}
 
     @property
     def rank(self) -> int:
@@ -58,12 +58,13 @@ class NullSpace:
         within = self._basis[nodes].T @ v
         return float(np.sqrt(max(np.vdot(v, v) - np.vdot(within, within), 0.0)))
 
-    def for_kernels(self, kernels: BlockKernels) -> tuple[Array, Array]:
-        """Q and the mask (n_nodes,) of free nodes as the kernels want them; kept."""
-        key = (kernels.dim, kernels.real)
-        if key not in self._for_kernels:
-            self._for_kernels[key] = kernels.tiled(self._basis), self.free.astype(kernels.real)
-        return self._for_kernels[key]
+    def for_kernels(self, dim: int, real: type) -> tuple[BlockKernels, Array, Array]:
+        """Kernels for node vectors of this null space, and Q and the mask (n_nodes,) of free nodes as they want them;
+        kept."""
+        if (dim, real) not in self._for_kernels:
+            kernels = BlockKernels.of(dim, real, fitting_tile(self.rank))
+            self._for_kernels[dim, real] = kernels, kernels.tiled(self._basis), self.free.astype(real)
+        return self._for_kernels[dim, real]
 
     def violation(self, v: Array) -> float:
         """Largest entry of Q^T v and of v at fixed nodes, in the unit of v: zero on the null space."""

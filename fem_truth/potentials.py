@@ -7,6 +7,7 @@ their lumped areas, as in the runtime, whose potentials these are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -40,11 +41,16 @@ class Gravity:
     acceleration: Array
     rest: Array
 
+    @cached_property
+    def _weight(self) -> Array:
+        """(n_nodes, dim) [N]"""
+        return self.mass[:, None] * self.acceleration
+
     def energy(self, x: Array) -> float:
-        return -float(self.mass @ ((x - self.rest) @ self.acceleration))
+        return -float(np.vdot(self._weight, x - self.rest))
 
     def gradient(self, x: Array) -> Array:
-        return -self.mass[:, None] * self.acceleration
+        return -self._weight
 
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         """Nothing: the energy is linear in x."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem_truth.block_kernels import BlockKernels
 from fem_truth.block_matrix import BlockMatrix
 from fem_truth.null_space import NullSpace
 from runtime.arrays import Array
@@ -40,12 +39,12 @@ class NullSpaceSystem:
     Every number that is a sum over all nodes comes from one of these methods.
     """
 
-    def __init__(self, hessian: BlockMatrix, null_space: NullSpace, kernels: BlockKernels) -> None:
+    def __init__(self, hessian: BlockMatrix, null_space: NullSpace, real: type) -> None:
+        kernels, self._Q, self._free = null_space.for_kernels(hessian.dim, real)
         self.kernels = kernels
         self._pattern, self._upper = hessian.upper.pattern, hessian.upper.of_type(kernels.real)
         self._diagonal = hessian.diagonal.astype(kernels.real)
         self._low_rank = [(w.astype(kernels.real), stiffness) for w, stiffness in hessian.low_rank]
-        self._Q, self._free = null_space.for_kernels(kernels)
         self._inverse = kernels.inverses(hessian.diagonal_blocks(), self._free)
 
     def product(self, p: Array, y: Array) -> float:
@@ -69,8 +68,9 @@ def projected_cg(
     hessian: BlockMatrix, gradient: Array, null_space: NullSpace, tolerance: float, max_iterations: int
 ) -> CgResult:
     """Solve P H P d = -g to |residual| <= tolerance |g|. gradient: g = P g (n, dim)."""
-    kernels = BlockKernels.of(hessian.dim, np.float32 if tolerance >= _SINGLE_TOLERANCE else np.float64)
-    system = NullSpaceSystem(hessian, null_space, kernels)
+    real = np.float32 if tolerance >= _SINGLE_TOLERANCE else np.float64
+    system = NullSpaceSystem(hessian, null_space, real)
+    kernels = system.kernels
     scale = float(np.linalg.norm(gradient)) or 1.0
 
     def result(step: Array, iterations: int, direction: Array | None, norm: float) -> CgResult:

@@ -6,14 +6,13 @@
  * into the next block (the caller leaves a spare one at the end), and what it finds there meets the padding of the
  * vector, which stays zero.
  *
- * Compiled with -DDIM=2 or 3 and -DREAL=float or double for each use; see library.py.
+ * Compiled with -DDIM=2 or 3 and -DREAL=float or double and -DTILE=... for each use; see library.py.
  */
 #include <stdint.h>
 #include <string.h>
 
 #define WIDTH (DIM == 3 ? 4 : 2)
 #define SQUARE (DIM * DIM)
-#define TILE 8
 #define CHUNK 512 /* nodes whose shares of a sum are added in `real`, before the sum goes on in double */
 
 typedef REAL real;
