@@ -1,34 +1,37 @@
 """`native/blocks.c` for one dimension and one precision, called with numpy arrays.
 
 Node vectors are (n, width) here, width being 4 in 3D; a basis Q of a null space is (tiles, n, tile), `tile` of its
-columns being read together: see the C source. Every sum over all nodes that a solve needs is returned by one of `product`, `coordinates`, `descend` and
-`deflate`.
+columns being read together: see the C source. Every sum over all nodes that a solve needs is returned by one of
+`product`, `coordinates`, `descend` and `deflate`.
 """
 
 from __future__ import annotations
 
 import ctypes
-from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from fem_truth.native.library import load_library
 from fem_truth.small_blocks import absolute_inverses
-from runtime.arrays import Array
+from runtime.arrays import Array, IntArray
 
 if TYPE_CHECKING:
     from fem_truth.block_matrix import BlockPattern
 
-_C_NAMES = {np.float32: "float", np.float64: "double"}
+Real = type[np.float32] | type[np.float64]
 
 
 class BlockKernels:
     """real: np.float32 or np.float64. All arrays are C-contiguous and of this type unless said otherwise."""
 
-    def __init__(self, dim: int, real: type, tile: int = 8) -> None:
+    _made: ClassVar[dict[tuple[int, Real, int], BlockKernels]] = {}
+
+    def __init__(self, dim: int, real: Real, tile: int = 8) -> None:
         self.dim, self.real, self.tile, self.width = dim, real, tile, 4 if dim == 3 else 2
-        library = load_library("blocks.c", DIM=dim, REAL=_C_NAMES[real], TILE=tile)
+        library = load_library(
+            "blocks.c", DIM=dim, REAL="float" if real is np.float32 else "double", TILE=tile
+        )
         size, array, number = ctypes.c_int64, ctypes.c_void_p, ctypes.c_double
 
         def function(name: str, returns: type | None, *arguments: type) -> ctypes._NamedFuncPointer:
@@ -43,15 +46,16 @@ class BlockKernels:
         self._advance = function("advance", None, size, number, number, *[array] * 3)
         self._invert = function("invert", size, size, *[array] * 4)
 
-    @staticmethod
-    @cache
-    def of(dim: int, real: type, tile: int = 8) -> BlockKernels:
+    @classmethod
+    def of(cls, dim: int, real: Real, tile: int = 8) -> BlockKernels:
         """The same ones every time."""
-        return BlockKernels(dim, real, tile)
+        if (dim, real, tile) not in cls._made:
+            cls._made[dim, real, tile] = cls(dim, real, tile)
+        return cls._made[dim, real, tile]
 
     def vector(self, v: Array) -> Array:
         """A node vector (n, dim) in the layout of the kernels."""
-        padded = np.zeros((len(v), self.width), dtype=self.real)
+        padded: Array = np.zeros((len(v), self.width), dtype=self.real)
         padded[:, : self.dim] = v
         return padded
 
@@ -59,7 +63,7 @@ class BlockKernels:
         """Q (n, rank) in tiles (tiles, n, tile), filled up with zeros."""
         n, rank = basis.shape
         tiles = -(-rank // self.tile)
-        filled = np.zeros((n, tiles * self.tile), dtype=self.real)
+        filled: Array = np.zeros((n, tiles * self.tile), dtype=self.real)
         filled[:, :rank] = basis
         return np.ascontiguousarray(filled.reshape(n, tiles, self.tile).transpose(1, 0, 2))
 
@@ -79,9 +83,7 @@ class BlockKernels:
     ) -> float:
         """r -= alpha (y - Q c) where free (n,) is 1, and z = D^-1 r; returns |r|^2."""
         arrays = _at(y), _at(r), _at(z)
-        return float(
-            self._descend(len(r), len(Q), _at(Q), _at(c), _at(free), _at(inverse), alpha, *arrays)
-        )
+        return float(self._descend(len(r), len(Q), _at(Q), _at(c), _at(free), _at(inverse), alpha, *arrays))
 
     def deflate(self, Q: Array, c: Array, r: Array, z: Array) -> float:
         """z -= Q c; returns r . z."""
@@ -94,7 +96,8 @@ class BlockKernels:
     def inverses(self, blocks: Array, free: Array) -> Array:
         """Inverses (n, dim, dim) of float64 symmetric blocks, those that are not positive definite made so; 0 where
         free (n,) is 0."""
-        inverse, left = np.empty(blocks.shape, dtype=self.real), np.empty(len(blocks), dtype=np.int64)
+        inverse: Array = np.empty(blocks.shape, dtype=self.real)
+        left = np.empty(len(blocks), dtype=np.int64)
         count = self._invert(len(blocks), _at(blocks), _at(free), _at(inverse), _at(left))
         if count:
             inverse[left[:count]] = absolute_inverses(blocks[left[:count]])
@@ -106,6 +109,6 @@ def fitting_tile(rank: int) -> int:
     return min((8, 7, 6, 5), key=lambda tile: -rank % tile)
 
 
-def _at(array: Array) -> int:
+def _at(array: Array | IntArray) -> int:
     """Where its numbers lie: the caller keeps the array alive."""
     return int(array.ctypes.data)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from fem_truth.block_kernels import BlockKernels
+from fem_truth.block_kernels import BlockKernels, Real
 from fem_truth.small_blocks import block_diagonal
 from runtime.arrays import Array, IntArray
 
@@ -60,7 +60,7 @@ class UpperBlocks:
         """The storage in single precision."""
         return self.storage.astype(np.float32)
 
-    def of_type(self, real: type) -> Array:
+    def of_type(self, real: Real) -> Array:
         return self.single if real is np.float32 else self.storage
 
 

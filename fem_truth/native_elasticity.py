@@ -92,6 +92,10 @@ def _in_groups(values: Any, filler: Any = None) -> Any:
     with the filler."""
     numbers = values.reshape(len(values), -1)
     missing = -len(values) % _LANES
-    more = np.repeat(numbers[:1], missing, axis=0) if filler is None else np.full((missing, numbers.shape[1]), filler)
+    more = (
+        np.repeat(numbers[:1], missing, axis=0)
+        if filler is None
+        else np.full((missing, numbers.shape[1]), filler)
+    )
     filled = np.concatenate([numbers, more])
     return np.ascontiguousarray(filled.reshape(-1, _LANES, numbers.shape[1]).transpose(0, 2, 1))

@@ -60,7 +60,7 @@ class NewtonSettings:
     cg_max_iterations: of CG in one Newton iteration. line_search_halvings: how often a step may be halved.
     """
 
-    gradient_tolerance: float = 1e-4
+    gradient_tolerance: float = 3e-4
     decrement_tolerance: float = 1e-4
     max_iterations: int = 60
     cg_tolerance: float = 0.1

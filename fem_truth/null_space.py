@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from fem_truth.block_kernels import BlockKernels, fitting_tile
+from fem_truth.block_kernels import BlockKernels, Real, fitting_tile
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
 
@@ -34,7 +34,7 @@ class NullSpace:
         reduced = basis * self._mask
         self.condition = _condition(reduced, int(self.free.sum()))
         self._basis = np.ascontiguousarray(_orthonormal(reduced))
-        self._for_kernels: dict[tuple[int, type], tuple[BlockKernels, Array, Array]] = {}
+        self._for_kernels: dict[tuple[int, Real], tuple[BlockKernels, Array, Array]] = {}
 
     @property
     def rank(self) -> int:
@@ -58,7 +58,7 @@ class NullSpace:
         within = self._basis[nodes].T @ v
         return float(np.sqrt(max(np.vdot(v, v) - np.vdot(within, within), 0.0)))
 
-    def for_kernels(self, dim: int, real: type) -> tuple[BlockKernels, Array, Array]:
+    def for_kernels(self, dim: int, real: Real) -> tuple[BlockKernels, Array, Array]:
         """Kernels for node vectors of this null space, and Q and the mask (n_nodes,) of free nodes as they want them;
         kept."""
         if (dim, real) not in self._for_kernels:

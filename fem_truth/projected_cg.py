@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fem_truth.block_kernels import Real
 from fem_truth.block_matrix import BlockMatrix
 from fem_truth.null_space import NullSpace
 from runtime.arrays import Array
@@ -39,12 +40,14 @@ class NullSpaceSystem:
     Every number that is a sum over all nodes comes from one of these methods.
     """
 
-    def __init__(self, hessian: BlockMatrix, null_space: NullSpace, real: type) -> None:
+    def __init__(self, hessian: BlockMatrix, null_space: NullSpace, real: Real) -> None:
         kernels, self._Q, self._free = null_space.for_kernels(hessian.dim, real)
         self.kernels = kernels
         self._pattern, self._upper = hessian.upper.pattern, hessian.upper.of_type(kernels.real)
-        self._diagonal = hessian.diagonal.astype(kernels.real)
-        self._low_rank = [(w.astype(kernels.real), stiffness) for w, stiffness in hessian.low_rank]
+        self._diagonal: Array = hessian.diagonal.astype(kernels.real)
+        self._low_rank: list[tuple[Array, float]] = [
+            (w.astype(kernels.real), stiffness) for w, stiffness in hessian.low_rank
+        ]
         self._inverse = kernels.inverses(hessian.diagonal_blocks(), self._free)
 
     def product(self, p: Array, y: Array) -> float:
@@ -68,7 +71,7 @@ def projected_cg(
     hessian: BlockMatrix, gradient: Array, null_space: NullSpace, tolerance: float, max_iterations: int
 ) -> CgResult:
     """Solve P H P d = -g to |residual| <= tolerance |g|. gradient: g = P g (n, dim)."""
-    real = np.float32 if tolerance >= _SINGLE_TOLERANCE else np.float64
+    real: Real = np.float32 if tolerance >= _SINGLE_TOLERANCE else np.float64
     system = NullSpaceSystem(hessian, null_space, real)
     kernels = system.kernels
     scale = float(np.linalg.norm(gradient)) or 1.0

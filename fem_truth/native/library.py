@@ -65,4 +65,3 @@ def _processor() -> str:
     except OSError:
         return platform.processor()
     return " ".join(sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))}))
-

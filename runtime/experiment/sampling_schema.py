@@ -12,7 +12,7 @@ from runtime.experiment.section import Count, NotNegative, Positive, Section, Sh
 class SolverSpec(Section):
     """`[sampling.solver]`: a sample has converged when residual and decrement both are below these."""
 
-    residual: Positive = Field(1e-4, description="relative residual of the projected forces")
+    residual: Positive = Field(3e-4, description="relative residual of the projected forces")
     decrement: Positive = Field(1e-4, description="relative Newton decrement (energy)")
     max_iterations: Count = Field(60, description="Newton iterations of one solve")
 
