@@ -46,3 +46,5 @@ def _clear_unfinished(folder: Path) -> None:
         if not source.with_name(source.name + ".cached").exists():
             for part in folder.glob(f"{source.stem}.*"):  # .c, .o, .so
                 part.unlink(missing_ok=True)
+    for library in folder.glob("*.so.unfinished"):  # of `native.library`
+        library.unlink()

@@ -70,8 +70,25 @@ class NullSpaceSystem:
 def projected_cg(
     hessian: BlockMatrix, gradient: Array, null_space: NullSpace, tolerance: float, max_iterations: int
 ) -> CgResult:
-    """Solve P H P d = -g to |residual| <= tolerance |g|. gradient: g = P g (n, dim)."""
-    real: Real = np.float32 if tolerance >= _SINGLE_TOLERANCE else np.float64
+    """Solve P H P d = -g to |residual| <= tolerance |g|. gradient: g = P g (n, dim).
+
+    In single precision where that will do; negative curvature is believed in double precision only.
+    """
+    if tolerance >= _SINGLE_TOLERANCE:
+        result = _conjugate_gradients(hessian, gradient, null_space, tolerance, max_iterations, np.float32)
+        if not result.negative_curvature:
+            return result
+    return _conjugate_gradients(hessian, gradient, null_space, tolerance, max_iterations, np.float64)
+
+
+def _conjugate_gradients(
+    hessian: BlockMatrix,
+    gradient: Array,
+    null_space: NullSpace,
+    tolerance: float,
+    max_iterations: int,
+    real: Real,
+) -> CgResult:
     system = NullSpaceSystem(hessian, null_space, real)
     kernels = system.kernels
     scale = float(np.linalg.norm(gradient)) or 1.0

@@ -41,7 +41,7 @@ def load_library(source: str, **macros: str | int) -> ctypes.CDLL:
 
 def _compile(command: list[str], library: Path) -> None:
     """Under a name of its own until it is whole: a killed compiler leaves nothing that would be loaded."""
-    unfinished = library.with_name(f"{library.name}.{os.getpid()}")
+    unfinished = library.with_name(f"{library.name}.unfinished")
     try:
         done = subprocess.run(
             [*command, "-o", str(unfinished), "-lm"], capture_output=True, text=True, check=False
