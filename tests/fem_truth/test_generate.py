@@ -120,7 +120,7 @@ def test_the_truth_is_whole_and_obeys_its_constraint(reference: Path) -> None:
         assert truth.n_samples == 3 * N_CONTACTS
         assert len(truth.states) == 2
         assert np.all(truth.samples["status"] == CONVERGED)
-        assert np.all(truth.samples["residual"] <= 1e-4)
+        assert np.all(truth.samples["residual"] <= 3e-4)  # the default of [sampling.solver]
         assert np.all(truth.samples["decrement"] <= 1e-4)
         assert len(truth.repeat) == 3 * N_CONTACTS // 4
         # The solver's decrement of 1e-4 allows about 1 % of error to each of the two.
