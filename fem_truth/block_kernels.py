@@ -44,7 +44,7 @@ class BlockKernels:
         self._descend = function("descend", number, size, size, *[array] * 4, number, *[array] * 3)
         self._deflate = function("deflate", number, size, size, *[array] * 4)
         self._advance = function("advance", None, size, number, number, *[array] * 3)
-        self._invert = function("invert", size, size, *[array] * 4)
+        self._invert = function("invert", size, size, *[array] * 3)
 
     @classmethod
     def of(cls, dim: int, real: Real, tile: int = 8) -> BlockKernels:
@@ -81,7 +81,7 @@ class BlockKernels:
     def descend(
         self, Q: Array, c: Array, free: Array, inverse: Array, alpha: float, y: Array, r: Array, z: Array
     ) -> float:
-        """r -= alpha (y - Q c) where free (n,) is 1, and z = D^-1 r; returns |r|^2."""
+        """r -= alpha (y - Q c) and z = D^-1 r, both where free (n, width) is 1; returns |r|^2."""
         arrays = _at(y), _at(r), _at(z)
         return float(self._descend(len(r), len(Q), _at(Q), _at(c), _at(free), _at(inverse), alpha, *arrays))
 
@@ -93,12 +93,11 @@ class BlockKernels:
         """x += alpha p, then p = z + beta p."""
         self._advance(len(x), alpha, beta, _at(z), _at(x), _at(p))
 
-    def inverses(self, blocks: Array, free: Array) -> Array:
-        """Inverses (n, dim, dim) of float64 symmetric blocks, those that are not positive definite made so; 0 where
-        free (n,) is 0."""
+    def inverses(self, blocks: Array) -> Array:
+        """Inverses (n, dim, dim) of float64 symmetric blocks, those that are not positive definite made so."""
         inverse: Array = np.empty(blocks.shape, dtype=self.real)
         left = np.empty(len(blocks), dtype=np.int64)
-        count = self._invert(len(blocks), _at(blocks), _at(free), _at(inverse), _at(left))
+        count = self._invert(len(blocks), _at(blocks), _at(inverse), _at(left))
         if count:
             inverse[left[:count]] = absolute_inverses(blocks[left[:count]])
         return inverse

@@ -51,6 +51,10 @@ class NullSpace:
         v = v * self._mask
         return v - self._basis @ (self._basis.T @ v)
 
+    def moving(self, dim: int) -> Array:
+        """(n_nodes, dim): 1 where a component may move, 0 where it is held."""
+        return np.repeat(self._mask, dim, axis=1)
+
     def projected_norm(self, nodes: IntArray, v: Array) -> float:
         """|P v| of a vector that is v (m, dim) at the distinct nodes (m,) and zero elsewhere: its length without that
         in the range of Q."""
@@ -59,11 +63,15 @@ class NullSpace:
         return float(np.sqrt(max(np.vdot(v, v) - np.vdot(within, within), 0.0)))
 
     def for_kernels(self, dim: int, real: Real) -> tuple[BlockKernels, Array, Array]:
-        """Kernels for node vectors of this null space, and Q and the mask (n_nodes,) of free nodes as they want them;
+        """Kernels for node vectors of this null space, Q and the mask of what may move (n_nodes, width) for them;
         kept."""
         if (dim, real) not in self._for_kernels:
             kernels = BlockKernels.of(dim, real, fitting_tile(self.rank))
-            self._for_kernels[dim, real] = kernels, kernels.tiled(self._basis), self.free.astype(real)
+            self._for_kernels[dim, real] = (
+                kernels,
+                kernels.tiled(self._basis),
+                kernels.vector(self.moving(dim)),
+            )
         return self._for_kernels[dim, real]
 
     def violation(self, v: Array) -> float:

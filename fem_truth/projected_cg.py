@@ -48,7 +48,7 @@ class NullSpaceSystem:
         self._low_rank: list[tuple[Array, float]] = [
             (w.astype(kernels.real), stiffness) for w, stiffness in hessian.low_rank
         ]
-        self._inverse = kernels.inverses(hessian.diagonal_blocks(), self._free)
+        self._inverse = kernels.inverses(hessian.diagonal_blocks())
 
     def product(self, p: Array, y: Array) -> float:
         """y = H p; returns the curvature p . H p."""

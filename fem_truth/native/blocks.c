@@ -105,14 +105,16 @@ static inline node lifted(int64_t n, int64_t tiles, const real *Q, const real *c
     return (part[0] + part[1]) + (part[2] + part[3]);
 }
 
-/* r -= alpha (y - Q c) on the free nodes, z = D^-1 r; returns |r|^2. inverse: D^-1 (n, DIM, DIM), 0 where held. */
+/* r -= alpha (y - Q c) and z = D^-1 r, both where `free` (n, WIDTH) is 1; returns |r|^2. inverse: (n, DIM, DIM). */
 double descend(int64_t n, int64_t tiles, const real *Q, const real *c, const real *free, const real *inverse,
                double alpha, const real *y, real *r, real *z) {
     double square = 0.0;
     for (int64_t i = 0; i < n; i++) {
-        const node ri = load(r + i * WIDTH) - free[i] * (real)alpha * (load(y + i * WIDTH) - lifted(n, tiles, Q, c, i));
+        const node moves = load(free + i * WIDTH);
+        const node change = (real)alpha * (load(y + i * WIDTH) - lifted(n, tiles, Q, c, i));
+        const node ri = load(r + i * WIDTH) - moves * change;
         store(r + i * WIDTH, ri);
-        store(z + i * WIDTH, times(inverse + i * SQUARE, ri));
+        store(z + i * WIDTH, moves * times(inverse + i * SQUARE, ri));
         square += (double)sum(ri * ri);
     }
     return square;
@@ -129,9 +131,8 @@ double deflate(int64_t n, int64_t tiles, const real *Q, const real *c, const rea
     return rho;
 }
 
-/* inverse = B^-1 of the symmetric blocks (n, DIM, DIM) of the free nodes, 0 for the others. Those that are not positive
- * definite (Sylvester) are left to the caller: their numbers go into `left`, their count is returned. */
-int64_t invert(int64_t n, const double *blocks, const real *free, real *inverse, int64_t *left) {
+/* inverse = B^-1 of the symmetric blocks (n, DIM, DIM). Those that are not positive definite (Sylvester) are left to the caller: their numbers go into `left`, their count is returned. */
+int64_t invert(int64_t n, const double *blocks, real *inverse, int64_t *left) {
     int64_t count = 0;
     for (int64_t i = 0; i < n; i++) {
         const double *b = blocks + i * SQUARE;
@@ -151,8 +152,8 @@ int64_t invert(int64_t n, const double *blocks, const real *free, real *inverse,
         for (int c = 0; c < DIM; c++) scale *= trace / DIM;
         /* In 2D the last cofactor is the first entry itself. */
         const int positive = b[0] > 0.0 && cofactor[SQUARE - 1] > 0.0 && det > 1e-9 * scale;
-        if (free[i] && !positive) left[count++] = i;
-        for (int c = 0; c < SQUARE; c++) inverse[i * SQUARE + c] = free[i] && positive ? (real)(cofactor[c] / det) : 0;
+        if (!positive) left[count++] = i;
+        for (int c = 0; c < SQUARE; c++) inverse[i * SQUARE + c] = positive ? (real)(cofactor[c] / det) : 0;
     }
     return count;
 }

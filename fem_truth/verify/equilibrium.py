@@ -54,6 +54,9 @@ class HeldComponents(NullSpace):
     def project(self, v: Array) -> Array:
         return v * self._moving
 
+    def moving(self, dim: int) -> Array:
+        return self._moving
+
     def violation(self, v: Array) -> float:
         return float(np.abs(v * (1.0 - self._moving)).max(initial=0.0))
 
