@@ -24,7 +24,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="may be given again (default: bare, every trained correction, and full where DOLFINx is)",
     )
     parser.add_argument(
-        "--iterations", type=int, default=2, metavar="N", help="Newton iterations in every step"
+        "--iterations",
+        type=int,
+        metavar="N",
+        help="at most so many Newton iterations a step, converged or not (default: those of the experiment)",
     )
     parser.add_argument(
         "--steps", type=int, default=60, metavar="N", help="steps with contact to time for each model"
@@ -40,7 +43,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from runtime.errors import SoftprintError
     from runtime.files import atomic_path, provenance
 
-    if args.iterations < 1 or args.steps < 1:
+    if args.steps < 1 or (args.iterations is not None and args.iterations < 1):
         raise SoftprintError("--iterations and --steps must be at least 1")
     tests = context.experiment.scenes_of_role("test")
     if args.scene is None and not tests:
@@ -67,7 +70,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     }
     here = machine()
     context.say(
-        f"{scene.name}, {args.iterations} Newton iterations a step, h = {experiment.dynamics.time_step:.4g} s"
+        f"{scene.name}, at most {experiment.dynamics.max_iterations} Newton iterations a step to a residual of "
+        f"{experiment.dynamics.tolerance:g}, h = {experiment.dynamics.time_step:.4g} s"
     )
     context.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in sizes.items()))
     context.say(f"{here['processor']}, {here['cores']} cores, threads {here['threads'] or 'not limited'}")
@@ -75,7 +79,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
         context.say(line)
     report = {
         "scene": scene.name,
-        "iterations": args.iterations,
+        "iterations": experiment.dynamics.max_iterations,
         "time_step": experiment.dynamics.time_step,
         "sizes": sizes,
         "machine": here,
@@ -93,7 +97,7 @@ VERB = Verb(
     name="bench",
     order=60,
     summary="Time a step with every model, side by side.",
-    example="softprint bench examples/jelly3d_small.toml --iterations 2",
+    example="softprint bench examples/jelly3d_small.toml --model bare --model ours",
     run=run,
     needs=("h5py",),
     configure=configure,

@@ -1,7 +1,8 @@
 """How fast models play a scene: the measurement behind `softprint bench` and `benchmarks/runtime_speed.py`.
 
-Every model plays the same scene in the same process with the same time step and the same number of Newton
-iterations. A frame is a step and the positions of the surface at its end, with all detail. Only frames with contact
+Every model plays the same scene in the same process with the same time step, to the same tolerance or with as many
+Newton iterations at most; a model that is cut off before it has converged is not slower than its figure says, but worse.
+A frame is a step and the positions of the surface at its end, with all detail. Only frames with contact
 count. The median is over steps, so that another program on the machine
 does not spoil it; CPU seconds are of all threads of this process.
 """
@@ -28,13 +29,14 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Speed:
     """steps: with contact; step: median wall time of one [s]; cpu: mean CPU time [s]; iterations: mean of
-    Newton; phases: median seconds by phase, empty for models that do not tell."""
+    Newton; converged: share of the steps; phases: median seconds by phase, empty for models that do not tell."""
 
     model: str
     steps: int
     step: float
     cpu: float
     iterations: float
+    converged: float
     phases: Mapping[str, float]
 
     @property
@@ -42,8 +44,10 @@ class Speed:
         return 1.0 / self.step
 
 
-def with_iterations(experiment: Experiment, iterations: int) -> Experiment:
-    """The experiment with so many Newton iterations a step at most."""
+def with_iterations(experiment: Experiment, iterations: int | None) -> Experiment:
+    """The experiment with so many Newton iterations a step at most; as it is for None."""
+    if iterations is None:
+        return experiment
     dynamics = experiment.dynamics.model_copy(update={"max_iterations": iterations})
     return experiment.model_copy(update={"dynamics": dynamics})
 
@@ -54,6 +58,7 @@ def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed |
     walls: list[float] = []
     cpus: list[float] = []
     iterations: list[int] = []
+    converged: list[bool] = []
     phases: dict[str, list[float]] = {}
     for _ in range(n_steps):
         began, cpu_began = time.perf_counter(), time.process_time()
@@ -68,6 +73,7 @@ def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed |
         walls.append(wall)
         cpus.append(cpu)
         iterations.append(result.iterations)
+        converged.append(result.converged)
         for phase in PHASES:
             if phase in result.timings:
                 phases.setdefault(phase, []).append(result.timings[phase])
@@ -77,14 +83,22 @@ def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed |
     if not walls:
         return None
     by_phase = {phase: median(seconds) for phase, seconds in phases.items()}
-    return Speed(name, len(walls), median(walls), float(np.mean(cpus)), float(np.mean(iterations)), by_phase)
+    return Speed(
+        name,
+        len(walls),
+        median(walls),
+        float(np.mean(cpus)),
+        float(np.mean(iterations)),
+        float(np.mean(converged)),
+        by_phase,
+    )
 
 
 def speed_table(speeds: list[Speed]) -> list[str]:
-    """One line a model: milliseconds, frames a second, ratios to the bare subspace and to full space,
-    phases."""
+    """One line a model: milliseconds, frames a second, Newton iterations, share of converged steps, ratios to the bare
+    subspace and to full space, phases."""
     by_name = {speed.model: speed for speed in speeds}
-    heads = ("ms/step", "CPU ms", "1/s", "Newton", "of bare", "full is")
+    heads = ("ms/step", "CPU ms", "1/s", "Newton", "conv.", "of bare", "full is")
     lines = [f"{'model':<14}" + "".join(f"{head:>9}" for head in heads) + "  phases [ms]"]
     for speed in speeds:
         ratios = [
@@ -94,7 +108,7 @@ def speed_table(speeds: list[Speed]) -> list[str]:
         phases = ", ".join(f"{phase} {1e3 * seconds:.2f}" for phase, seconds in speed.phases.items())
         lines.append(
             f"{speed.model:<14}{1e3 * speed.step:>9.2f}{1e3 * speed.cpu:>9.2f}{speed.frames_per_second:>9.1f}"
-            f"{speed.iterations:>9.1f}{ratios[0]:>9}{ratios[1]:>9}  {phases}"
+            f"{speed.iterations:>9.1f}{speed.converged:>9.0%}{ratios[0]:>9}{ratios[1]:>9}  {phases}"
         )
     return lines
 

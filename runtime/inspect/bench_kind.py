@@ -25,7 +25,7 @@ def summarise(path: Path, part: Part) -> Summary:
         sections: dict[str, dict[str, Any]] = {
             "bench": {
                 "scene": bench["scene"],
-                "Newton iterations a step": bench["iterations"],
+                "Newton iterations a step, at most": bench["iterations"],
                 **bench["sizes"],
             },
             **{f"model {speed['model']}": _numbers(speed) for speed in bench["speeds"]},
