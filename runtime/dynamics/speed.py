@@ -1,10 +1,9 @@
 """How fast models play a scene: the measurement behind `softprint bench` and `benchmarks/runtime_speed.py`.
 
 Every model plays the same scene in the same process with the same time step, to the same tolerance or with as many
-Newton iterations at most; a model that is cut off before it has converged is not slower than its figure says, but worse.
-A frame is a step and the positions of the surface at its end, with all detail. Only frames with contact
-count. The median is over steps, so that another program on the machine
-does not spoil it; CPU seconds are of all threads of this process.
+Newton iterations at most; a model that is cut off before it has converged is not as fast as its figure says. A frame is
+a step and the positions of the surface at its end, with all detail. Only frames with contact count. The median is over
+steps, so that another program on the machine does not spoil it; CPU seconds are of all threads of this process.
 """
 
 from __future__ import annotations
