@@ -3,9 +3,10 @@
     python -m tests.kill_generate --kills 100      # and, as root, --full-disk
 
 Runs go on in the same folder, one after the other, until a truth is whole; then another folder is begun, until
-all kills are spent. Three things are killed in turn: everything, one rank, mpirun alone; every fourth time not
-before a file is being written. After each kill no temporary name may have become a file, every finished contact
-must be there still and never be solved again, and every truth must hold the same as that of an undisturbed run.
+all kills are spent. Three things are killed in turn: everything, one rank, mpirun alone; four times of five not before
+some more contacts are finished, and every fourth time not before a file is being written. After each kill no temporary
+name may have become a file, every finished contact must be there still and never be solved again, and every truth must
+hold the same as that of an undisturbed run.
 """
 
 from __future__ import annotations
@@ -146,8 +147,13 @@ def kill_storm(
     run = next(runs)
     while (number := storm.kills.total()) < kills:
         before = run.shards()
-        delay = float(rng.uniform(0.0, duration))
-        killed = _kill_once(run, WHAT[number % 3], delay, wait_for_writing=number % 4 == 3, storm=storm)
+        by_progress = number % 5 != 4
+        moment = Moment(
+            delay=float(rng.uniform(0.0, 0.05 if by_progress else duration)),
+            contacts=len(before) + int(rng.integers(1, 4)) if by_progress else 0,
+            writing=number % 4 == 3,
+        )
+        killed = _kill_once(run, WHAT[number % 3], moment, storm)
         if not killed:
             storm.too_late += 1
         _judge(run, before, storm)
@@ -161,14 +167,26 @@ def kill_storm(
     return storm
 
 
-def _kill_once(run: Generation, what: str, delay: float, wait_for_writing: bool, storm: Storm) -> bool:
+@dataclass(frozen=True)
+class Moment:
+    """When to kill: once so many contacts are finished, ``delay`` [s] later, and, if ``writing``, not before a file is
+    being written."""
+
+    delay: float
+    contacts: int
+    writing: bool
+
+
+def _kill_once(run: Generation, what: str, moment: Moment, storm: Storm) -> bool:
     """Whether there was anything left to be killed."""
     left = run.temporaries()
     process = run.start()
-    end = time.monotonic() + delay
+    while process.poll() is None and len(run.shards()) < moment.contacts:
+        time.sleep(0.001)
+    end = time.monotonic() + moment.delay
     while process.poll() is None and time.monotonic() < end:
         time.sleep(0.001)
-    while wait_for_writing and process.poll() is None and run.temporaries() <= left:
+    while moment.writing and process.poll() is None and run.temporaries() <= left:
         time.sleep(0.0002)
     members = _session(process.pid)
     victims = {"everything": members, "mpirun": [process.pid], "one rank": members[-1:]}[what]
