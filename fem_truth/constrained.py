@@ -5,6 +5,9 @@ displacements.
 
 C the columns of U that belong to point handles (`ReducedBody.constraint_basis`), the nodes of rigid frames sitting at
 (U q)_i. The unknowns live in the null space of C on the free nodes.
+
+Where several ranks hold a part of the body each, all of them call the same methods with the same arguments and get the
+same answers: positions of all nodes, in the body's order. Within, positions are those of the nodes on this rank.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from fem_truth.full_space_elasticity import FullSpaceElasticity
 from fem_truth.linear_response import QuadraticElasticity
 from fem_truth.newton import NewtonResult, NewtonSettings, Status, minimise
 from fem_truth.null_space import NullSpace
+from fem_truth.parts.body_part import whole_body
 from fem_truth.potentials import Gravity, Potential, SurfaceContact
 from fem_truth.stability import smallest_ritz_value
 from fem_truth.total_energy import Elastic, ElasticTangent, Gradient, TotalEnergy
@@ -38,7 +42,8 @@ class Solution:
     x: (n_nodes, dim) [m]; residual, decrement: relative, see `fem_truth.newton`; min_det_F: smallest volume
     ratio of a cell; max_depth: deepest penetration [m]; energy: total [J]; stable: no negative curvature was
     seen; min_eigenvalue: lowest Ritz value relative to the block diagonal (`fem_truth.stability`; internal
-    equilibria only, NaN otherwise); `reason` says in a sentence how the solve ended.
+    equilibria only, NaN otherwise); seconds: of processors, all ranks together; `reason` says in a sentence how
+    the solve ended.
     """
 
     x: Array
@@ -91,10 +96,11 @@ class InternalEnergy(TotalEnergy):
         self._energy_floor = 1e-12 * elasticity.unit_energy
 
     def force_scale(self, x: Array, gradient: Gradient) -> float:
-        return max(float(np.linalg.norm(gradient.elastic)), self._force_floor)
+        share = self.null_space.share
+        return max(share.norm(share.assembled(gradient.elastic)), self._force_floor)
 
     def energy_scale(self, x: Array) -> float:
-        return max(self.elastic.energy(x), self._energy_floor)
+        return max(self.null_space.share.total(self.elastic.energy(x)), self._energy_floor)
 
 
 class ContactEnergy(TotalEnergy):
@@ -123,7 +129,8 @@ class ContactEnergy(TotalEnergy):
     def energy_scale(self, x: Array) -> float:
         terms = self._contact.terms(x)
         moved = (x - self._reference)[self._contact.nodes[terms.index]]
-        return max(abs(float(np.vdot(terms.gradient, moved))), terms.energy, self._energy_floor)
+        work, energy = self.null_space.share.total(np.array([np.vdot(terms.gradient, moved), terms.energy]))
+        return max(abs(float(work)), float(energy), self._energy_floor)
 
 
 class ConstrainedProblem:
@@ -137,33 +144,37 @@ class ConstrainedProblem:
         body: ReducedBody,
     ) -> None:
         self.elasticity, self.contact, self.body = elasticity, contact, body
-        mesh = body.mesh
-        self.null_space = NullSpace(body.constraint_basis, body.handles.frame_nodes)
+        self.part = part = elasticity.part or whole_body(body)
+        self.null_space = NullSpace(part.constraint_basis, part.frame_nodes, part.share)
         self.terms: tuple[Potential, ...] = ()
         if gravity is not None and np.any(gravity):
-            self.terms = (Gravity(body.node_mass, np.asarray(gravity, dtype=float), mesh.points),)
+            self.terms = (Gravity(part.node_mass, np.asarray(gravity, dtype=float), part.mesh.points),)
 
     def constrained(self, rows: Array, x: Array) -> Array:
         """The positions nearest to x (n_nodes, dim) that satisfy the constraint of the state."""
-        reduced = self.body.reduced_positions(rows)
-        return reduced + self.null_space.project(x - reduced)
+        return self.part.whole(self.constrained_part(rows, x))
+
+    def constrained_part(self, rows: Array, x: Array) -> Array:
+        """As `constrained`, of the nodes on this rank only."""
+        reduced = self.part.reduced_positions(rows)
+        return reduced + self.null_space.project(self.part.take(x) - reduced)
 
     def violation(self, rows: Array, x: Array) -> float:
         """How far x is from the constraint [m]: the largest component in an orthonormal basis of C."""
-        return self.null_space.violation(x - self.body.reduced_positions(rows))
+        return self.null_space.violation(self.part.take(x - self.body.reduced_positions(rows)))
 
     def internal_equilibrium(
         self, rows: Array, settings: NewtonSettings = INTERNAL_SETTINGS, x0: Array | None = None
     ) -> Solution:
         """The equilibrium without contact, from x0 or the reduced positions. A saddle gets the status
         UNSTABLE."""
-        start = self.constrained(rows, self.body.reduced_positions(rows) if x0 is None else x0)
+        start = self.constrained_part(rows, self.body.reduced_positions(rows) if x0 is None else x0)
         result = minimise(InternalEnergy(self.elasticity, self.terms, self.null_space), start, settings)
         lowest = np.nan
         if result.converged:
             lowest = smallest_ritz_value(self.elasticity.hessian(result.x), self.null_space)
         status = Status.UNSTABLE if lowest <= 0 else result.status
-        return _solution(self.elasticity, result, status, 0.0, lowest)
+        return _solution(self, result, status, 0.0, lowest)
 
     def press(self, rows: Array, collider: Collider, internal: Array) -> Press:
         """One contact, to be approached from shallow to deep; internal: the state's internal equilibrium."""
@@ -201,7 +212,7 @@ class ConstrainedProblem:
 
     def linear_press(self, rows: Array, collider: Collider, internal: Array) -> Press:
         """As `press`, with elasticity linearised about the internal equilibrium."""
-        linear = QuadraticElasticity(self.elasticity, internal)
+        linear = QuadraticElasticity(self.elasticity, self.part.take(internal))
         return Press(self, linear, ElasticTangent(linear), rows, collider, internal)
 
 
@@ -223,14 +234,14 @@ class Press:
     ) -> None:
         self._problem, self._elastic, self._tangent = problem, elastic, tangent
         self._rows, self._collider = rows, collider
-        self._internal = problem.constrained(rows, internal)
+        self._internal = problem.constrained_part(rows, internal)
         #: Depths and positions of the last two solves: the secant on which the next one starts.
         self._path = [(0.0, self._internal)]
-        elasticity = problem.elasticity
+        elasticity, share = problem.elasticity, problem.part.share
         energy, gradient = elastic.energy_gradient(self._internal)
         self._floors = (
-            max(_FORCE_FLOOR * float(np.linalg.norm(gradient)), 1e-9 * elasticity.unit_force),
-            max(_FORCE_FLOOR**2 * abs(energy), 1e-12 * elasticity.unit_energy),
+            max(_FORCE_FLOOR * share.norm(share.assembled(gradient)), 1e-9 * elasticity.unit_force),
+            max(_FORCE_FLOOR**2 * abs(share.total(energy)), 1e-12 * elasticity.unit_energy),
         )
 
     def solve(
@@ -241,13 +252,13 @@ class Press:
         problem = self._problem
         contact = SurfaceContact(
             problem.contact,
-            problem.body.mesh.surface_nodes,
-            problem.body.mesh.surface_areas,
+            problem.part.surface_nodes,
+            problem.part.surface_areas,
             self._collider,
             pose,
         )
         depth = self._depth(pose)
-        start = self._extrapolated(depth) if x0 is None else problem.constrained(self._rows, x0)
+        start = self._extrapolated(depth) if x0 is None else problem.constrained_part(self._rows, x0)
         energy = ContactEnergy(
             self._elastic,
             problem.terms,
@@ -260,13 +271,15 @@ class Press:
         result = minimise(energy, start, settings)
         if result.converged:
             self._path = [*self._path[-1:], (depth, result.x)]
-        return _solution(problem.elasticity, result, result.status, contact.max_depth(result.x), np.nan)
+        return _solution(problem, result, result.status, contact.max_depth(result.x), np.nan)
 
     def _depth(self, pose: RigidPose) -> float:
         """How deep the collider is below the surface at the internal equilibrium [m]."""
-        local = pose.apply_inverse(self._internal[self._problem.body.mesh.surface_nodes])
+        part = self._problem.part
+        local = pose.apply_inverse(self._internal[part.surface_nodes])
         _, inside = self._collider.closer(local, 0.0)
-        return -float((inside if len(inside) else self._collider.sdf(local)).min())
+        distance = inside if len(inside) else self._collider.sdf(local)
+        return -part.share.smallest(float(distance.min(initial=np.inf)))
 
     def _extrapolated(self, depth: float) -> Array:
         """Where the last two solves point to: or else the collider would overrun the nodes it pushes."""
@@ -281,23 +294,24 @@ class Press:
 
 
 def _solution(
-    elasticity: FullSpaceElasticity,
+    problem: ConstrainedProblem,
     result: NewtonResult,
     status: Status,
     max_depth: float,
     min_eigenvalue: float,
 ) -> Solution:
+    part, share = problem.part, problem.part.share
     return Solution(
-        x=result.x,
+        x=part.whole(result.x),
         status=status,
         residual=result.residual,
         decrement=result.decrement,
         newton_iterations=result.newton_iterations,
         cg_iterations=result.cg_iterations,
-        min_det_F=elasticity.min_det_F(result.x),
-        max_depth=max_depth,
+        min_det_F=share.smallest(problem.elasticity.min_det_F(result.x)),
+        max_depth=share.largest(max_depth),
         energy=result.energy,
-        seconds=result.seconds,
+        seconds=share.total(result.seconds),
         stable=status is not Status.UNSTABLE and result.negative_curvature is None,
         min_eigenvalue=min_eigenvalue,
     )

@@ -16,6 +16,7 @@ from fem_truth.block_matrix import BlockMatrix
 from fem_truth.form_elasticity import FormElasticity
 from fem_truth.native.memory import keep_freed_memory
 from fem_truth.native_elasticity import KERNELS, NativeElasticity
+from fem_truth.parts.body_part import BodyPart
 from runtime.arrays import Array
 from runtime.elasticity.materials import Material
 from runtime.mesh import Mesh
@@ -33,20 +34,24 @@ class ElasticBody(Protocol):
 class FullSpaceElasticity:
     """W(x) [J] and its derivatives at node positions x (n_nodes, dim) [m], in the node order of `body.mesh`.
 
-    forms: from the UFL form even where there is a compiled kernel; both give the same numbers to round-off.
+    forms: from the UFL form even where there is a compiled kernel; both give the same numbers to round-off. part: the
+    cells and nodes of the body that are on this rank, if others hold the rest; then x are the positions of these
+    nodes, and what is returned are the rank's shares (`fem_truth.parts.share`).
     """
 
-    def __init__(self, body: ElasticBody, forms: bool = False) -> None:
+    def __init__(self, body: ElasticBody, forms: bool = False, part: BodyPart | None = None) -> None:
         keep_freed_memory()
-        mesh, material = body.mesh, body.material
+        self.part = part
+        on_this_rank: ElasticBody = body if part is None else part
+        mesh, material = on_this_rank.mesh, on_this_rank.material
         self.mesh: Mesh = mesh
         law = NativeElasticity if material.model in KERNELS and not forms else FormElasticity
         self._law: NativeElasticity | FormElasticity = law(mesh, material)
-        moduli = 2 * np.broadcast_to(material.mu, mesh.n_cells) + np.abs(material.lam)
-        #: Energy of a strain of one everywhere [J] and the matching force [N]: the scales of "nothing at
+        moduli = 2 * np.broadcast_to(body.material.mu, body.mesh.n_cells) + np.abs(body.material.lam)
+        #: Energy of a strain of one everywhere in the body [J] and the matching force [N]: the scales of "nothing at
         #: all".
-        self.unit_energy = float(mesh.cell_volumes @ moduli)
-        self.unit_force = self.unit_energy / mesh.size
+        self.unit_energy = float(body.mesh.cell_volumes @ moduli)
+        self.unit_force = self.unit_energy / body.mesh.size
 
     def energy(self, x: Array) -> float:
         """W(x) [J]; not finite where the material has no energy (neo-Hookean, inverted)."""

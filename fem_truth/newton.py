@@ -174,7 +174,8 @@ def _line_search(
         if np.isfinite(value):
             if value <= energy + 1e-4 * length * slope:
                 return length, trial, value, gradient
-            if value <= energy + noise and abs(float(np.vdot(gradient.projected, step))) <= 0.9 * abs(slope):
+            end = abs(problem.null_space.share.dot(gradient.projected, step))
+            if value <= energy + noise and end <= 0.9 * abs(slope):
                 return length, trial, value, gradient
         length *= 0.5
     return None

@@ -8,10 +8,13 @@ U has one column for a handle row, so P acts on the (n_nodes, dim) array as it i
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from fem_truth.block_kernels import BlockKernels, Real, fitting_tile
+from fem_truth.parts.share import WHOLE, Share
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
 
@@ -20,21 +23,32 @@ from runtime.errors import SoftprintError
 MAX_CONDITION = 1e7
 
 
+class KernelBasis(NamedTuple):
+    """A run of nodes as the kernels want them: rows of a node vector; Q in tiles; mask of what may move (n, width)."""
+
+    rows: slice
+    Q: Array
+    moving: Array
+
+
 class NullSpace:
     """Projector onto {v: v_fixed = 0, U^T v = 0} for node vectors v (n_nodes, dim).
 
-    basis: U (n_nodes, n_rows), possibly with no columns; fixed: indices of nodes that do not move at all.
-    Raises SoftprintError if the columns of U are linearly dependent on the free nodes.
+    basis: U (n_nodes, n_rows), possibly with no columns; fixed: indices of nodes that do not move at all; share: of the
+    nodes, where several ranks have a part of them each. Raises SoftprintError if the columns of U are linearly
+    dependent on the free nodes.
     """
 
-    def __init__(self, basis: Array, fixed: IntArray) -> None:
+    def __init__(self, basis: Array, fixed: IntArray, share: Share = WHOLE) -> None:
+        self.share = share
         self.free = np.ones(len(basis), dtype=bool)
         self.free[fixed] = False
         self._mask = self.free[:, None].astype(float)
         reduced = basis * self._mask
-        self.condition = _condition(reduced, int(self.free.sum()))
-        self._basis = np.ascontiguousarray(_orthonormal(reduced))
-        self._for_kernels: dict[tuple[int, Real], tuple[BlockKernels, Array, Array]] = {}
+        n_free = int(share.total(float(self.free[share.owned].sum())))
+        self.condition = _condition(reduced, n_free, share)
+        self._basis = np.ascontiguousarray(orthonormal(reduced, share))
+        self._for_kernels: dict[tuple[int, Real], tuple[BlockKernels, tuple[KernelBasis, ...]]] = {}
 
     @property
     def rank(self) -> int:
@@ -49,7 +63,7 @@ class NullSpace:
     def project(self, v: Array) -> Array:
         """P v, (n_nodes, dim)."""
         v = v * self._mask
-        return v - self._basis @ (self._basis.T @ v)
+        return v - self._basis @ self._coordinates(v)
 
     def moving(self, dim: int) -> Array:
         """(n_nodes, dim): 1 where a component may move, 0 where it is held."""
@@ -59,48 +73,59 @@ class NullSpace:
         """|P v| of a vector that is v (m, dim) at the distinct nodes (m,) and zero elsewhere: its length without that
         in the range of Q."""
         v = v * self._mask[nodes]
-        within = self._basis[nodes].T @ v
-        return float(np.sqrt(max(np.vdot(v, v) - np.vdot(within, within), 0.0)))
+        within = self.share.total(self._basis[nodes].T @ v)
+        square = self.share.total(float(np.vdot(v, v)))
+        return float(np.sqrt(max(square - float(np.vdot(within, within)), 0.0)))
 
-    def for_kernels(self, dim: int, real: Real) -> tuple[BlockKernels, Array, Array]:
-        """Kernels for node vectors of this null space, Q and the mask of what may move (n_nodes, width) for them;
-        kept."""
+    def for_kernels(self, dim: int, real: Real) -> tuple[BlockKernels, tuple[KernelBasis, ...]]:
+        """Kernels for node vectors of this null space, and what they want of each run of nodes; kept."""
         if (dim, real) not in self._for_kernels:
             kernels = BlockKernels.of(dim, real, fitting_tile(self.rank))
             self._for_kernels[dim, real] = (
                 kernels,
-                kernels.tiled(self._basis),
-                kernels.vector(self.moving(dim)),
+                tuple(
+                    KernelBasis(run, kernels.tiled(self._basis[run]), kernels.vector(self.moving(dim)[run]))
+                    for run in self.share.runs
+                ),
             )
         return self._for_kernels[dim, real]
 
     def violation(self, v: Array) -> float:
         """Largest entry of Q^T v and of v at fixed nodes, in the unit of v: zero on the null space."""
-        fixed = np.abs(v[~self.free]).max(initial=0.0)
-        return float(max(fixed, np.abs(self._basis.T @ v).max(initial=0.0)))
+        fixed = self.share.largest(float(np.abs(v[~self.free]).max(initial=0.0)))
+        return float(max(fixed, np.abs(self._coordinates(v)).max(initial=0.0)))
+
+    def _coordinates(self, v: Array) -> Array:
+        """Q^T v, (rank, dim)."""
+        owned = self.share.owned
+        return self.share.total(self._basis[owned].T @ v[owned])
 
 
-def _orthonormal(basis: Array) -> Array:
-    """Q with the range of basis, by two rounds of Cholesky of the small Gram matrix: the second repairs
-    round-off."""
-    for _ in range(2 if basis.shape[1] else 0):
-        lower = cholesky(basis.T @ basis, lower=True)
-        basis = solve_triangular(lower, basis.T, lower=True).T
-    return basis
+def orthonormal(columns: Array, share: Share) -> Array:
+    """Q with the range of the columns (n, k) or (n, dim, k), by two rounds of Cholesky of the small Gram matrix: the
+    second repairs round-off."""
+    count = columns.shape[-1]
+    for _ in range(2 if count else 0):
+        own = columns[share.owned].reshape(-1, count)
+        lower = cholesky(share.total(own.T @ own), lower=True)
+        columns = solve_triangular(lower, columns.reshape(-1, count).T, lower=True).T.reshape(columns.shape)
+    return columns
 
 
-def _condition(basis: Array, n_free: int) -> float:
+def _condition(basis: Array, n_free: int, share: Share) -> float:
     """Condition number of U_f, columns scaled to length one first; refuses dependent columns."""
     if basis.shape[1] == 0:
         return 1.0
-    lengths = np.linalg.norm(basis, axis=0)
+    own = basis[share.owned]
+    lengths = np.sqrt(share.total((own**2).sum(axis=0)))
     if (lengths == 0).any() or n_free < basis.shape[1]:
         raise SoftprintError(
             f"the subspace leaves nothing free: {basis.shape[1]} handle rows on {n_free} free nodes, columns "
             f"{np.flatnonzero(lengths == 0).tolist()} of U vanish there; use fewer handles "
             "or smaller frame regions"
         )
-    values = np.linalg.svd(basis / lengths, compute_uv=False)
+    # The triangular factor of all rows is that of the ranks' triangular factors; it has the singular values of U_f.
+    values = np.linalg.svd(share.stacked(np.asarray(np.linalg.qr(own / lengths, mode="r"))), compute_uv=False)
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
     if condition > MAX_CONDITION:
         raise SoftprintError(

@@ -1,6 +1,7 @@
 """The terms of the energy other than elasticity, each with value, gradient and what it adds to the Hessian.
 
-All act on node positions x (n_nodes, dim) in the mesh's order. Contact is summed over all surface nodes with
+All act on node positions x (n_nodes, dim) in the mesh's order, and give this rank's shares
+(`fem_truth.parts.share`) if they are told of the nodes that it owns. Contact is summed over all surface nodes with
 their lumped areas, as in the runtime, whose potentials these are.
 """
 

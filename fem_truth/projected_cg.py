@@ -41,30 +41,43 @@ class NullSpaceSystem:
     """
 
     def __init__(self, hessian: BlockMatrix, null_space: NullSpace, real: Real) -> None:
-        kernels, self._Q, self._free = null_space.for_kernels(hessian.dim, real)
+        self._share = null_space.share
+        kernels, self._runs = null_space.for_kernels(hessian.dim, real)
         self.kernels = kernels
         self._pattern, self._upper = hessian.upper.pattern, hessian.upper.of_type(kernels.real)
         self._diagonal: Array = hessian.diagonal.astype(kernels.real)
         self._low_rank: list[tuple[Array, float]] = [
             (w.astype(kernels.real), stiffness) for w, stiffness in hessian.low_rank
         ]
-        self._inverse = kernels.inverses(hessian.diagonal_blocks())
+        self._inverse = kernels.inverses(self._share.assembled(hessian.diagonal_blocks()))
 
     def product(self, p: Array, y: Array) -> float:
         """y = H p; returns the curvature p . H p."""
         curvature = self.kernels.product(self._pattern, self._diagonal, self._upper, p, y)
         for weights, stiffness in self._low_rank:
-            mean = weights @ p
+            share = weights @ p
+            mean = self._share.total(share)
             y += stiffness * weights[:, None] * mean
-            curvature += stiffness * float(mean @ mean)
-        return curvature
+            curvature += stiffness * float(share @ mean)
+        self._share.assemble(y)
+        return self._share.total(curvature)
 
     def descend(self, alpha: float, y: Array, r: Array, z: Array) -> tuple[float, float]:
         """r -= alpha P y and z = P D^-1 r; returns |r|^2 and r . z."""
-        square = self.kernels.descend(
-            self._Q, self.kernels.coordinates(self._Q, y), self._free, self._inverse, alpha, y, r, z
-        )
-        return square, self.kernels.deflate(self._Q, self.kernels.coordinates(self._Q, z), r, z)
+        c = self._coordinates(y)
+        squares = [
+            self.kernels.descend(Q, c, moving, self._inverse[i], alpha, y[i], r[i], z[i])
+            for i, Q, moving in self._runs
+        ]
+        c = self._coordinates(z)
+        rhos = [self.kernels.deflate(Q, c, r[i], z[i]) for i, Q, _ in self._runs]
+        # Of all nodes, each counted where it is owned: that is the first run.
+        square, rho = self._share.total(np.array([squares[0], rhos[0]]))
+        return float(square), float(rho)
+
+    def _coordinates(self, v: Array) -> Array:
+        own = self._runs[0]
+        return self._share.total(self.kernels.coordinates(own.Q, v[own.rows]))
 
 
 def projected_cg(
@@ -90,15 +103,15 @@ def _conjugate_gradients(
     real: Real,
 ) -> CgResult:
     system = NullSpaceSystem(hessian, null_space, real)
-    kernels = system.kernels
-    scale = float(np.linalg.norm(gradient)) or 1.0
+    kernels, share = system.kernels, null_space.share
+    scale = share.norm(gradient) or 1.0
 
     def result(step: Array, iterations: int, direction: Array | None, norm: float) -> CgResult:
         # Projected once more: that sweeps up the round-off which has drifted out of the null space.
-        step = null_space.project(scale * step[:, : hessian.dim].astype(float))
+        step = share.agreed(null_space.project(scale * step[:, : hessian.dim].astype(float)))
         if direction is not None:
             direction = direction[:, : hessian.dim].astype(float)
-        slope = float(np.vdot(gradient, step))
+        slope = share.dot(gradient, step)
         return CgResult(step, slope, iterations, direction is not None, direction, norm)
 
     residual = kernels.vector(-gradient / scale)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from fem_truth.block_matrix import BlockMatrix
-from fem_truth.null_space import NullSpace
+from fem_truth.null_space import NullSpace, orthonormal
 from fem_truth.small_blocks import block_diagonal, inverse_square_roots
 from runtime.arrays import Array
 
@@ -22,32 +22,42 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
     eigenvalue of H on the null space, and it bounds the lowest eigenvalue of S H S from above: a negative
     value proves instability. The start vector is fixed, so the answer is reproducible.
     """
+    share, own = null_space.share, null_space.share.owned
     n, dim = hessian.n_nodes, hessian.dim
-    scaling = block_diagonal(inverse_square_roots(hessian.diagonal_blocks()))
-    mask = np.repeat(null_space.free, dim).astype(float)
+    scaling = block_diagonal(inverse_square_roots(share.assembled(hessian.diagonal_blocks())))
+    mask = null_space.free[:, None].astype(float)
     # In the scaled unknowns y the constraint Q^T (S y) = 0 couples the coordinates: one column for each pair.
-    constraint, _ = np.linalg.qr(scaling @ np.kron(null_space.orthonormal_basis, np.eye(dim)))
+    columns = scaling @ np.kron(null_space.orthonormal_basis, np.eye(dim))
+    constraint = orthonormal(columns.reshape(n, dim, -1), share)
 
     def project(y: Array) -> Array:
         y = y * mask
-        return y - constraint @ (constraint.T @ y)
+        return y - constraint @ share.total(np.tensordot(constraint[own], y[own], axes=((0, 1), (0, 1))))
 
-    space = int(mask.sum()) - constraint.shape[1]
-    basis = np.empty((min(steps, space), n * dim))
+    def scaled(y: Array) -> Array:
+        return np.asarray(scaling @ y.ravel()).reshape(n, dim)
+
+    space = round(share.total(float(mask[own].sum()))) * dim - constraint.shape[-1]
+    basis = np.empty((min(steps, space), mask[own].size * dim))  # of the rank's own nodes
     diagonal: list[float] = []
     off_diagonal: list[float] = []
-    r = project(np.random.default_rng(0).standard_normal(n * dim))
+    r = project(share.take(np.random.default_rng(0).standard_normal((share.n_nodes(mask), dim))))
     for k in range(len(basis)):
-        norm = float(np.linalg.norm(r))
+        norm = share.norm(r)
         if k > 0:
             if norm < 1e-10:  # the entries of S H S are of order one
                 break  # the Krylov space is complete: a tiny or a symmetric body
             off_diagonal.append(norm)
-        basis[k] = r / norm
-        product = scaling @ hessian.apply((scaling @ basis[k]).reshape(n, dim)).ravel()
-        diagonal.append(float(basis[k] @ product))
-        r = project(product)
-        for _ in range(2):  # against all vectors so far, or ghosts of converged values appear
-            r = r - basis[: k + 1].T @ (basis[: k + 1] @ r)
+        y = share.agreed(r / norm)
+        basis[k] = y[own].ravel()
+        product = scaled(share.assembled(hessian.apply(scaled(y))))
+        diagonal.append(share.dot(y, product))
+        r = product
+        for _ in range(
+            2
+        ):  # against all vectors so far and the constraint, or ghosts of converged values appear
+            r = project(r)
+            within = share.total(basis[: k + 1] @ r[own].ravel())
+            r[own] -= (basis[: k + 1].T @ within).reshape(-1, dim)
     # numpy's solver reads the lower triangle only.
     return float(np.linalg.eigvalsh(np.diag(diagonal) + np.diag(off_diagonal, -1))[0])

@@ -16,8 +16,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-import numpy as np
-
 from fem_truth.block_matrix import BlockMatrix
 from fem_truth.null_space import NullSpace
 from fem_truth.potentials import Potential
@@ -27,7 +25,8 @@ REUSE_RATE = 0.1
 
 
 class Gradient(NamedTuple):
-    """elastic: W' of elasticity alone (n, dim) [N]; projected: P of the whole gradient; norm: of that."""
+    """elastic: this rank's shares of W' of elasticity alone (n, dim) [N]; projected: P of the whole gradient; norm: of
+    that."""
 
     elastic: Array
     projected: Array
@@ -36,7 +35,7 @@ class Gradient(NamedTuple):
 
 class Elastic(Protocol):
     """What `FullSpaceElasticity` offers and its quadratic model imitates. unit_energy [J]: of a strain of one
-    everywhere."""
+    everywhere. Energies and gradients are this rank's shares (`fem_truth.parts.share`); of a whole body, complete."""
 
     unit_energy: float
 
@@ -66,7 +65,8 @@ class ElasticTangent:
         [N]."""
         if self._matrix is None:
             return
-        error = float(np.linalg.norm(null_space.project(change - self._matrix.apply(step))))
+        misjudged = null_space.share.assembled(change - self._matrix.apply(step))
+        error = null_space.share.norm(null_space.project(misjudged))
         if error > REUSE_RATE * before and error > 0.5 * after:
             self._matrix = None
 
@@ -97,8 +97,10 @@ class TotalEnergy:
         for term in self.terms:
             energy += term.energy(x)
             total += term.gradient(x)
+        share = self.null_space.share
+        share.assemble(total)
         projected = self.null_space.project(total)
-        return energy, Gradient(elastic, projected, float(np.linalg.norm(projected)))
+        return share.total(energy), Gradient(elastic, projected, share.norm(projected))
 
     def hessian(self, x: Array, convex: bool = False) -> BlockMatrix:
         """convex: without the negative curvature of the terms, that of contact with a curved collider."""

@@ -1,0 +1,112 @@
+"""What a full-space solve needs to know of a body, for the cells and nodes that are on this rank.
+
+Vectors are in the body's order of nodes at the public interface of every solver, and in the part's order within:
+`take` and `whole` lead from one to the other. A whole body is the part of a rank that solves alone, and costs nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+
+from fem_truth.parts.group import GroupShare, nodes_of_parts
+from fem_truth.parts.partition import partition
+from fem_truth.parts.share import WHOLE, Share
+from runtime.arrays import Array, IntArray
+from runtime.elasticity.materials import Material
+from runtime.errors import SoftprintError
+from runtime.mesh import Mesh
+
+if TYPE_CHECKING:
+    from runtime.body import ReducedBody
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPart:
+    """The cells of one rank and their nodes, those that the rank owns first. mesh, material: of these cells."""
+
+    body: ReducedBody
+    mesh: Mesh
+    material: Material
+    share: Share
+
+    def take(self, values: Array) -> Array:
+        """Values at the part's nodes (n, ...), from those at all nodes of the body (n_nodes, ...)."""
+        return self.share.take(values)
+
+    def whole(self, values: Array) -> Array:
+        """Values at all nodes of the body (n_nodes, ...), on every rank, from those at the part's nodes (n, ...)."""
+        return self.share.gather(values)
+
+    def shares(self, values: Array) -> Array:
+        """As `take`, with 0 at nodes that another rank owns: a sum over all parts counts every node once."""
+        shares = self.take(values)
+        for run in self.share.runs[1:]:
+            shares[run] = 0.0
+        return shares
+
+    def reduced_positions(self, rows: Array) -> Array:
+        """(n, dim) x = U rows [m]."""
+        return self.take(self.body.reduced_positions(rows))
+
+    @cached_property
+    def node_mass(self) -> Array:
+        """(n,) lumped [kg], as `shares`."""
+        return self.shares(self.body.node_mass)
+
+    @cached_property
+    def constraint_basis(self) -> Array:
+        """The rows of `ReducedBody.constraint_basis` (n, n_points)."""
+        return self.take(self.body.constraint_basis)
+
+    @cached_property
+    def frame_nodes(self) -> IntArray:
+        """(n_frame,) nodes of rigid frames."""
+        return self.local(self.body.handles.frame_nodes)
+
+    @cached_property
+    def surface_nodes(self) -> IntArray:
+        """(n_surface,) nodes on the body's surface that this rank owns."""
+        own = np.arange(len(self.mesh.points))[self.share.owned]
+        return np.intersect1d(self.local(self.body.mesh.surface_nodes), own)
+
+    @cached_property
+    def surface_areas(self) -> Array:
+        """(n_surface,) lumped area of each [m^2; in 2D m]."""
+        areas = np.zeros(self.body.n_nodes)
+        areas[self.body.mesh.surface_nodes] = self.body.mesh.surface_areas
+        return self.take(areas)[self.surface_nodes]
+
+    def local(self, nodes: IntArray) -> IntArray:
+        """Which of the part's nodes are among ``nodes`` of the body."""
+        among = np.zeros(self.body.n_nodes, dtype=bool)
+        among[nodes] = True
+        return np.flatnonzero(self.take(among))
+
+
+def whole_body(body: ReducedBody) -> BodyPart:
+    """The body as one part."""
+    return BodyPart(body, body.mesh, body.material, WHOLE)
+
+
+def part_of_body(body: ReducedBody, comm: MPI.Intracomm) -> BodyPart:
+    """This rank's part of a body that the ranks of ``comm`` solve together; each of them holds the whole body
+    already. Needs no communication. Raises SoftprintError where there are more ranks than cells."""
+    if comm.size == 1:
+        return whole_body(body)
+    mesh = body.mesh
+    if comm.size > mesh.n_cells:
+        raise SoftprintError(
+            f"{body.name}: {comm.size} ranks cannot share a body of {mesh.n_cells} cells; let fewer solve together"
+        )
+    part = partition(mesh.cell_centroids, comm.size)
+    share = GroupShare(comm, nodes_of_parts(mesh.cells, part, comm.size, mesh.n_nodes))
+    cells = np.flatnonzero(part == comm.rank)
+    number = np.empty(mesh.n_nodes, dtype=np.int64)
+    number[share.nodes] = np.arange(len(share.nodes))
+    local = Mesh(mesh.points[share.nodes], number[mesh.cells[cells]])
+    return BodyPart(body, local, body.material.at(cells), share)
