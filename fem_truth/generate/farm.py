@@ -1,9 +1,10 @@
-"""Sharing units of work among MPI ranks: whoever is free takes the next one.
+"""Sharing units of work among groups of MPI ranks: whichever group is free takes the next one.
 
-The number of the next unit is a counter in the memory of rank 0 that every rank reads and advances with one
-atomic, one-sided operation (MPI_Fetch_and_op). No rank hands out work, so none, rank 0 included, is idle;
-ranks differ at the end by at most one unit. Which rank does a unit has no influence on its result: that is
-for the unit's work to keep.
+A group is one rank, or several that hold a part of the body each and solve together. The number of the next unit is a
+counter in the memory of rank 0 that the first rank of a group reads and advances with one atomic, one-sided operation
+(MPI_Fetch_and_op), and tells its group. No rank hands out work, so none, rank 0 included, is idle; groups differ at
+the end by at most one unit. Which group does a unit has no influence on its result: that is for the unit's work to
+keep.
 """
 
 from __future__ import annotations
@@ -34,6 +35,35 @@ class Budget:
         return self.deadline is not None and time.monotonic() >= self.deadline
 
 
+@dataclass(frozen=True)
+class Groups:
+    """The ranks of a run, ``world``, in groups of as many each; solve: those of this rank's group."""
+
+    world: MPI.Intracomm
+    solve: MPI.Intracomm
+
+    @classmethod
+    def of(cls, world: MPI.Intracomm, ranks_per_solve: int = 1) -> Groups:
+        """Collective. Neighbours in rank form a group, for launchers put those on one machine. Raises SoftprintError
+        where groups of this size would leave ranks over."""
+        if ranks_per_solve < 1:
+            raise SoftprintError(f"--ranks-per-solve {ranks_per_solve}: must be at least 1")
+        if world.size % ranks_per_solve:
+            raise SoftprintError(
+                f"--ranks-per-solve {ranks_per_solve}: {world.size} rank(s) do not make whole groups of so many; start "
+                f"a multiple of {ranks_per_solve} (mpirun -n {ranks_per_solve * (1 + world.size // ranks_per_solve)}), "
+                f"or choose a divisor of {world.size}"
+            )
+        if ranks_per_solve == 1:
+            return cls(world, MPI.COMM_SELF)
+        return cls(world, cast(MPI.Intracomm, world.Split(world.rank // ranks_per_solve, world.rank)))
+
+    @property
+    def leads(self) -> bool:
+        """Whether this rank is the first of its group: the one that writes what all of them have found."""
+        return self.solve.rank == 0
+
+
 class Counter:
     """A number that all ranks count up together. Collective to make and to free."""
 
@@ -59,26 +89,33 @@ class Counter:
 
 
 def share_units(
-    comm: MPI.Intracomm,
+    groups: Groups,
     units: Sequence[int],
     work: Callable[[int], None],
     budget: Budget = Budget(),
     progress: Callable[[int], None] = lambda taken: None,
 ) -> None:
-    """Call work(unit) once for each of ``units`` on one of the ranks, in their order, until the budget is
+    """Call work(unit) once for each of ``units`` on all ranks of one of the groups, in their order, until the budget is
     spent.
 
-    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. progress(n) is
-    called when this rank takes a unit, n being how many all ranks have taken before. After an exception in
-    ``work`` the other ranks wait for ever: the command line ends them all
+    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. progress(n) is called as
+    this rank's group takes a unit, n being how many all groups have taken before. After an exception in ``work`` the
+    other ranks, those of the same group too, wait for ever: the command line ends them all
     (`runtime.cli.ranks.end_all_ranks`).
     """
     last = len(units) if budget.units is None else min(len(units), budget.units)
-    counter = Counter(comm)
-    while not budget.is_over and (number := counter.next()) < last:
+    counter = Counter(groups.world)
+
+    def take() -> int:
+        number = last
+        if groups.leads and not budget.is_over:
+            number = counter.next()
+        return int(groups.solve.bcast(number))
+
+    while (number := take()) < last:
         progress(number)
         work(units[number])
-    wait_idly(comm)
+    wait_idly(groups.world)
     counter.free()
 
 

@@ -24,6 +24,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--time-budget", type=float, metavar="MINUTES", help="take up no new contact after so many minutes"
     )
+    parser.add_argument(
+        "--ranks-per-solve",
+        type=int,
+        default=1,
+        metavar="K",
+        help="let K ranks hold a part of the body each and solve a contact together, for bodies that are too large for "
+        "one; K has to divide the number of ranks",
+    )
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
@@ -46,12 +54,13 @@ def run(args: argparse.Namespace, context: Context) -> int:
         units=args.units,
         minutes=args.time_budget,
         resume=context.resume,
+        ranks_per_solve=args.ranks_per_solve,
         progress=lambda total: context.progress(total, unit="contacts", desc="truth"),
     )
     body = first_rank_first(MPI.COMM_WORLD, lambda: body_of_run(context))
     done = generate(MPI.COMM_WORLD, context.experiment, body, context.out_dir, options)
     if MPI.COMM_WORLD.rank == 0:
-        context.say(_summary(done, MPI.COMM_WORLD.size))
+        context.say(_summary(done, MPI.COMM_WORLD.size, args.ranks_per_solve))
     return 0
 
 
@@ -64,7 +73,7 @@ def _warn_of_threads(context: Context, ranks: int) -> None:
         )
 
 
-def _summary(done: Run, ranks: int) -> str:
+def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
     """What is in the truth file and what it cost, in a few lines."""
     import numpy as np
 
@@ -85,8 +94,9 @@ def _summary(done: Run, ranks: int) -> str:
             f"  label noise {100 * truth.noise_floor:.2g} % ({len(truth.repeat)} solved twice)",
             f"  {truth.contacts['seconds'].sum() / n:.3f} core-seconds a sample (second paths included)",
         ]
+    together = f"{ranks_per_solve} to a solve, " if ranks_per_solve > 1 else ""
     lines.append(
-        f"  this run: {done.solved} contacts in {done.seconds:.1f} s on {ranks} rank(s), "
+        f"  this run: {done.solved} contacts in {done.seconds:.1f} s on {ranks} rank(s), {together}"
         f"at most {done.peak_memory / 2**20:.0f} MiB a rank"
     )
     return "\n".join(lines)

@@ -19,12 +19,13 @@ from mpi4py import MPI
 from fem_truth.constrained import ConstrainedProblem
 from fem_truth.full_space_elasticity import FullSpaceElasticity
 from fem_truth.generate.contact_work import ContactWork
-from fem_truth.generate.farm import Budget, first_rank_first, on_first_rank, share_units, wait_idly
+from fem_truth.generate.farm import Budget, Groups, first_rank_first, on_first_rank, share_units, wait_idly
 from fem_truth.generate.merge import merge_shards
 from fem_truth.generate.plan_hash import check_manifest, fingerprint, refuse_changes, write_manifest
 from fem_truth.generate.shards import is_whole, write_shard
 from fem_truth.generate.state_stage import Columns, find_states
 from fem_truth.newton import NewtonSettings
+from fem_truth.parts.body_part import part_of_body
 from fem_truth.sampling.contact_places import places_by_state
 from fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactPlan
 from fem_truth.sampling.rotations import spread_rotations
@@ -46,11 +47,13 @@ log = logging.getLogger(__name__)
 @dataclass(frozen=True)
 class Options:
     """How far to go in this run. units: stop after so many new contacts; minutes: take no new contact after
-    so long; resume: keep finished work; progress(total): makes the bar that counts contacts."""
+    so long; resume: keep finished work; ranks_per_solve: how many ranks hold a part of the body each and solve a
+    contact together; progress(total): makes the bar that counts contacts."""
 
     units: int | None = None
     minutes: float | None = None
     resume: bool = True
+    ranks_per_solve: int = 1
     progress: Callable[[int], Progress] = lambda total: Progress(total, silent=True)
 
 
@@ -75,6 +78,7 @@ def generate(
     until it is.
     """
     began = time.monotonic()
+    groups = Groups.of(comm, options.ranks_per_solve)
     truth, folder = out / "truth.h5", out / "shards"
     made_from = on_first_rank(comm, lambda: fingerprint(experiment, body))
     with _only_generator(comm, out):
@@ -82,8 +86,8 @@ def generate(
             on_first_rank(comm, lambda: _tidy_up(truth, folder))
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
-        problem = first_rank_first(comm, lambda: _problem(experiment, body))
-        states, refused = find_states(comm, folder, experiment, problem)
+        problem = _problem(groups, experiment, body)
+        states, refused = find_states(groups, folder, experiment, problem)
         work = _contact_work(comm, experiment, problem, states)
 
         pending = on_first_rank(
@@ -93,11 +97,15 @@ def generate(
         budget = Budget(options.units, None if options.minutes is None else began + 60 * options.minutes)
 
         def solve(unit: int) -> None:
-            write_shard(_shard(folder, unit), work.solve(unit))
+            tables = work.solve(unit)
+            if groups.leads:
+                write_shard(_shard(folder, unit), tables)
 
         with options.progress(len(work.plan)) as bar:
             bar.skip(n_before)
-            share_units(comm, pending, solve, budget, lambda taken: bar.update(n_before + taken - bar.count))
+            share_units(
+                groups, pending, solve, budget, lambda taken: bar.update(n_before + taken - bar.count)
+            )
             bar.update(sum(_shard(folder, unit).exists() for unit in pending) + n_before - bar.count)
 
         def finish() -> int:
@@ -169,11 +177,11 @@ def _prepare_folder(folder: Path, made_from: dict[str, str], resume: bool) -> No
         write_manifest(folder, made_from)
 
 
-def _problem(experiment: Experiment, body: ReducedBody) -> ConstrainedProblem:
+def _problem(groups: Groups, experiment: Experiment, body: ReducedBody) -> ConstrainedProblem:
+    part = part_of_body(body, groups.solve)
+    elasticity = first_rank_first(groups.world, lambda: FullSpaceElasticity(body, part=part))
     gravity = np.array(experiment.dynamics.gravity, dtype=float)
-    return ConstrainedProblem(
-        FullSpaceElasticity(body), gravity, PenaltyContact(experiment.contact.stiffness), body
-    )
+    return ConstrainedProblem(elasticity, gravity, PenaltyContact(experiment.contact.stiffness), body)
 
 
 def _contact_work(

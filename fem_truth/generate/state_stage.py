@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from fem_truth.constrained import ConstrainedProblem
-from fem_truth.generate.farm import on_first_rank, share_units
+from fem_truth.generate.farm import Groups, on_first_rank, share_units
 from fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
 from fem_truth.sampling.recorded_states import record_scenes, spread_states
 from runtime.body.body import ReducedBody
@@ -29,14 +28,14 @@ Columns = dict[str, Column]
 
 
 def find_states(
-    comm: MPI.Intracomm, folder: Path, experiment: Experiment, problem: ConstrainedProblem
+    groups: Groups, folder: Path, experiment: Experiment, problem: ConstrainedProblem
 ) -> tuple[Columns, Columns]:
     """Columns of the tables `states` (as many rows as the experiment asks for) and `refused`. Collective.
 
     Recording and candidates are kept as shards in ``folder``: a resumed run reads them.
     """
     wanted = experiment.sampling.states
-    on_first_rank(comm, lambda: _record(folder / "recording.shard", experiment, problem.body))
+    on_first_rank(groups.world, lambda: _record(folder / "recording.shard", experiment, problem.body))
     recording = read_shard(folder / "recording.shard")["recording"]
     n_candidates = len(recording["rows"])
 
@@ -55,7 +54,7 @@ def find_states(
                 f"{n_candidates} candidates ({reasons}): "
                 "ask for fewer states, or record more varied and gentler scenes"
             )
-        _solve_candidates(comm, folder, problem, recording, batch)
+        _solve_candidates(groups, folder, problem, recording, batch)
         for candidate in batch:
             tables = read_shard(_candidate_path(folder, candidate))
             (accepted if "states" in tables else refused).append(next(iter(tables.values())))
@@ -79,14 +78,18 @@ def _record(path: Path, experiment: Experiment, body: ReducedBody) -> None:
 
 
 def _solve_candidates(
-    comm: MPI.Intracomm, folder: Path, problem: ConstrainedProblem, recording: Columns, batch: range
+    groups: Groups, folder: Path, problem: ConstrainedProblem, recording: Columns, batch: range
 ) -> None:
-    missing = on_first_rank(comm, lambda: [k for k in batch if not is_whole(_candidate_path(folder, k))])
+    missing = on_first_rank(
+        groups.world, lambda: [k for k in batch if not is_whole(_candidate_path(folder, k))]
+    )
 
     def solve(candidate: int) -> None:
-        write_shard(_candidate_path(folder, candidate), _candidate_tables(problem, recording, candidate))
+        tables = _candidate_tables(problem, recording, candidate)
+        if groups.leads:
+            write_shard(_candidate_path(folder, candidate), tables)
 
-    share_units(comm, missing, solve)
+    share_units(groups, missing, solve)
 
 
 def _candidate_tables(problem: ConstrainedProblem, recording: Columns, candidate: int) -> Tables:

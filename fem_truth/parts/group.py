@@ -76,9 +76,9 @@ class GroupShare(Share):
 
     def gather(self, values: Array) -> Array:
         own = np.ascontiguousarray(values[self.owned])
-        width = int(np.prod(values.shape[1:]))
         by_rank = np.empty((len(self._owned_by_rank), *values.shape[1:]), dtype=values.dtype)
-        self._comm.Allgatherv(own, (by_rank, (self._counts * width).tolist()))
+        sizes = self._counts * (by_rank.nbytes // len(by_rank))
+        self._comm.Allgatherv([own, MPI.BYTE], [by_rank, sizes.tolist(), MPI.BYTE])
         gathered = np.empty_like(by_rank)
         gathered[self._owned_by_rank] = by_rank
         return gathered
@@ -86,15 +86,15 @@ class GroupShare(Share):
     def _from_all(self, numbers: float | Array) -> Array:
         mine = np.ascontiguousarray(numbers)
         every = np.empty((self._comm.size, *mine.shape), dtype=mine.dtype)
-        self._comm.Allgather(mine, every)
+        self._comm.Allgather([mine, MPI.BYTE], [every, MPI.BYTE])
         return every
 
     def _exchange(self, values: Array) -> dict[int, Array]:
         """What the neighbours have at the nodes that they share with this rank."""
         sent = {rank: values[nodes] for rank, nodes in self._common.items()}
         received = {rank: np.empty_like(buffer) for rank, buffer in sent.items()}
-        requests = [self._comm.Irecv(buffer, source=rank) for rank, buffer in received.items()]
-        requests += [self._comm.Isend(buffer, dest=rank) for rank, buffer in sent.items()]
+        requests = [self._comm.Irecv([buffer, MPI.BYTE], source=rank) for rank, buffer in received.items()]
+        requests += [self._comm.Isend([buffer, MPI.BYTE], dest=rank) for rank, buffer in sent.items()]
         MPI.Request.Waitall(requests)
         return received
 

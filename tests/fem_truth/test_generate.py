@@ -157,6 +157,32 @@ def test_two_ranks_give_the_same_truth(duration: float) -> None:
     assert duration > 0
 
 
+def test_two_ranks_that_solve_together_find_the_same_truth(experiment: Path, reference: Path) -> None:
+    out = experiment.parent / "together"
+    finished = generate(experiment, "--out", out, "--ranks-per-solve", "2", "--units", "4", ranks=2)
+    assert finished.returncode == 0, finished.stderr
+    assert "2 rank(s), 2 to a solve" in finished.stdout
+    with load_truth(out / "truth.h5") as split, load_truth(reference / "truth.h5") as whole:
+        assert split.n_samples == 3 * 4
+        assert len(split.repeat) == 3
+        for sample in range(split.n_samples):
+            assert split.samples["status"][sample] == whole.samples["status"][sample]
+            u, v = split.displacement(sample), whole.displacement(sample)
+            # Both stop within the solver's tolerance of the same point: 1e-4 in the decrement, 1 % of displacement.
+            assert np.linalg.norm(u - v) < 0.01 * np.linalg.norm(v)
+
+
+def test_groups_that_would_leave_ranks_over_are_refused(experiment: Path) -> None:
+    out = experiment.parent / "left_over"
+    refused = generate(experiment, "--out", out, "--ranks-per-solve", "2", ranks=3)
+    assert refused.returncode == 1
+    assert "--ranks-per-solve 2: 3 rank(s) do not make whole groups" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    refused = generate(experiment, "--out", out, "--ranks-per-solve", "0")
+    assert refused.returncode == 1
+    assert "must be at least 1" in refused.stderr
+
+
 @pytest.mark.slow
 def test_ten_kills_lose_nothing(experiment: Path, reference: Path, duration: float) -> None:
     """Of all processes, of one rank, of mpirun, at moments drawn from the time that an undisturbed run takes."""

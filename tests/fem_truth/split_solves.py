@@ -1,0 +1,96 @@
+"""Run under mpirun by test_parts.py: solves of a block, whole on each rank, and split among all ranks. Prints what
+every rank got as JSON, for they must all have got the same."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+from mpi4py import MPI
+
+from fem_truth.constrained import ConstrainedProblem, Solution
+from fem_truth.full_space_elasticity import FullSpaceElasticity
+from fem_truth.newton import NewtonSettings
+from fem_truth.parts.body_part import BodyPart, part_of_body, whole_body
+from runtime.arrays import Array
+from runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
+from runtime.colliders import RigidPose, Sphere
+from runtime.contact import PenaltyContact
+from runtime.elasticity import make_material
+from runtime.files import content_hash
+from runtime.mesh import box_mesh
+
+SIZES = {2: ([-0.05, 0.0], [0.05, 0.05], [14, 7]), 3: ([-0.05, -0.05, 0.0], [0.05, 0.05, 0.05], [6, 6, 3])}
+TIGHT = NewtonSettings(1e-10, 1e-16, cg_tolerance_min=1e-8)
+
+
+def block(dim: int, model: str) -> ReducedBody:
+    """Stiffer above than below, its base a frame, with six point handles."""
+    mesh = box_mesh(*SIZES[dim])
+    base = frame_in_box(mesh, "base", [[-1.0] * dim, [1.0] * (dim - 1) + [0.018]])
+    young = np.where(mesh.cell_centroids[:, -1] > 0.025, 2e4, 1e4)
+    material = make_material(model, young, np.full(mesh.n_cells, 0.4))
+    return assemble_body(mesh, place_handles(mesh, 6, [base]), material, 1000.0, name=f"block{dim}d")
+
+
+def solutions(body: ReducedBody, part: BodyPart) -> dict[str, Solution]:
+    """An internal equilibrium; a press to two depths, loosely and tightly converged; and its linear response."""
+    problem = ConstrainedProblem(
+        FullSpaceElasticity(body, part=part),
+        np.array([0.0] * (body.dim - 1) + [-9.81]),
+        PenaltyContact(1e9),
+        body,
+    )
+    rows = body.rest_rows.copy()
+    rows[:6] += 1e-3 * np.random.default_rng(4).standard_normal((6, body.dim))
+    internal = problem.internal_equilibrium(rows)
+    found = {"internal": internal}
+    ball, poses = Sphere(0.015, body.dim), [pressed(body.dim, depth) for depth in (0.003, 0.006)]
+    for name, settings in (("loose", NewtonSettings()), ("tight", TIGHT)):
+        press = problem.press(rows, ball, internal.x)
+        found |= {f"{name} {depth}": press.solve(pose, settings) for depth, pose in enumerate(poses)}
+    found["linear"] = problem.linear_response(rows, ball, poses[-1], internal.x, TIGHT)
+    return found
+
+
+def pressed(dim: int, depth: float) -> RigidPose:
+    return RigidPose(np.eye(dim), np.array([0.0] * (dim - 1) + [0.065 - depth]))
+
+
+def difference(x: Array, y: Array, internal: Array) -> float:
+    """Largest, in units of the largest contact displacement."""
+    return float(np.abs(x - y).max() / np.abs(x - internal).max())
+
+
+def main() -> None:
+    results = {}
+    for dim, model in ((2, "stable_neo_hookean"), (3, "stable_neo_hookean"), (2, "linear")):
+        body = block(dim, model)
+        part = part_of_body(body, MPI.COMM_WORLD)
+        whole, split = solutions(body, whole_body(body)), solutions(body, part)
+        internal = whole["internal"].x
+        differences = {
+            name: difference(whole[name].x, split[name].x, internal) for name in whole if name != "internal"
+        }
+        differences["internal"] = difference(internal, split["internal"].x, body.mesh.points)
+        numbers = {name: str({**asdict(s), "x": content_hash({"x": s.x})}) for name, s in split.items()}
+        results[f"{dim} {model}"] = {
+            "cells": part.mesh.n_cells,
+            "all cells": body.mesh.n_cells,
+            "differences": differences,
+            "newton": [[s.newton_iterations for s in one.values()] for one in (whole, split)],
+            "cg": [[s.cg_iterations for s in one.values()] for one in (whole, split)],
+            "converged": all(s.converged for s in split.values()),
+            "eigenvalues": [s["internal"].min_eigenvalue for s in (whole, split)],
+            "depths": [s["tight 1"].max_depth for s in (whole, split)],
+            "energies": [s["tight 1"].energy for s in (whole, split)],
+            "answer": content_hash(numbers),
+        }
+    by_rank = MPI.COMM_WORLD.gather(results)
+    if by_rank is not None:
+        print(json.dumps(by_rank))
+
+
+if __name__ == "__main__":
+    main()
