@@ -1,0 +1,204 @@
+"""What it costs to let several ranks solve together, and a model of large runs fitted to it (docs/large_runs.md).
+
+    python -m benchmarks.ranks_per_solve [--sizes 15000 60000] [--ranks 1 2 3 4] [--bodies DIR]
+
+For each size of the Jelly and each number K of ranks that share it, one contact is pressed to five depths. Counted are
+processor seconds of the rank that works longest, without what it spends in sums and exchanges (there it mostly waits
+for others, the longer the busier the machine), the messages and bytes it sends, and its memory. So the figures mean the
+same where K is more than there are cores. Fitted to them:
+
+    work(T, K)      = a T^alpha K^-beta                      processor seconds a contact and rank, T cells
+    iterations(T)   = b T^gamma                              of CG a contact
+    traffic(T, K)   = c T^(2/3) (K - 1) / K^(2/3)            bytes a rank sends in an iteration, through the cuts
+    memory(T, K)    = m0 + m1 T + m2 T / K                   of a rank: Python, the whole body, its part
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py  # noqa: F401  (before DOLFINx)
+import numpy as np
+from mpi4py import MPI
+
+from benchmarks.stopwatch import Stopwatch
+from benchmarks.truth_scale import body_of_size
+from benchmarks.truth_speed import DEFAULT, random_approach, recorded_states
+from fem_truth.constrained import ConstrainedProblem
+from fem_truth.full_space_elasticity import FullSpaceElasticity
+from fem_truth.parts.body_part import part_of_body
+from runtime.arrays import Array
+from runtime.body.body_file import load_body
+from runtime.colliders.build import build_collider
+from runtime.colliders.pose import RigidPose
+from runtime.contact import PenaltyContact
+from runtime.experiment import load_experiment
+
+SUMS = ("total", "smallest", "largest", "stacked", "assemble", "gather")
+
+
+class CountedComm:
+    """A communicator that counts what this rank sends: one message a sum, one for each neighbour in an exchange."""
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        self._comm, self.messages, self.bytes = comm, 0, 0
+
+    def __getattr__(self, name: str) -> Any:
+        inner = getattr(self._comm, name)
+        if name not in ("Isend", "Allgather", "Allgatherv"):
+            return inner
+
+        def counted(buffer: Any, *others: Any, **keywords: Any) -> Any:
+            self.messages += 1
+            self.bytes += buffer[0].nbytes
+            return inner(buffer, *others, **keywords)
+
+        return counted
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sizes", type=int, nargs="+", default=[15_000, 60_000], help="cells of the meshes")
+    parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2, 3, 4], help="that share a body")
+    parser.add_argument("--bodies", type=Path, default=Path("runs/truth_scale"), help="default: %(default)s")
+    parser.add_argument("--worker", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        measure(options.worker)
+        return
+    rows = []
+    print("   cells  K  cells/rank nodes/rank  work s  waited s    CG  messages/CG  kB/CG  MiB/rank")
+    for size in options.sizes:
+        case = prepared(size, options.bodies)
+        for ranks in options.ranks:
+            row = run(case, ranks)
+            rows.append(row)
+            print(
+                f"{row['all_cells']:8.0f} {ranks:2d} {row['cells']:11.0f} {row['nodes']:10.0f} {row['work']:7.2f} "
+                f"{row['waited']:9.2f} {row['cg']:5.0f} {row['messages'] / row['cg']:12.1f} "
+                f"{row['bytes'] / row['cg'] / 1e3:6.1f} {row['memory']:9.0f}",
+                flush=True,
+            )
+    print_model(rows)
+
+
+def prepared(size: int, folder: Path) -> Path:
+    """A state, its internal equilibrium and the poses of a press, kept beside the body of this size."""
+    experiment = load_experiment(DEFAULT)
+    body = body_of_size(experiment, size, folder)
+    path = folder / f"contact_{size}.npz"
+    if not path.exists():
+        collider = build_collider(experiment.collider(experiment.sampling.collider), experiment.base_dir)
+        problem = ConstrainedProblem(
+            FullSpaceElasticity(body), np.array(experiment.dynamics.gravity), PenaltyContact(1.0), body
+        )
+        scene = next(scene for scene in experiment.scenes if scene.role == "record")
+        rows = recorded_states(experiment, body, scene, 1)[0]
+        internal = problem.internal_equilibrium(rows).x
+        depths = np.linspace(0, experiment.sampling.max_depth, experiment.sampling.depths + 1)[1:]
+        approach = random_approach(body, internal, collider, np.random.default_rng(0))
+        poses = approach.poses_at(depths)
+        translations = np.array([pose.translation for pose in poses])
+        np.savez(path, rows=rows, internal=internal, rotation=poses[0].rotation, translations=translations)
+    return path
+
+
+def run(case: Path, ranks: int) -> dict[str, float]:
+    """The worst rank of `measure` on so many ranks."""
+    command = [
+        "mpirun",
+        "--oversubscribe",
+        "-n",
+        str(ranks),
+        sys.executable,
+        "-m",
+        "benchmarks.ranks_per_solve",
+    ]
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [*command, "--worker", str(case)],
+        env={**os.environ, **threads},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise SystemExit(f"{' '.join(command)} failed:\n{done.stderr}")
+    by_rank: list[dict[str, float]] = json.loads(done.stdout)
+    return {"ranks": ranks, **{name: max(row[name] for row in by_rank) for name in by_rank[0]}}
+
+
+def measure(case: Path) -> None:
+    """Press the contact on all ranks together; print what each of them did."""
+    experiment, comm = load_experiment(DEFAULT), CountedComm(MPI.COMM_WORLD)
+    body = load_body(case.with_name(case.stem.replace("contact", "jelly") + ".h5"))
+    contact = np.load(case)
+    part = part_of_body(body, comm)  # type: ignore[arg-type]
+    elasticity = FullSpaceElasticity(body, part=part)
+    gravity = np.array(experiment.dynamics.gravity)
+    problem = ConstrainedProblem(elasticity, gravity, PenaltyContact(experiment.contact.stiffness), body)
+    collider = build_collider(experiment.collider(experiment.sampling.collider), experiment.base_dir)
+    watch = Stopwatch()
+    for name in SUMS:
+        if comm.size > 1:
+            watch.watch(part.share, name, name)
+    press = problem.press(contact["rows"], collider, contact["internal"])
+    comm.messages = comm.bytes = 0
+    watch.seconds.clear()
+    began = time.process_time()
+    solutions = [press.solve(RigidPose(contact["rotation"], at)) for at in contact["translations"]]
+    total, waited = time.process_time() - began, sum(watch.seconds.values())
+    found = {
+        "all_cells": body.mesh.n_cells,
+        "cells": part.mesh.n_cells,
+        "nodes": part.mesh.n_nodes,
+        "work": total - waited,
+        "waited": waited,
+        "cg": sum(solution.cg_iterations for solution in solutions),
+        "messages": comm.messages,
+        "bytes": comm.bytes,
+        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10,
+        "converged": all(solution.converged for solution in solutions),
+    }
+    by_rank = comm.gather(found)
+    if by_rank is not None:
+        print(json.dumps(by_rank))
+
+
+def print_model(rows: Sequence[dict[str, float]]) -> None:
+    """Fit the formulas of the module and say what they make of larger bodies and runs."""
+    columns = {name: np.array([row[name] for row in rows], dtype=float) for name in rows[0]}
+    T, K = columns["all_cells"], columns["ranks"]
+    ones = np.ones_like(T)
+    log_a, alpha, minus_beta = fitted(np.column_stack([ones, np.log(T), np.log(K)]), np.log(columns["work"]))
+    log_b, gamma = fitted(np.column_stack([ones, np.log(T)]), np.log(columns["cg"]))
+    cut, shared = T ** (2 / 3) * (K - 1) / K ** (2 / 3), K > 1
+    traffic = columns["bytes"] / columns["cg"]
+    c = float(cut[shared] @ traffic[shared] / (cut[shared] @ cut[shared])) if shared.any() else 0.0
+    m = fitted(np.column_stack([ones, T, T / K]), columns["memory"])
+    print(
+        f"\nwork(T, K)    = {np.exp(log_a):.3g} T^{alpha:.2f} K^{minus_beta:.2f} s a contact and rank"
+        f"\niterations(T) = {np.exp(log_b):.3g} T^{gamma:.2f} of CG a contact"
+        f"\ntraffic(T, K) = {c:.3g} T^(2/3) (K-1)/K^(2/3) bytes an iteration"
+        f"\nmemory(T, K)  = {m[0]:.0f} + {1e3 * m[1]:.2f} T/1000 + {1e3 * m[2]:.2f} T/1000/K MiB a rank"
+    )
+
+
+def fitted(matrix: Array, values: Array) -> Array:
+    """Least squares; where there are too few different sizes, the shortest of the solutions."""
+    return np.asarray(np.linalg.lstsq(matrix, values, rcond=None)[0])
+
+
+if __name__ == "__main__":
+    main()
