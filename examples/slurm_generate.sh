@@ -58,8 +58,9 @@ trap requeue USR1
 "$softprint" body "$experiment" --out "$out" --quiet
 
 # In the background and waited for, or this script would hear the signal only when the run is over. srun needs the
-# PMI that Open MPI was built with (`srun --mpi=list`); where there is none, `mpirun` reads the same allocation.
-srun --mpi=pmix --distribution=block --cpu-bind=cores \
+# PMI that Open MPI was built with (`srun --mpi=list`); where there is none, `mpirun` reads the same allocation. A rank
+# that is killed, for its memory say, must take the others along: they would wait for it.
+srun --mpi=pmix --distribution=block --cpu-bind=cores --kill-on-bad-exit=1 \
     "$softprint" generate "$experiment" --out "$out" --quiet --ranks-per-solve "$ranks_per_solve" "$@" &
 running=$!
 wait "$running"

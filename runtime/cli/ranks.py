@@ -6,33 +6,24 @@ import os
 import sys
 
 _RANK = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
-_SIZE = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
-
-
-def _number(names: tuple[str, ...], default: int) -> int:
-    for name in names:
-        if os.environ.get(name, "").isdigit():
-            return int(os.environ[name])
-    return default
 
 
 def launched_rank() -> int:
-    """Rank of this process under mpirun; 0 without."""
-    return _number(_RANK, 0)
-
-
-def launched_size() -> int:
-    """Number of processes that mpirun started; 1 without."""
-    return _number(_SIZE, 1)
+    """Rank of this process under mpirun or srun; 0 without."""
+    for name in _RANK:
+        if os.environ.get(name, "").isdigit():
+            return int(os.environ[name])
+    return 0
 
 
 def end_all_ranks(status: int) -> None:
     """End every rank of an MPI run at once: one that stopped alone would leave the others waiting for ever.
 
-    Does nothing in a process that mpirun did not start with others, or that never loaded MPI: there, mpirun
-    itself ends the rest when a process exits with a status other than 0.
+    Does nothing in a process that runs alone, or that never loaded MPI: there, mpirun itself ends the rest when a
+    process exits with a status other than 0.
     """
-    if launched_size() > 1 and "mpi4py.MPI" in sys.modules:
+    mpi = sys.modules.get("mpi4py.MPI")
+    if mpi is not None and mpi.COMM_WORLD.size > 1:
         sys.stdout.flush()
         sys.stderr.flush()
-        sys.modules["mpi4py.MPI"].COMM_WORLD.Abort(status)
+        mpi.COMM_WORLD.Abort(status)
