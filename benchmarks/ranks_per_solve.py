@@ -7,10 +7,10 @@ processor seconds of the rank that works longest, without what it spends in sums
 for others, the longer the busier the machine), the messages and bytes it sends, and its memory. So the figures mean the
 same where K is more than there are cores. Fitted to them:
 
-    work(T, K)      = a T^alpha K^-beta                      processor seconds a contact and rank, T cells
-    iterations(T)   = b T^gamma                              of CG a contact
-    traffic(T, K)   = c T^(2/3) (K - 1) / K^(2/3)            bytes a rank sends in an iteration, through the cuts
-    memory(T, K)    = m0 + m1 T + m2 T / K                   of a rank: Python, the whole body, its part
+    iterations(T) = b T^gamma             of CG, a contact of T cells
+    work(T, K)    = iterations(T) (e + a T / K)    processor seconds a contact and rank: calls, and cells
+    traffic(T)    = c T^(2/3)             bytes a rank sends in an iteration, through the cuts between parts
+    memory(T, K)  = m0 + m1 T + m2 T / K  of a rank: Python, the whole body, its part
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from typing import Any
 import h5py  # noqa: F401  (before DOLFINx)
 import numpy as np
 from mpi4py import MPI
+from scipy.optimize import nnls
 
 from benchmarks.stopwatch import Stopwatch
 from benchmarks.truth_scale import body_of_size
@@ -183,23 +184,26 @@ def print_model(rows: Sequence[dict[str, float]]) -> None:
     columns = {name: np.array([row[name] for row in rows], dtype=float) for name in rows[0]}
     T, K = columns["all_cells"], columns["ranks"]
     ones = np.ones_like(T)
-    log_a, alpha, minus_beta = fitted(np.column_stack([ones, np.log(T), np.log(K)]), np.log(columns["work"]))
-    log_b, gamma = fitted(np.column_stack([ones, np.log(T)]), np.log(columns["cg"]))
-    cut, shared = T ** (2 / 3) * (K - 1) / K ** (2 / 3), K > 1
-    traffic = columns["bytes"] / columns["cg"]
-    c = float(cut[shared] @ traffic[shared] / (cut[shared] @ cut[shared])) if shared.any() else 0.0
-    m = fitted(np.column_stack([ones, T, T / K]), columns["memory"])
+    log_b, gamma = np.linalg.lstsq(np.column_stack([ones, np.log(T)]), np.log(columns["cg"]), rcond=None)[0]
+    e, a = fitted(np.column_stack([ones, T / K]), columns["work"] / columns["cg"])
+    split = K > 1
+    (c,) = fitted(T[split, None] ** (2 / 3), (columns["bytes"] / columns["cg"])[split])
+    m0, m1, m2 = fitted(np.column_stack([ones, T, T / K]), columns["memory"])
     print(
-        f"\nwork(T, K)    = {np.exp(log_a):.3g} T^{alpha:.2f} K^{minus_beta:.2f} s a contact and rank"
         f"\niterations(T) = {np.exp(log_b):.3g} T^{gamma:.2f} of CG a contact"
-        f"\ntraffic(T, K) = {c:.3g} T^(2/3) (K-1)/K^(2/3) bytes an iteration"
-        f"\nmemory(T, K)  = {m[0]:.0f} + {1e3 * m[1]:.2f} T/1000 + {1e3 * m[2]:.2f} T/1000/K MiB a rank"
+        f"\nwork(T, K)    = iterations(T) ({1e6 * e:.0f} + {1e9 * a:.2f} T/1000/K) microseconds a contact and rank"
+        f"\ntraffic(T)    = {c:.3g} T^(2/3) bytes an iteration"
+        f"\nmemory(T, K)  = {m0:.0f} + {1e3 * m1:.2f} T/1000 + {1e3 * m2:.2f} T/1000/K MiB a rank"
     )
+    print("off by at most", end=" ")
+    work = columns["cg"] * (e + a * T / K) / columns["work"]
+    memory = (m0 + m1 * T + m2 * T / K) / columns["memory"]
+    print(", ".join(f"{np.abs(r - 1).max():.0%} in {of}" for of, r in (("work", work), ("memory", memory))))
 
 
 def fitted(matrix: Array, values: Array) -> Array:
-    """Least squares; where there are too few different sizes, the shortest of the solutions."""
-    return np.asarray(np.linalg.lstsq(matrix, values, rcond=None)[0])
+    """Least squares of relative errors, and no coefficient below 0."""
+    return np.asarray(nnls(matrix / values[:, None], np.ones_like(values))[0])
 
 
 if __name__ == "__main__":

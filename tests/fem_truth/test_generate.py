@@ -162,6 +162,13 @@ def test_two_ranks_that_solve_together_find_the_same_truth(experiment: Path, ref
     finished = generate(experiment, "--out", out, "--ranks-per-solve", "2", "--units", "4", ranks=2)
     assert finished.returncode == 0, finished.stderr
     assert "2 rank(s), 2 to a solve" in finished.stdout
+    farmed = experiment.parent / "two_groups"
+    assert (
+        generate(experiment, "--out", farmed, "--ranks-per-solve", "2", "--units", "4", ranks=4).returncode
+        == 0
+    )
+    with load_truth(out / "truth.h5") as one, load_truth(farmed / "truth.h5") as two:
+        assert one.content_hash == two.content_hash  # to the last bit, whichever group solves a contact
     with load_truth(out / "truth.h5") as split, load_truth(reference / "truth.h5") as whole:
         assert split.n_samples == 3 * 4
         assert len(split.repeat) == 3
