@@ -73,7 +73,7 @@ def test_apply_and_diagonal_hold_the_springs(dim):
 @pytest.mark.parametrize("rank", [0, 5])
 def test_projection_of_the_kernels_is_that_of_the_null_space(dim, real, rank):
     space = null_space(rank)
-    kernels, Q, free = space.for_kernels(dim, real)
+    kernels, ((_, Q, free),) = space.for_kernels(dim, real)
     v = np.random.default_rng(4).standard_normal((N, dim)) * space.free[:, None]
     z, r = kernels.vector(v), kernels.vector(v)
     rho = kernels.deflate(Q, kernels.coordinates(Q, z), r, z)
