@@ -28,16 +28,18 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
     mask = null_space.free[:, None].astype(float)
     # In the scaled unknowns y the constraint Q^T (S y) = 0 couples the coordinates: one column for each pair.
     columns = scaling @ np.kron(null_space.orthonormal_basis, np.eye(dim))
-    constraint = orthonormal(columns.reshape(n, dim, -1), share)
+    constraint = np.ascontiguousarray(orthonormal(columns.reshape(n, dim, -1), share))
+    count = constraint.shape[-1]
+    all_rows, own_rows = constraint.reshape(-1, count), constraint[own].reshape(-1, count)
 
     def project(y: Array) -> Array:
         y = y * mask
-        return y - constraint @ share.total(np.tensordot(constraint[own], y[own], axes=((0, 1), (0, 1))))
+        return y - (all_rows @ share.total(own_rows.T @ y[own].ravel())).reshape(n, dim)
 
     def scaled(y: Array) -> Array:
         return np.asarray(scaling @ y.ravel()).reshape(n, dim)
 
-    space = round(share.total(float(mask[own].sum()))) * dim - constraint.shape[-1]
+    space = round(share.total(float(mask[own].sum()))) * dim - count
     basis = np.empty((min(steps, space), mask[own].size * dim))  # of the rank's own nodes
     diagonal: list[float] = []
     off_diagonal: list[float] = []
@@ -53,11 +55,10 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
         product = scaled(share.assembled(hessian.apply(scaled(y))))
         diagonal.append(share.dot(y, product))
         r = product
-        for _ in range(
-            2
-        ):  # against all vectors so far and the constraint, or ghosts of converged values appear
-            r = project(r)
+        for _ in range(2):  # against all vectors so far, or ghosts of converged values appear
             within = share.total(basis[: k + 1] @ r[own].ravel())
             r[own] -= (basis[: k + 1].T @ within).reshape(-1, dim)
+        # Last, for every step would multiply what the vectors so far have left of the range of the constraint.
+        r = project(r)
     # numpy's solver reads the lower triangle only.
     return float(np.linalg.eigvalsh(np.diag(diagonal) + np.diag(off_diagonal, -1))[0])

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
+from scipy.linalg import null_space as scipy_null_space
 
 from fem_truth.constrained import ConstrainedProblem, InternalEnergy
 from fem_truth.full_space_elasticity import FullSpaceElasticity
@@ -200,3 +202,21 @@ def test_smallest_ritz_value_has_the_sign_of_the_lowest_eigenvalue(problem, dim,
     values = values[np.abs(values) > 1e-9 * np.abs(values).max()]  # without the directions that P removes
     assert np.sign(lowest) == np.sign(values[0])
     assert values[0] > 0 if squeeze == 0 else values[0] < 0
+
+
+@both
+def test_smallest_ritz_value_of_a_whole_krylov_space_is_the_lowest_eigenvalue(problem, dim):
+    """Of S H S on the scaled null space, by a dense solver. More steps than the space has dimensions: no ghosts."""
+    null_space, hessian = (
+        problem(dim).null_space,
+        problem(dim).elasticity.hessian(problem(dim).body.mesh.points),
+    )
+    values, vectors = np.linalg.eigh(hessian.diagonal_blocks())
+    roots = (vectors / np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
+    scaling = block_diag(*roots)
+    held = np.eye(hessian.n_nodes * dim)[np.repeat(~null_space.free, dim)]
+    allowed = scipy_null_space(
+        np.vstack([np.kron(null_space.orthonormal_basis.T, np.eye(dim)) @ scaling, held])
+    )
+    lowest = np.linalg.eigvalsh(allowed.T @ scaling @ hessian.sparse().toarray() @ scaling @ allowed)[0]
+    assert smallest_ritz_value(hessian, null_space, steps=400) == pytest.approx(lowest, rel=1e-9)
