@@ -144,7 +144,7 @@ def measure(case: Path) -> None:
     """Press the contact on all ranks together; print what each of them did."""
     experiment, comm = load_experiment(DEFAULT), CountedComm(MPI.COMM_WORLD)
     body = load_body(case.with_name(case.stem.replace("contact", "jelly") + ".h5"))
-    contact = np.load(case)
+    contact = np.load(case, allow_pickle=False)
     part = part_of_body(body, comm)  # type: ignore[arg-type]
     elasticity = FullSpaceElasticity(body, part=part)
     gravity = np.array(experiment.dynamics.gravity)

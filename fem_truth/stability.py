@@ -30,7 +30,8 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
     columns = scaling @ np.kron(null_space.orthonormal_basis, np.eye(dim))
     constraint = np.ascontiguousarray(orthonormal(columns.reshape(n, dim, -1), share))
     count = constraint.shape[-1]
-    all_rows, own_rows = constraint.reshape(-1, count), constraint[own].reshape(-1, count)
+    all_rows = constraint.reshape(n * dim, count)
+    own_rows = constraint[own].reshape(mask[own].size * dim, count)
 
     def project(y: Array) -> Array:
         y = y * mask

@@ -87,8 +87,12 @@ class Generation:
         )
 
     def shards(self) -> dict[Path, int]:
-        """Finished contacts, and when each was written [ns]."""
-        return {path: path.stat().st_mtime_ns for path in self.out.glob("shards/contact_*.shard")}
+        """Finished contacts, and when each was written [ns]; without those that are just being tidied away."""
+        found = {}
+        for path in self.out.glob("shards/contact_*.shard"):
+            with suppress(FileNotFoundError):
+                found[path] = path.stat().st_mtime_ns
+        return found
 
     def temporaries(self) -> set[Path]:
         """Files that are being written just now, or were when their writer was killed."""
