@@ -9,6 +9,7 @@ import numpy as np
 from runtime.colliders.analytic import Box, Capsule, Cone, Cylinder, Plane, Sphere
 from runtime.colliders.collider import Collider
 from runtime.colliders.combine import Placed, SmoothDifference, SmoothUnion
+from runtime.colliders.library import library_collider
 from runtime.colliders.mesh_collider import load_mesh_collider
 from runtime.colliders.polygon import load_polygon, polygon_collider
 from runtime.colliders.pose import RigidPose
@@ -53,6 +54,8 @@ def _shape(spec: schema.ColliderSpec, name: str, base_dir: Path) -> Collider:
             return polygon_collider(spec.scale * vertices, spec.rounding, spec.resolution, name)
         case schema.MeshSpec():
             return load_mesh_collider(base_dir / spec.file, spec.scale, spec.resolution, name)
+        case schema.LibrarySpec():
+            return library_collider(spec.entry_name, spec.size, spec.resolution, name)
         case schema.UnionSpec():
             return SmoothUnion([build_collider(part, base_dir) for part in spec.parts], spec.blend, name)
         case schema.DifferenceSpec():

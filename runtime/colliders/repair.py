@@ -161,10 +161,8 @@ def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray
             "join them in a modeller, or take fewer"
         )
     pieces = [triangles[component == c] for c in range(count)]
-    for c, piece in enumerate(pieces):
-        if np.linalg.det(vertices[piece]).sum() < 0:  # six times the volume
-            pieces[c] = piece[:, ::-1]
-            log.warning("%s: turned an inward-facing surface outward", source)
+    inward = [np.linalg.det(vertices[piece]).sum() < 0 for piece in pieces]  # six times the volume
+    pieces = [piece[:, ::-1] if turned else piece for piece, turned in zip(pieces, inward)]
     corners = [vertices[piece].reshape(-1, 3) for piece in pieces]
     lower, upper = (np.array([bound(points, axis=0) for points in corners]) for bound in (np.min, np.max))
     result = triangles.copy()
@@ -179,6 +177,8 @@ def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray
         )
         result[component == c] = piece[:, ::-1] if depth % 2 else piece
         cavities += depth % 2
+        if inward[c] and depth % 2 == 0:
+            log.warning("%s: turned an inward-facing surface outward", source)
     if cavities:
         log.info("%s: %d cavity surface(s) kept as holes", source, cavities)
     return result

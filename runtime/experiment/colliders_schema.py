@@ -11,6 +11,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from runtime.errors import SoftprintError
+from runtime.shapes import find_shape
+
 Vector = list[float]
 Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -111,6 +114,29 @@ class MeshSpec(_ColliderSpec):
     )
 
 
+class LibrarySpec(_ColliderSpec):
+    """A solid of the library: `docs/collider_library.png` shows them all with their names."""
+
+    shape: Literal["library"]
+    entry: str = Field("", description="which of the library's shapes; the collider's own name if absent")
+    size: Length = Field(description="half of its largest extent [m]")
+    resolution: Annotated[int, Field(ge=8, le=256)] = Field(
+        48, description="grid cells along the longest side"
+    )
+
+    @model_validator(mode="after")
+    def _is_there(self) -> LibrarySpec:
+        try:
+            find_shape(self.entry_name)
+        except SoftprintError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    @property
+    def entry_name(self) -> str:
+        return self.entry or self.name
+
+
 class UnionSpec(_ColliderSpec):
     """The smooth union of its parts."""
 
@@ -137,6 +163,7 @@ ColliderSpec = Annotated[
     | PlaneSpec
     | PolygonSpec
     | MeshSpec
+    | LibrarySpec
     | UnionSpec
     | DifferenceSpec,
     Field(discriminator="shape"),

@@ -73,7 +73,7 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
             vector = getattr(spec, key, None)
             if vector is not None:
                 yield from _vector(experiment, f"colliders[{number}].{key}", vector)
-        flat, solid = {"circle", "polygon"}, {"sphere", "cylinder", "mesh"}
+        flat, solid = {"circle", "polygon"}, {"sphere", "cylinder", "mesh", "library"}
         if (experiment.dim == 3 and spec.shape in flat) or (experiment.dim == 2 and spec.shape in solid):
             yield Problem(
                 f"colliders[{number}].shape",

@@ -1,0 +1,65 @@
+"""Which shapes there are, in which families, and which side of the split each family is on."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Literal
+
+from runtime.errors import SoftprintError
+from runtime.shapes import testing_shapes as testing
+from runtime.shapes import training_shapes as training
+from runtime.shapes.shape import Shape
+
+Side = Literal["train", "test"]
+
+# A family is on one side only, so that no testing shape has a near relative among the training shapes.
+SPLIT: Mapping[Side, Mapping[str, tuple[Shape, ...]]] = {
+    "train": {
+        "rounds": training.ROUNDS,
+        "boxes": training.BOXES,
+        "caltrops": training.CALTROPS,
+        "gears": training.GEARS,
+        "braille": training.BRAILLE,
+        "minimal surfaces": training.MINIMAL,
+        "stones": training.STONES,
+        "sweeps": training.SWEEPS,
+        "fruits": training.FRUITS,
+    },
+    "test": {
+        "tori": testing.TORI,
+        "screws": testing.SCREWS,
+        "polyhedra": testing.POLYHEDRA,
+        "vessels": testing.VESSELS,
+        "brackets": testing.BRACKETS,
+        "organics": testing.ORGANICS,
+        "lattices": testing.LATTICES,
+        "blobs": testing.BLOBS,
+        "grounds": testing.GROUNDS,
+    },
+}
+# Families of the training side that a model may be chosen by; the others are left to be learned from.
+VALIDATION_FAMILIES = ("caltrops", "fruits")
+
+SHAPES: Mapping[str, Shape] = {
+    shape.name: shape for families in SPLIT.values() for shapes in families.values() for shape in shapes
+}
+
+
+def names(side: Side) -> list[str]:
+    """The names of all shapes of a side, family by family."""
+    return [shape.name for shapes in SPLIT[side].values() for shape in shapes]
+
+
+def validation_names() -> list[str]:
+    """Shapes of the training side that are not learned from where a model has to be chosen."""
+    return [shape.name for family in VALIDATION_FAMILIES for shape in SPLIT["train"][family]]
+
+
+def find_shape(name: str) -> Shape:
+    """Raises SoftprintError with the nearest name, or with all that there are."""
+    if name not in SHAPES:
+        near = difflib.get_close_matches(name, SHAPES, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(SHAPES)}"
+        raise SoftprintError(f"the library has no shape '{name}'; {hint}")
+    return SHAPES[name]

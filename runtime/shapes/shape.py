@@ -1,0 +1,30 @@
+"""What an entry of the library is: a field, what it is called, and what is known of its surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from runtime.shapes.solid import Field
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A solid in units of its own.
+
+    line: what it is, in a few words; reach: half extents of a box about the origin that holds it; field: negative
+    inside; holes: through-holes, counted as handles of its surfaces (the sum of their genera); voids: cavities without
+    a way out; exact: whether the field is the signed distance, inside and outside.
+    """
+
+    name: str
+    line: str
+    reach: tuple[float, float, float]
+    field: Field
+    holes: int = 0
+    voids: int = 0
+    exact: bool = False
+
+    @property
+    def euler_characteristic(self) -> int:
+        """V - E + F of its surface: 2 - 2 g summed over the outer surface and those of the voids."""
+        return 2 * (1 + self.voids) - 2 * self.holes
