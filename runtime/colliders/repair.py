@@ -41,15 +41,16 @@ def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[A
             f"{source}: the mesh has no triangles; a collider needs a closed triangle surface"
         )
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    vertices, triangles = _merge(vertices, triangles, diagonal, source)
-    triangles = _drop_degenerate(vertices, triangles, diagonal, source)
+    vertices, triangles = merge(vertices, triangles, diagonal, source)
+    triangles = drop_degenerate(vertices, triangles, diagonal, source)
     _refuse_non_manifold(triangles, source)
     triangles = _orient(triangles, source)
     vertices, triangles = _fill_small_holes(vertices, triangles, diagonal, source)
     return vertices, _face_outward(vertices, triangles, source)
 
 
-def _merge(vertices: Array, triangles: IntArray, diagonal: float, source: str) -> tuple[Array, IntArray]:
+def merge(vertices: Array, triangles: IntArray, diagonal: float, source: str) -> tuple[Array, IntArray]:
+    """Vertices at one place as one; SoftprintError if all are at one."""
     if diagonal == 0:
         raise SoftprintError(f"{source}: all vertices lie at one point")
     cells = np.round(vertices / (MERGE_DISTANCE * diagonal)).astype(np.int64)
@@ -60,7 +61,8 @@ def _merge(vertices: Array, triangles: IntArray, diagonal: float, source: str) -
     return vertices[first], inverse.reshape(-1)[triangles]
 
 
-def _drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, source: str) -> IntArray:
+def drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, source: str) -> IntArray:
+    """Triangles without those that have no usable normal or stand twice; SoftprintError if none is left."""
     corners = vertices[triangles]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -79,14 +81,15 @@ def _drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, sour
     return unrepeated
 
 
-def _edge_counts(triangles: IntArray) -> tuple[IntArray, IntArray]:
+def edge_counts(triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """The edges (e, 2), and how many triangles each has (e,)."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
     return unique, counts
 
 
 def _refuse_non_manifold(triangles: IntArray, source: str) -> None:
-    bad = int((_edge_counts(triangles)[1] > 2).sum())
+    bad = int((edge_counts(triangles)[1] > 2).sum())
     if bad:
         raise SoftprintError(
             f"{source}: {bad} edge(s) belong to more than two triangles (non-manifold); "
@@ -112,10 +115,10 @@ def _orient(triangles: IntArray, source: str) -> IntArray:
 def _open_edges(triangles: IntArray) -> IntArray:
     """Directed edges (e, 2) that no neighbour runs through the other way."""
     directed = _directed_edges(triangles)
-    existing = {tuple(edge) for edge in directed.tolist()}
-    return np.array([e for e in directed.tolist() if (e[1], e[0]) not in existing], dtype=np.int64).reshape(
-        -1, 2
-    )
+    count = int(triangles.max()) + 1
+    there, back = directed @ np.array([count, 1]), directed @ np.array([1, count])
+    open_edges: IntArray = directed[~np.isin(there, back)]
+    return open_edges
 
 
 def _fill_small_holes(

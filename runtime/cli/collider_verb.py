@@ -1,0 +1,71 @@
+"""`softprint collider`: can this mesh be a collider, what is wrong with it, and how good its distance will be."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The file, its unit, the grid, and what to write."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="a triangle mesh: STL, OBJ or PLY")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="metres for each unit of the file (default: 1)"
+    )
+    parser.add_argument(
+        "--resolution",
+        type=int,
+        default=48,
+        metavar="N",
+        help="grid cells along the longest side (default: 48)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="MENDED.stl",
+        help="write the mended surface, in the file's unit (default: write nothing)",
+    )
+    parser.add_argument(
+        "--png", type=Path, metavar="PICTURE.png", help="draw the mended surface (default: draw nothing)"
+    )
+    parser.add_argument("--json", action="store_true", help="as JSON (default: off)")
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """Print what was found, what was done and how accurate the collider is; 1 if FILE cannot be used as it is."""
+    from runtime.inspect.examined_surface import examined_surface, write_surface
+
+    summary, examined = examined_surface(args.file, args.scale, args.resolution)
+    context.say(summary.as_json() if args.json else summary.as_text())
+    if args.out is not None:
+        write_surface(args.out, examined)
+    if args.png is not None:
+        from runtime.drawing.colours import COLLIDER
+        from runtime.drawing.scene import Scene, draw
+
+        draw(
+            args.png,
+            Scene(args.file.name, examined.vertices, examined.triangles, edges=True, colour=COLLIDER),
+        )
+    if not examined.refusal or args.out is not None:
+        return 0
+    if not args.json:
+        context.say(
+            f"\n{args.file} cannot be a collider as it is; --out MENDED.stl writes the rebuilt surface, which can."
+        )
+    return 1
+
+
+VERB = Verb(
+    name="collider",
+    order=72,
+    summary="Check a triangle mesh, mend it, and say how good a collider it makes.",
+    example="softprint collider meshes/pointy.stl --png pointy.png",
+    run=run,
+    needs=("igl",),
+    configure=configure,
+    reads_experiment=False,
+)

@@ -1,0 +1,79 @@
+"""What `softprint collider` tells of a mesh file, and the mended surface as a file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime.colliders.examine import Examined, examine
+from runtime.colliders.mesh_collider import mesh_collider, read_surface
+from runtime.errors import SoftprintError
+from runtime.files import atomic_path
+from runtime.inspect.summary import Summary
+
+# Colliders of reason, in metres: one that is larger or smaller is more likely to be in another unit.
+_SMALLEST, _LARGEST = 1e-4, 10.0
+_RESOLUTIONS = (8, 256)
+
+
+def examined_surface(path: Path, scale: float, resolution: int) -> tuple[Summary, Examined]:
+    """What was found, what was done, and how accurate the collider is, with the mended surface in the file's unit.
+
+    scale: metres for each unit of the file. Raises SoftprintError where no collider can be made of it.
+    """
+    if not (np.isfinite(scale) and scale > 0):
+        raise SoftprintError(f"--scale must be a positive number of metres, not {scale}")
+    if not _RESOLUTIONS[0] <= resolution <= _RESOLUTIONS[1]:
+        raise SoftprintError(
+            f"--resolution must be from {_RESOLUTIONS[0]} to {_RESOLUTIONS[1]}, not {resolution}"
+        )
+    vertices, triangles = read_surface(path)
+    examined = examine(vertices, triangles, str(path))
+    started = time.perf_counter()
+    collider = mesh_collider(
+        scale * examined.vertices, examined.triangles, resolution, path.stem, source=str(path)
+    )
+    seconds = time.perf_counter() - started
+    accuracy = collider.accuracy(np.random.default_rng(0))
+    volume = float(np.linalg.det(scale * examined.vertices[examined.triangles]).sum() / 6)
+    done = {str(number): sentence for number, sentence in enumerate(examined.done, start=1)}
+    as_collider: dict[str, Any] = {
+        "as it is": f"refused: {examined.refusal}" if examined.refusal else "usable",
+        "watertight": True,
+        "triangles": len(examined.triangles),
+        "size": f"{collider.size:.4g} m, half of its largest extent{_hint(2 * collider.size)}",
+        "volume": f"{volume:.4g} m^3",
+        "grid cells": f"{resolution} of {collider.spacing:.3g} m along its longest side",
+        "made in": f"{seconds:.1f} s",
+        "error at the surface": f"{accuracy['surface_rms']:.2g} m RMS, {accuracy['surface_max']:.2g} m at most",
+        "error around it": f"{accuracy['band_rms']:.2g} m RMS, {accuracy['band_max']:.2g} m at most",
+        "error of the slope": f"{accuracy['gradient_rms']:.2g} RMS at the surface",
+    }
+    sections = {
+        "found, in the file's units": examined.found,
+        "done": done or {"nothing": "was needed"},
+        "as a collider": as_collider,
+    }
+    return Summary(path, "a triangle surface", sections), examined
+
+
+def _hint(extent: float) -> str:
+    if _SMALLEST < extent < _LARGEST:
+        return ""
+    return (
+        "; if the file is in millimetres, say --scale 0.001" if extent >= _LARGEST else "; is --scale right?"
+    )
+
+
+def write_surface(path: Path, examined: Examined) -> None:
+    """Write the mended surface as binary STL, whole or not at all."""
+    import trimesh
+
+    if path.suffix.lower() != ".stl":
+        raise SoftprintError(f"{path}: the mended surface is written as STL; call it {path.stem}.stl")
+    mesh = trimesh.Trimesh(examined.vertices, examined.triangles, process=False)
+    with atomic_path(path) as temporary:
+        mesh.export(temporary, file_type="stl")
