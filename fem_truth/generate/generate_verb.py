@@ -7,6 +7,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from runtime.cli.context import Context
+from runtime.cli.ranks import end_with_launcher, is_launched
 from runtime.cli.verb import Verb
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, context: Context) -> int:
     """Truth for the whole plan, or for as much of it as the options allow; truth.h5 and .xdmf in the run
     directory."""
+    if is_launched():
+        end_with_launcher()
     # h5py before DOLFINx: PyPI's wheel of h5py crashes when it comes second.
     import h5py  # noqa: F401
     from mpi4py import MPI

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
+import time
+
+_LOOK = 0.5  # s between two looks at whether the launcher is alive
 
 _RANK = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
 
@@ -14,6 +19,11 @@ def launched_rank() -> int:
         if os.environ.get(name, "").isdigit():
             return int(os.environ[name])
     return 0
+
+
+def is_launched() -> bool:
+    """Whether this process is a rank under mpirun or srun."""
+    return any(name in os.environ for name in _RANK)
 
 
 def end_all_ranks(status: int) -> None:
@@ -27,3 +37,16 @@ def end_all_ranks(status: int) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         mpi.COMM_WORLD.Abort(status)
+
+
+def end_with_launcher() -> None:
+    """From now on, end this process when its parent does. Of ranks whose launcher was killed, Open MPI 5 ends none:
+    they would wait for each other for ever. For ranks only: a process alone may outlive the shell that began it."""
+    launcher = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == launcher:
+            time.sleep(_LOOK)
+        os.kill(os.getpid(), signal.SIGKILL)  # what is finished is on disk, whole
+
+    threading.Thread(target=watch, daemon=True).start()
