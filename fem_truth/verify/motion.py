@@ -47,26 +47,16 @@ def simulator(
     kinematic: Sequence[KinematicHandle] = (),
 ) -> AnySimulator:
     """The simulator of that name; in full space the forms of a body are compiled once."""
+    parts: dict[str, Any] = {
+        "contact": contact,
+        "friction": friction,
+        "gravity": gravity,
+        "kinematic": kinematic,
+        "settings": settings,
+    }
     if name == REDUCED:
-        return Simulator(
-            body,
-            colliders,
-            contact=contact,
-            friction=friction,
-            gravity=gravity,
-            kinematic=kinematic,
-            settings=settings,
-        )
-    return FullSpaceSimulator(
-        body,
-        colliders,
-        contact=contact,
-        friction=friction,
-        gravity=gravity,
-        kinematic=kinematic,
-        settings=settings,
-        elasticity=_elasticity(body),
-    )
+        return Simulator(body, colliders, **parts)
+    return FullSpaceSimulator(body, colliders, elasticity=_elasticity(body), **parts)
 
 
 @lru_cache(maxsize=1)

@@ -44,7 +44,7 @@ def apply(
 
 
 @compiled
-def carried(among: NDArray[np.float32], loads: IntArray, F: Array) -> Array:
+def carried_compliance(among: NDArray[np.float32], loads: IntArray, F: Array) -> Array:
     """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads (m,); among: G (n_loads, n_loads, dim, dim), symmetric; F (m,
     dim, dim)."""
     m, dim, _ = F.shape

@@ -27,7 +27,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
 from runtime.corrections import load_kernels
-from runtime.corrections.compliance_kernels import carried
+from runtime.corrections.compliance_kernels import carried_compliance
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.rest_mechanics import RestMechanics
 
@@ -234,7 +234,11 @@ class LoadProbe:
         F = self.deformation(rows, index)
         distance_to = PosedDistance(self.collider, pose)
         problem = LoadProblem(
-            carried(self.among_loads, index, F), self._stiffness[index], x[could_bear], depth, distance_to
+            carried_compliance(self.among_loads, index, F),
+            self._stiffness[index],
+            x[could_bear],
+            depth,
+            distance_to,
         )
         start = None if near is None else near.predict(rows, pose, index)
         solution = problem.solve(start)
