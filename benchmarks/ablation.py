@@ -21,7 +21,6 @@ from pathlib import Path
 
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
-from runtime.colliders.build import build_collider
 from runtime.experiment.training_schema import ModelSpec
 from runtime.files import atomic_path
 from runtime.truth_file import load_truth
@@ -124,11 +123,9 @@ def main() -> None:
     options = parser.parse_args()
     overrides = (f"training.steps={options.steps}", f"training.field.steps={options.field_steps}")
     context = Context(experiment_path=options.experiment, overrides=overrides, out=options.out, quiet=True)
-    experiment = context.experiment
     body = body_of_run(context)
-    collider = build_collider(experiment.collider(experiment.training.collider), experiment.base_dir)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
-        lessons = Lessons(truth, body, collider, experiment.training, context)
+        lessons = Lessons(truth, body, context)
         print(
             f"{len(lessons.split.train)} samples to learn from, {len(lessons.held_out)} of held-out states, "
             f"label-noise floor {truth.noise_floor:.2%}\n"

@@ -6,8 +6,7 @@ nodes and surface edges of one sample, drawn once where there is something to le
 of the displacement and of its difference, and more pools for a sample the larger its displacement. Weights make
 the mean over the pools an unbiased estimate of the mean over samples and volume (importance sampling).
 
-Splits are by *state*: the held-out error must measure states never seen. Samples that are not converged or
-that follow a branch jump are left out and counted.
+What is learned from and what is held out is decided in `splits.py`.
 """
 
 from __future__ import annotations
@@ -129,36 +128,6 @@ class ContactDataset:
             self.state,
             self.pools.to(device),
         )
-
-
-@dataclass(frozen=True)
-class Split:
-    """Rows of the truth file for training and for validation, and how many samples were left out as
-    unusable."""
-
-    train: IntArray
-    validation: IntArray
-    left_out: int
-
-
-def split_by_state(truth: TruthData, collider: str, validation_states: int) -> Split:
-    """Hold out the last `validation_states` states (they are in farthest-point order). Samples of `collider`
-    only."""
-    if collider not in truth.header.colliders:
-        known = ", ".join(truth.header.colliders)
-        raise SoftprintError(f"{truth.path}: has no samples of collider {collider!r}; its colliders: {known}")
-    ours = truth.contacts["collider"][truth.samples["contact"]] == truth.header.colliders.index(collider)
-    usable = truth.usable & ours
-    states = np.unique(truth.sample_state[usable])
-    if len(states) <= validation_states:
-        raise SoftprintError(
-            f"{truth.path}: has usable samples of {len(states)} states; holding out {validation_states} for "
-            f"validation (training.validation_states) leaves none to learn from"
-        )
-    held_out = np.isin(truth.sample_state, states[len(states) - validation_states :])
-    return Split(
-        np.flatnonzero(usable & ~held_out), np.flatnonzero(usable & held_out), int(ours.sum() - usable.sum())
-    )
 
 
 def load_dataset(

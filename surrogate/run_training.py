@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
+from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -12,23 +13,27 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from runtime.arrays import IntArray
 from runtime.body.body import ReducedBody
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.corrections.compliance import n_columns
-from runtime.corrections.correction_file import read_header, save_correction
+from runtime.corrections.correction_file import ANY_COLLIDER, read_header, save_correction
 from runtime.corrections.load_model import LoadModelOptions
 from runtime.corrections.options import load_model_options, model_options
 from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mechanics
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
+from runtime.experiment.experiment import LIBRARY
 from runtime.experiment.training_schema import ModelSpec, TrainingSpec
 from runtime.files import atomic_path
 from runtime.truth_file import TruthData, load_truth
-from surrogate.dataset import ContactDataset, PoolSize, Split, load_dataset, split_by_state
+from surrogate.dataset import ContactDataset, PoolSize, load_dataset
+from surrogate.joined_loads import join_load_data
 from surrogate.load_task import LoadData, LoadMetric, LoadTask, load_load_data
+from surrogate.splits import Split, split_by_shape, split_by_state
 from surrogate.tasks import FieldTask, InputGains, LearningTask, ModelT
 from surrogate.train import TrainingResult, TrainingSettings, train
 
@@ -58,11 +63,15 @@ def training_device(name: str) -> torch.device:
 class Lessons:
     """What a truth file teaches: the split, and the data of each form of model, read when first asked for."""
 
-    def __init__(
-        self, truth: TruthData, body: ReducedBody, collider: Collider, spec: TrainingSpec, context: Context
-    ) -> None:
-        self.truth, self.body, self.collider, self._spec, self._context = truth, body, collider, spec, context
-        self.split: Split = split_by_state(truth, collider.name, spec.validation_states)
+    def __init__(self, truth: TruthData, body: ReducedBody, context: Context) -> None:
+        self.truth, self.body, self._context = truth, body, context
+        self._spec = spec = context.experiment.training
+        if spec.collider == LIBRARY and context.experiment.library is not None:
+            self.split: Split = split_by_shape(truth, spec.validation_states)
+            self.collider = ANY_COLLIDER
+        else:
+            self.split = split_by_state(truth, spec.collider, spec.validation_states)
+            self.collider = spec.collider
         held_out = np.random.default_rng(context.seed).permutation(self.split.validation)
         self.held_out = np.sort(held_out[: spec.validation_samples])
         self._device = training_device(spec.device)
@@ -73,15 +82,12 @@ class Lessons:
     def fields(self) -> tuple[ContactDataset, ContactDataset]:
         """Training and validation data of field models."""
         spec, rng = self._spec, np.random.default_rng(self._context.seed)
+        collider = self._build(self.collider)
         size = PoolSize(spec.field.pools, spec.field.nodes, spec.field.edges)
         count = len(self.split.train) + len(self.held_out)
         with self._context.progress(count, "sample", "reading fields") as bar:
-            training = load_dataset(
-                self.truth, self.body, self.collider, self.split.train, size, rng, bar.update
-            )
-            validation = load_dataset(
-                self.truth, self.body, self.collider, self.held_out, None, rng, bar.update
-            )
+            training = load_dataset(self.truth, self.body, collider, self.split.train, size, rng, bar.update)
+            validation = load_dataset(self.truth, self.body, collider, self.held_out, None, rng, bar.update)
         return training.to(self._device), validation.to(self._device)
 
     def mechanics(self, spec: ModelSpec) -> RestMechanics:
@@ -114,13 +120,28 @@ class Lessons:
             count = len(self.split.train) + len(self.held_out)
             with self._context.progress(count, "sample", "reading loads") as bar:
                 training, validation = (
-                    load_load_data(
-                        self.truth, self.body, self.collider, mechanics, options, metric, samples, bar.update
+                    join_load_data(
+                        [
+                            load_load_data(
+                                self.truth, self.body, collider, mechanics, options, metric, part, bar.update
+                            )
+                            for collider, part in self._by_collider(samples)
+                        ]
                     ).to(self._device)
                     for samples in (self.split.train, self.held_out)
                 )
             self._load_data[key] = (metric, training, validation)
         return self._load_data[key]
+
+    def _by_collider(self, samples: IntArray) -> Iterator[tuple[Collider, IntArray]]:
+        """Each collider with those of the samples that are its own."""
+        number = self.truth.contacts["collider"][self.truth.samples["contact"][samples]]
+        for collider in np.unique(number):
+            yield self._build(self.truth.header.colliders[collider]), samples[number == collider]
+
+    def _build(self, name: str) -> Collider:
+        experiment = self._context.experiment
+        return build_collider(experiment.collider(name), experiment.base_dir)
 
 
 def train_models(context: Context, only: str | None) -> None:
@@ -133,7 +154,6 @@ def train_models(context: Context, only: str | None) -> None:
         asked = f"no model named {only!r}" if only else "no models"
         raise SoftprintError(f"{experiment.path}: {asked} in [[training.models]]; there: {known}")
     body = body_of_run(context)
-    collider = build_collider(experiment.collider(experiment.training.collider), experiment.base_dir)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         wanted = [
             spec
@@ -145,7 +165,7 @@ def train_models(context: Context, only: str | None) -> None:
         if not wanted:
             context.say("all corrections are up to date.")
             return
-        lessons = Lessons(truth, body, collider, experiment.training, context)
+        lessons = Lessons(truth, body, context)
         context.say(
             f"{len(lessons.split.train)} samples to learn from, {len(lessons.held_out)} of held-out states; "
             f"{lessons.split.left_out} not converged or after a jump; "
@@ -196,7 +216,7 @@ def _learn(
         "seconds": seconds,
         "samples": len(lessons.split.train),
     }
-    rms, collider = result.held_out.rms, lessons.collider.name
+    rms, collider = result.held_out.rms, lessons.collider
     save_correction(
         path, spec.name, result.model.cpu(), lessons.body, collider, truth_hash, rms, training, mechanics
     )

@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.toy_experiment import write_experiment
+from runtime.body.body_file import load_body
+from runtime.corrections.correction_file import ANY_COLLIDER, read_header
+from runtime.truth_file import load_truth
+from surrogate.splits import split_by_shape
+from tests.toy_experiment import write_experiment, write_library_experiment
 
 
 @pytest.mark.slow
@@ -53,3 +57,26 @@ def test_from_mesh_to_report(softprint, tmp_path, dim):
     for (verb, *options), ranks in steps[:4]:
         assert softprint(verb, experiment, "--out", run, "--quiet", *options, ranks=ranks).returncode == 0
     assert (run / "truth.h5").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_from_a_library_to_a_shape_never_seen(softprint, tmp_path):
+    experiment, run = write_library_experiment(tmp_path), tmp_path / "run"
+    for verb, *options in (("body",), ("generate",), ("train",), ("simulate", "--model=ours")):
+        done = softprint(verb, experiment, "--out", run, "--quiet", *options, ranks=1 + (verb == "generate"))
+        assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
+    assert read_header(run / "corrections" / "ours.safetensors").collider == ANY_COLLIDER
+    assert (run / "motions" / "held_out_ours.h5").is_file()
+
+    with load_truth(run / "truth.h5", load_body(run / "body.h5")) as truth:
+        collider = truth.contacts["collider"]
+        assert truth.header.colliders == ("ball", "cushion", "pear", "torus")
+        # Three states; two places a shape, one of the testing shape.
+        assert np.bincount(collider).tolist() == [6, 6, 6, 3]
+        split = split_by_shape(truth, 1)
+        of = collider[truth.samples["contact"]]
+        assert set(of[split.train]) == {0, 1}
+        assert set(of[split.validation]) == {2}
+        assert set(truth.sample_state[split.train]) == {0, 1}
+        assert set(truth.sample_state[split.validation]) == {2}
+        assert set(split_by_shape(truth, 3).validation) == set(np.flatnonzero(truth.usable & (of == 2)))

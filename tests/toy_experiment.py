@@ -99,6 +99,23 @@ colliders = [{ name = "disc", keyframes = [
 """
 
 
+def write_library_experiment(folder: Path) -> Path:
+    """The block again, learning from two shapes of the library for a scene with another."""
+    experiment = write_experiment(folder, 3)
+    text = experiment.read_text()
+    start, end = text.index("[[colliders]]"), text.index("[[scenes]]")
+    shapes = "[library]\nsize = 0.02\nresolution = 12\nshapes = ['ball', 'cushion', 'pear', 'torus']\n"
+    text = text[:start] + shapes + text[end:]
+    recorded, held_out = text.split('name = "held_out"')
+    held_out = held_out.replace('"ball"', '"torus"').replace("0.075]", "0.062]")
+    text = recorded + 'name = "held_out"' + held_out
+    before, rest = text.split('[[training.models]]\nname = "thesis5"')
+    text = before + rest[rest.index("[[training.models]]") :]
+    text = text.replace("places = 3", "places = 2\ntest_places = 1")
+    experiment.write_text(text)
+    return experiment
+
+
 def write_experiment(folder: Path, dim: int) -> Path:
     """A block of a few hundred cells, and a ball read from an STL file (3D) or a disc (2D)."""
     if dim == 3:

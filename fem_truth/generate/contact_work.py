@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,14 +34,13 @@ _UNREACHED = "An earlier depth of the same contact did not converge, so there wa
 class ContactWork:
     """Everything that the contacts of a plan share.
 
-    rows: (n_states, n_rows, dim) and internal: (n_states, n_nodes, dim) internal equilibria [m] of the
-    states; places: (n_states, n_places) mesh nodes; rotations: (n_rotations, dim, dim); depths: how many a contact, up
-    to max_depth [m], with noise as a share of their step.
+    colliders: those of the plan, made by the first call for each; rows: (n_states, n_rows, dim) and internal:
+    (n_states, n_nodes, dim) internal equilibria [m] of the states; places: (n_states, n_places) mesh nodes; rotations:
+    (n_rotations, dim, dim); depths: how many a contact, up to max_depth [m], with noise as a share of their step.
     """
 
     problem: ConstrainedProblem
-    collider: Collider
-    collider_index: int
+    colliders: Sequence[Callable[[], Collider]]
     plan: ContactPlan
     rows: Array
     internal: Array
@@ -62,7 +62,7 @@ class ContactWork:
         )
         path = ContactPath(
             self.problem,
-            self.collider,
+            approach.collider,
             self.rows[contact.state],
             self.internal[contact.state],
             approach,
@@ -88,9 +88,9 @@ class ContactWork:
         aimed = int(np.searchsorted(mesh.surface_nodes, place))
         # Turned as a whole for each state and place: as well spread there, and no two places see the same rotations.
         turn = random_rotation(mesh.dim, self.plan.rng_of_place(TURN_STREAM, contact))
-        return Approach(
-            self.collider, surface, surface[aimed], normals[aimed], self.rotations[contact.rotation] @ turn
-        )
+        rotation = self.rotations[contact.rotation] @ turn
+        collider = self.colliders[contact.collider]()
+        return Approach(collider, surface, surface[aimed], normals[aimed], rotation)
 
     def _sideways(self, contact: PlannedContact, approach: Approach) -> Array:
         """A unit vector along the surface at the place, drawn for this contact alone."""
@@ -115,7 +115,7 @@ class ContactWork:
         contacts = {
             "unit": [contact.unit],
             "state": [contact.state],
-            "collider": [self.collider_index],
+            "collider": [contact.collider],
             "place": [self.places[contact.state, contact.place]],
             "rotation_index": [contact.rotation],
             "rotation": [approach.rotation],

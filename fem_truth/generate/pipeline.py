@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,8 @@ from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
 from runtime.errors import SoftprintError
+from runtime.experiment.experiment import LIBRARY
+from runtime.shapes import names as shape_names
 from runtime.truth_file import TruthHeader, load_truth, side_file, write_side_file
 
 if TYPE_CHECKING:
@@ -89,6 +92,7 @@ def generate(
         problem = _problem(groups, experiment, body)
         states, refused = find_states(groups, folder, experiment, problem)
         work = _contact_work(comm, experiment, problem, states)
+        names = experiment.sampled_colliders
 
         pending = on_first_rank(
             comm, lambda: [unit for unit in range(len(work.plan)) if not is_whole(_shard(folder, unit))]
@@ -110,7 +114,9 @@ def generate(
 
         def finish() -> int:
             return (
-                _write_truth(truth, folder, body, work, states, refused, made_from, experiment.text)
+                _write_truth(
+                    truth, folder, body, work.plan, names, states, refused, made_from, experiment.text
+                )
                 - n_before
             )
 
@@ -122,24 +128,25 @@ def _write_truth(
     truth: Path,
     folder: Path,
     body: ReducedBody,
-    work: ContactWork,
+    plan: ContactPlan,
+    colliders: tuple[str, ...],
     states: Columns,
     refused: Columns,
     made_from: dict[str, str],
     text: str,
 ) -> int:
     """Merge all finished contacts and return their number; the shards go when none is missing."""
-    finished = [unit for unit in range(len(work.plan)) if _shard(folder, unit).exists()]
+    finished = [unit for unit in range(len(plan)) if _shard(folder, unit).exists()]
     header = TruthHeader(
         body_hash=body.content_hash,
         experiment=text,
-        seed=work.plan.seed,
-        colliders=(work.collider.name,),
-        planned_contacts=len(work.plan),
+        seed=plan.seed,
+        colliders=colliders,
+        planned_contacts=len(plan),
         made_from=made_from,
     )
     merge_shards(truth, header, body, states, refused, (_shard(folder, unit) for unit in finished))
-    if len(finished) == len(work.plan):
+    if len(finished) == len(plan):
         shutil.rmtree(folder)
     return len(finished)
 
@@ -188,17 +195,18 @@ def _contact_work(
     comm: MPI.Intracomm, experiment: Experiment, problem: ConstrainedProblem, states: Columns
 ) -> ContactWork:
     sampling, seed, body = experiment.sampling, experiment.seed, problem.body
-    collider = build_collider(experiment.collider(sampling.collider), experiment.base_dir)
-    places = on_first_rank(comm, lambda: _places(body, collider, experiment, len(states["rows"])))
+    names = experiment.sampled_colliders
+    counts = tuple(_places_of(experiment, name) for name in names)
+    places = on_first_rank(comm, lambda: _places(body, experiment, max(counts), len(states["rows"])))
     rotations = spread_rotations(
         body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM])
     )
     reduced = np.stack([body.reduced_positions(rows) for rows in states["rows"]])
+    turns = len(rotations) if len(names) == 1 else 1
     return ContactWork(
         problem=problem,
-        collider=collider,
-        collider_index=0,
-        plan=ContactPlan(len(reduced), places.shape[1], len(rotations), sampling.repeat_share, seed),
+        colliders=[cache(partial(sampled_collider, experiment, name)) for name in names],
+        plan=ContactPlan(len(reduced), counts, len(rotations), turns, sampling.repeat_share, seed),
         rows=states["rows"],
         internal=reduced + states["internal"],
         places=places,
@@ -214,14 +222,29 @@ def _contact_work(
     )
 
 
-def _places(body: ReducedBody, collider: Collider, experiment: Experiment, n_states: int) -> IntArray:
+def sampled_collider(experiment: Experiment, name: str) -> Collider:
+    """One of the colliders that the truth is made with. Raises SoftprintError where it has no bounds."""
+    collider = build_collider(experiment.collider(name), experiment.base_dir)
     if not np.isfinite(collider.upper - collider.lower).all():
         raise SoftprintError(
-            f"sampling.collider = {collider.name!r} has no bounds: a contact needs a collider that can come "
+            f"sampling.collider = {name!r} has no bounds: a contact needs a collider that can come "
             "from outside; take a box, a cylinder or a mesh"
         )
+    return collider
+
+
+def _places_of(experiment: Experiment, name: str) -> int:
+    """How many contact places a collider meets."""
     sampling = experiment.sampling
-    return places_by_state(body, sampling.places, n_states, sampling.frame_clearance * collider.size)
+    testing = sampling.collider == LIBRARY and name in shape_names("test")
+    return sampling.test_places or sampling.places if testing else sampling.places
+
+
+def _places(body: ReducedBody, experiment: Experiment, count: int, n_states: int) -> IntArray:
+    sampling = experiment.sampling
+    # Shapes of a library are all of one size.
+    size = sampled_collider(experiment, experiment.sampled_colliders[0]).size
+    return places_by_state(body, count, n_states, sampling.frame_clearance * size)
 
 
 @contextmanager

@@ -28,17 +28,19 @@ _ABSENT = "(absent)"
 def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
     """Everything that decides the truth of an experiment, flat: {"sampling.max_depth": "0.012", ...}."""
     content = experiment.model_dump(mode="json")
-    collider = experiment.collider(experiment.sampling.collider)
     deciding = {key: content[key] for key in ("body", "contact", "dynamics", "sampling")}
     deciding["colliders"] = {spec["name"]: spec for spec in content["colliders"]}
+    if content["library"] is not None:
+        deciding["library"] = content["library"]
     deciding["scenes"] = {scene["name"]: scene for scene in content["scenes"] if scene["role"] == "record"}
     deciding["experiment"] = {"seed": content["experiment"]["seed"]}
     flat = dict(_flatten(deciding, ""))
     flat["truth version"] = str(VERSION)
     flat["body hash"] = body.content_hash
-    file = getattr(collider, "file", None)
-    if file is not None:
-        flat["collider file hash"] = hashlib.sha256((experiment.base_dir / file).read_bytes()).hexdigest()
+    for name in experiment.sampled_colliders:
+        file = getattr(experiment.collider(name), "file", None)
+        if file is not None:
+            flat["collider file hash"] = hashlib.sha256((experiment.base_dir / file).read_bytes()).hexdigest()
     return flat
 
 

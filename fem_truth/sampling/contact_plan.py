@@ -1,17 +1,19 @@
-"""The plan: every contact (state, place, rotation), in an order of which any first part is useful.
+"""The plan: every contact (state, collider, place, rotation), in an order of which any first part is useful.
 
-    for k in rotations, p in places, s in states:   contact (s, p, (a p + b s + k) mod n_rotations)
+    for k in turns, p in places, c in colliders, s in states:
+        contact (s, c, place p + d c mod n_places, rotation a p + b s + a b c + k mod n_rotations)
 
-a Latin arrangement: every run of n_states contacts has each state once; every run of n_states * n_places has
-each (state, place) once, with all rotations spread evenly over them (a, b coprime to n_rotations where it can
-be). Places and rotations are in farthest-point order themselves, so a part of the first run is spread as well
-as it can be.
+a Latin arrangement: every run of n_states contacts has each state once; every run of n_states * n_places contacts of
+a collider has each (state, place) once, with all rotations spread evenly over them (a, b coprime to n_rotations where
+it can be). Places and rotations are in farthest-point order themselves, so a part of the first run is spread as well
+as it can be; colliders begin at different places. A collider may have fewer places than others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from math import gcd
 
 import numpy as np
@@ -25,11 +27,12 @@ _GOLDEN = 0.5 * (5**0.5 - 1)
 
 @dataclass(frozen=True)
 class PlannedContact:
-    """One contact; unit: its number in the order of work; place: index into the places; repeated: solved
-    twice."""
+    """One contact; unit: its number in the order of work; collider: index into the colliders; place: index into the
+    places; repeated: solved twice."""
 
     unit: int
     state: int
+    collider: int
     place: int
     rotation: int
     repeated: bool
@@ -37,17 +40,35 @@ class PlannedContact:
 
 @dataclass(frozen=True)
 class ContactPlan:
-    """All contacts of an experiment. repeat_share: share of contacts solved twice, one drawn from each
-    block."""
+    """All contacts of an experiment.
+
+    places: of each collider, how many places it meets; turns: how often it meets each, with another rotation every
+    time; repeat_share: share of contacts solved twice, one drawn from each block.
+    """
 
     n_states: int
-    n_places: int
+    places: tuple[int, ...]
     n_rotations: int
+    turns: int
     repeat_share: float
     seed: int
 
+    @property
+    def n_places(self) -> int:
+        return max(self.places)
+
+    @cached_property
+    def _meetings(self) -> list[tuple[int, int]]:
+        """(place, collider) of one turn, in the order of work."""
+        return [
+            (place, collider)
+            for place in range(self.n_places)
+            for collider, count in enumerate(self.places)
+            if place < count
+        ]
+
     def __len__(self) -> int:
-        return self.n_states * self.n_places * self.n_rotations
+        return self.n_states * len(self._meetings) * self.turns
 
     def __iter__(self) -> Iterator[PlannedContact]:
         return (self[unit] for unit in range(len(self)))
@@ -56,18 +77,26 @@ class ContactPlan:
         if not 0 <= unit < len(self):
             raise IndexError(unit)
         rest, state = divmod(unit, self.n_states)
-        turn, place = divmod(rest, self.n_places)
+        turn, meeting = divmod(rest, len(self._meetings))
+        place, collider = self._meetings[meeting]
         stride = _coprime_stride(self.n_rotations)
-        rotation = (stride * place + stride**2 * state + turn) % self.n_rotations
-        return PlannedContact(unit, state, place, rotation, self._repeated(unit))
+        rotation = (stride * place + stride**2 * state + stride**3 * collider + turn) % self.n_rotations
+        place = (place + _coprime_stride(self.n_places) * collider) % self.n_places
+        return PlannedContact(unit, state, collider, place, rotation, self._repeated(unit))
 
     def rng(self, stream: int, contact: PlannedContact) -> np.random.Generator:
         """The generator of one contact: the same whichever rank solves it, and in whatever order."""
-        return np.random.default_rng([self.seed, stream, contact.state, contact.place, contact.rotation])
+        return np.random.default_rng(
+            [self.seed, stream, self._setting(contact), contact.place, contact.rotation]
+        )
 
     def rng_of_place(self, stream: int, contact: PlannedContact) -> np.random.Generator:
-        """The generator of all contacts at one place of one state."""
-        return np.random.default_rng([self.seed, stream, contact.state, contact.place])
+        """The generator of all contacts of a collider at one place of one state."""
+        return np.random.default_rng([self.seed, stream, self._setting(contact), contact.place])
+
+    def _setting(self, contact: PlannedContact) -> int:
+        """A number for each pair of state and collider."""
+        return contact.state + self.n_states * contact.collider
 
     def _repeated(self, unit: int) -> bool:
         if self.repeat_share <= 0.0:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 KIND, VERSION = "correction", 3
 REMEDY = "train it again"
+ANY_COLLIDER = "any"  # as the collider of a correction that was learned for all of them
 FIELD, LOADS = "field", "loads"  # forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`
 
 
@@ -98,7 +99,7 @@ def read_header(path: Path) -> CorrectionHeader:
 
 
 def load_correction(path: Path, body: ReducedBody, collider: Collider) -> ContactCentric | ElasticContact:
-    """The correction of a file, for the body and the collider that it was trained for.
+    """The correction of a file on a collider, the one that it was trained for if it is not for any.
 
     Raises SoftprintError as :func:`read_header` does, and where body or collider are not those of the file.
     """
@@ -108,7 +109,7 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> Contac
             f"{path}: was trained for another body (hash {header.body_hash[:12]}) than {body.name!r} "
             f"({body.content_hash[:12]}): train it again for this body"
         )
-    if header.collider != collider.name:
+    if header.collider not in (ANY_COLLIDER, collider.name):
         raise SoftprintError(
             f"{path}: was trained for the collider {header.collider!r}, not for {collider.name!r}"
         )

@@ -114,18 +114,21 @@ def corrected_model(
             f"there is no model {name!r}: looked for {path}. Known here: {known}; `softprint train` makes "
             f"corrections; of installed packages come: {', '.join(_announced()) or 'no others'}"
         )
-    trained_for = experiment.training.collider
-    for placed in parts.colliders:
-        if placed.name == trained_for:
-            # Imported here, with torch, which takes a second that the other models need not wait.
-            from runtime.corrections.correction_file import load_correction
+    # Imported here, with torch, which takes a second that the other models need not wait.
+    from runtime.corrections.correction_file import ANY_COLLIDER, load_correction, read_header
 
-            correction = load_correction(path, body, placed.collider)
-            return ReducedModel(scene_simulator(body, parts, [correction]), parts.held)
-    raise SoftprintError(
-        f"scene {scene.name!r} has no collider {trained_for!r}, for which {path.name} was trained: "
-        f"play it with the model {BARE!r}"
-    )
+    trained_for = read_header(path).collider
+    corrections = [
+        load_correction(path, body, placed.collider)
+        for placed in parts.colliders
+        if trained_for in (ANY_COLLIDER, placed.name)
+    ]
+    if not corrections:
+        raise SoftprintError(
+            f"scene {scene.name!r} has no collider {trained_for!r}, for which {path.name} was trained: "
+            f"play it with the model {BARE!r}"
+        )
+    return ReducedModel(scene_simulator(body, parts, corrections), parts.held)
 
 
 def _announced() -> list[str]:

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from runtime.errors import SoftprintError
+from runtime.experiment.section import Positive, Section
 from runtime.shapes import find_shape
 
 Vector = list[float]
@@ -135,6 +136,22 @@ class LibrarySpec(_ColliderSpec):
     @property
     def entry_name(self) -> str:
         return self.entry or self.name
+
+
+class LibraryTable(Section):
+    """`[library]`: makes every shape of the library a collider of the experiment, called by the shape's name."""
+
+    size: Positive = Field(description="half of the largest extent of every shape [m]")
+    shapes: tuple[str, ...] = Field(
+        (), description="the truth is made with these only; with all if there are none"
+    )
+    resolution: Annotated[int, Field(ge=8, le=256)] = Field(
+        48, description="grid cells along the longest side of a shape"
+    )
+
+    def spec(self, name: str) -> LibrarySpec:
+        """The shape of that name as a collider."""
+        return LibrarySpec(shape="library", name=name, size=self.size, resolution=self.resolution)
 
 
 class UnionSpec(_ColliderSpec):

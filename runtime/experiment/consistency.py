@@ -6,10 +6,12 @@ import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from runtime.experiment.experiment import Experiment
+from runtime.experiment.experiment import LIBRARY, Experiment
 from runtime.experiment.problems import Problem
 from runtime.experiment.scene_schema import KeyframeSpec, KinematicEntry, KinematicSpec, SceneSpec
+from runtime.shapes import SHAPES
 
+_NAMED = 12  # how many names a refusal lists at most
 _POINTS_DO_NOT_TURN = "a point handle has no rotation, only frames have"
 
 
@@ -61,6 +63,11 @@ def _body(experiment: Experiment) -> Iterator[Problem]:
 
 
 def _colliders(experiment: Experiment) -> Iterator[Problem]:
+    if experiment.library is not None and experiment.dim == 2:
+        yield Problem("library", "holds solids", "an experiment in the plane names its own [[colliders]]")
+    if experiment.library is not None:
+        for number, name in enumerate(experiment.library.shapes):
+            yield from _known(f"library.shapes[{number}]", name, list(SHAPES), "shape of the library")
     for number, spec in enumerate(experiment.colliders):
         if not spec.name:
             yield Problem(
@@ -84,7 +91,7 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
 
 
 def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
-    names = [spec.name for spec in experiment.colliders]
+    names = experiment.collider_names
     for spec in experiment.colliders:
         if spec.name == experiment.sampling.collider and spec.shape == "plane":
             yield Problem(
@@ -97,13 +104,28 @@ def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
         ("sampling.collider", experiment.sampling.collider),
         ("training.collider", experiment.training.collider),
     ):
-        if name:
+        if name and not (name == LIBRARY and experiment.library is not None):
             yield from _known(key, name, names, "collider")
+    if experiment.training.collider == LIBRARY != experiment.sampling.collider:
+        yield Problem(
+            "training.collider",
+            "is the library, but the truth is made with one collider",
+            'set sampling.collider = "library" too',
+        )
+    if experiment.training.collider == LIBRARY:
+        for number, model in enumerate(experiment.training.models):
+            if model.form == "field":
+                yield Problem(
+                    f"training.models[{number}].form",
+                    "is the displacement field of one collider, but training is for any",
+                    'take form = "loads"',
+                    model.form,
+                )
 
 
 def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Problem]:
     here = f"scenes[{number}]"
-    names = [spec.name for spec in experiment.colliders]
+    names = experiment.collider_names
     yield from _kinematic(experiment, f"{here}.kinematic", scene.kinematic)
     for index, collider in enumerate(scene.colliders):
         yield from _known(f"{here}.colliders[{index}].name", collider.name, names, "collider")
@@ -192,7 +214,8 @@ def _vector(experiment: Experiment, key: str, vector: Iterable[float]) -> Iterat
 def _known(key: str, name: str, names: list[str], noun: str) -> Iterator[Problem]:
     if name not in names:
         near = difflib.get_close_matches(name, names, n=1)
-        remedy = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(names) or 'none'}"
+        few = ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
+        remedy = f"did you mean '{near[0]}'?" if near else f"known: {few or 'none'}"
         yield Problem(key, f"is not the name of a {noun}", remedy, name)
 
 

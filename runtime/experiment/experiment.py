@@ -7,13 +7,16 @@ from pathlib import Path
 from pydantic import Field, PrivateAttr
 
 from runtime.experiment.body_schema import BodySpec
-from runtime.experiment.colliders_schema import ColliderSpec
+from runtime.experiment.colliders_schema import ColliderSpec, LibraryTable
 from runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
 from runtime.experiment.report_schema import ReportSpec
 from runtime.experiment.sampling_schema import SamplingSpec
 from runtime.experiment.scene_schema import SceneSpec
 from runtime.experiment.section import Name, Section
 from runtime.experiment.training_schema import TrainingSpec
+from runtime.shapes import SHAPES
+
+LIBRARY = "library"  # as the collider of sampling and training: all shapes of the library
 
 
 class ExperimentSpec(Section):
@@ -29,6 +32,7 @@ class Experiment(Section):
     experiment: ExperimentSpec
     body: BodySpec
     colliders: tuple[ColliderSpec, ...] = ()
+    library: LibraryTable | None = None
     contact: ContactSpec = ContactSpec()
     dynamics: DynamicsSpec
     sampling: SamplingSpec = SamplingSpec()
@@ -67,12 +71,28 @@ class Experiment(Section):
         """The text of the file with the overrides as comments below, for the metadata of what comes of it."""
         return self._text
 
+    @property
+    def collider_names(self) -> list[str]:
+        """All that `collider` knows: those of the file, and the library's where there is a [library] table."""
+        own = [spec.name for spec in self.colliders]
+        return own if self.library is None else [*own, *(name for name in SHAPES if name not in own)]
+
     def collider(self, name: str) -> ColliderSpec:
         """The collider of that name; KeyError if there is none."""
         for spec in self.colliders:
             if spec.name == name:
                 return spec
+        if self.library is not None and name in SHAPES:
+            return self.library.spec(name)
         raise KeyError(name)
+
+    @property
+    def sampled_colliders(self) -> tuple[str, ...]:
+        """The colliders that the truth is made with: one, or all shapes of the library."""
+        chosen = self.sampling.collider
+        if chosen == LIBRARY and self.library is not None:
+            return self.library.shapes or tuple(SHAPES)
+        return (chosen,)
 
     def scenes_of_role(self, role: str) -> tuple[SceneSpec, ...]:
         """The scenes of one role, `record` or `test`, in the order of the file."""

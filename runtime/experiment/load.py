@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from runtime.errors import SoftprintError
 from runtime.experiment.consistency import inconsistencies
-from runtime.experiment.experiment import Experiment
+from runtime.experiment.experiment import LIBRARY, Experiment
 from runtime.experiment.overrides import apply_override
 from runtime.experiment.problems import problems_of, raise_problems
 
@@ -57,11 +57,14 @@ def _text(path: Path) -> str:
 
 
 def _name_the_only_collider(data: dict[str, Any]) -> None:
-    """`[sampling]` and `[training]` need not name a collider where the file has just one."""
+    """`[sampling]` and `[training]` need not name a collider where the file has a library, or just one."""
     colliders = data.get("colliders")
-    if not (isinstance(colliders, list) and len(colliders) == 1 and isinstance(colliders[0], dict)):
+    if "library" in data:
+        name: object = LIBRARY
+    elif isinstance(colliders, list) and len(colliders) == 1 and isinstance(colliders[0], dict):
+        name = colliders[0].get("name")
+    else:
         return
-    name = colliders[0].get("name")
     for section in ("sampling", "training"):
         table = data.setdefault(section, {})
         if isinstance(table, dict) and isinstance(name, str):

@@ -20,9 +20,16 @@ class SolverSpec(Section):
 class SamplingSpec(Section):
     """`[sampling]`: states x places x rotations contacts, each pressed in along `depths` depths."""
 
-    collider: str = Field("", description="name of the collider; may be left out where there is only one")
+    collider: str = Field(
+        "",
+        description='name of the collider, or "library" for all its shapes, each of which then meets a place once; '
+        "may be left out where there is no choice",
+    )
     states: Count = Field(5, description="states of the body, chosen from the scenes of role `record`")
     places: Count = Field(64, description="contact places, spread over the surface")
+    test_places: Count | None = Field(
+        None, description="library: contact places of the testing shapes; as many as `places` if absent"
+    )
     rotations: Count = Field(30, description="rotations of the collider, spread over SO(dim)")
     depths: Count = Field(5, description="depths of one contact, shallow to deep")
     max_depth: Positive = Field(0.01, description="deepest penetration of the rigid collider [m]")

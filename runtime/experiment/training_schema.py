@@ -73,7 +73,11 @@ class FieldTrainingSpec(Section):
 class TrainingSpec(Section):
     """`[training]`: settings of all models; what `[training.field]` has too is for models of form loads."""
 
-    collider: str = Field("", description="name of the collider; may be left out where there is only one")
+    collider: str = Field(
+        "",
+        description='name of the collider, or "library": from its training shapes, for any collider; may be left out '
+        "where there is no choice",
+    )
     steps: Count = Field(2500, description="optimiser steps for each model of form loads")
     batch: Count = Field(32, description="samples of one optimiser step")
     learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")

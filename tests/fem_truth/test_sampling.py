@@ -201,7 +201,7 @@ def test_a_depth_beyond_the_collider_is_out_of_reach() -> None:
 
 
 def test_plan_is_a_permutation_with_balanced_prefixes() -> None:
-    plan = ContactPlan(n_states=3, n_places=8, n_rotations=5, repeat_share=0.1, seed=1)
+    plan = ContactPlan(n_states=3, places=(8,), n_rotations=5, turns=5, repeat_share=0.1, seed=1)
     contacts = list(plan)
     assert len({(c.state, c.place, c.rotation) for c in contacts}) == len(plan) == 120
     first = contacts[: 3 * 8]
@@ -211,8 +211,23 @@ def test_plan_is_a_permutation_with_balanced_prefixes() -> None:
     assert sum(c.repeated for c in contacts) == 12
 
 
+def test_colliders_share_the_plan_and_begin_at_different_places() -> None:
+    plan = ContactPlan(n_states=2, places=(5, 5, 3), n_rotations=4, turns=1, repeat_share=0.0, seed=1)
+    contacts = list(plan)
+    assert len(contacts) == len(plan) == 2 * (5 + 5 + 3)
+    met = {number: {c.place for c in contacts if (c.collider, c.state) == (number, 1)} for number in range(3)}
+    assert [len(places) for places in met.values()] == [5, 5, 3]
+    # Any first part is useful: all colliders and states come before a second place of any.
+    assert len({(c.collider, c.state) for c in contacts[:6]}) == 6
+    assert len({c.place for c in contacts[:6:2]}) == 3
+    # The one collider of other plans has the numbers that it always had.
+    alone = ContactPlan(2, (5,), 4, 4, 0.0, seed=1)
+    drawn = [p.rng(2, c).random() for p, c in ((plan, contacts[0]), (alone, alone[0]))]
+    assert drawn[0] == drawn[1] != plan.rng(2, contacts[2]).random()
+
+
 def test_a_contact_draws_the_same_numbers_whatever_was_drawn_before() -> None:
-    plan = ContactPlan(2, 3, 4, 0.0, seed=9)
+    plan = ContactPlan(2, (3,), 4, 4, 0.0, seed=9)
     alone = plan.rng(2, plan[17]).random(3)
     for contact in plan:
         drawn = plan.rng(2, contact).random(3)

@@ -64,7 +64,7 @@ def test_examples_are_read(path):
     experiment = load_experiment(path)
     assert experiment.name == path.stem
     assert {scene.role for scene in experiment.scenes} == {"record", "test"}
-    assert experiment.sampling.collider == experiment.colliders[0].name
+    assert set(experiment.sampled_colliders) <= set(experiment.collider_names)
 
 
 def test_values_and_defaults(file):
@@ -235,3 +235,33 @@ def test_defaults_are_told_as_toml():
     defaults = [kind.split("default ")[1] for kind in kinds.values() if "default " in kind]
     for default in defaults:
         tomllib.loads(f"key = {default}")
+
+
+def test_a_library_makes_colliders_of_all_its_shapes(file):
+    experiment = load_experiment(file, ["library.size=0.03", "scenes.press.colliders.ball.name='torus'"])
+    assert experiment.sampling.collider == experiment.training.collider == "library"
+    assert len(experiment.sampled_colliders) == 52
+    torus = experiment.collider("torus")
+    assert (torus.shape, torus.size, torus.resolution) == ("library", 0.03, 48)
+    # A collider of the file goes before a shape of the same name.
+    assert experiment.collider("ball").shape == "sphere"
+    few = load_experiment(file, ["library={size=0.03, shapes=['gyroid', 'mug']}"])
+    assert few.sampled_colliders == ("gyroid", "mug")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["library.size=0.03", "library.shapes=['torsu']"], ["[library.shapes[0]]", "did you mean 'torus'"]),
+        (["library.size=-1.0"], ["[library.size]", "greater than 0"]),
+        (["library.size=0.1", "sampling.collider='ball'"], ["[training.collider]", "sampling.collider"]),
+        (["training.collider='library'"], ["[training.collider]", "not the name of a collider"]),
+        (
+            ["library.size=0.1", "training.models=[{name='one', form='field'}]"],
+            ["training.models[0].form]", "one collider"],
+        ),
+    ],
+)
+def test_a_library_that_does_not_fit_is_refused(file, overrides, words):
+    message = complaint(file, *overrides)
+    assert all(word in message for word in words), message

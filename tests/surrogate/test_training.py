@@ -20,8 +20,9 @@ from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData, TruthHeader, create_truth, load_truth
 from runtime.truth_schema import TABLES
 from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
-from surrogate.dataset import PoolSize, load_dataset, split_by_state
+from surrogate.dataset import PoolSize, load_dataset
 from surrogate.load_task import LoadMetric, LoadTask, load_load_data
+from surrogate.splits import split_by_state
 from surrogate.tasks import FieldTask, InputGains
 from surrogate.train import TrainingSettings, train
 
