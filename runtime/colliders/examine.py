@@ -38,8 +38,8 @@ def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
 
     Raises SoftprintError where neither can be.
     """
-    if not np.isfinite(vertices).all():
-        repair.closed_surface(vertices, triangles, source)  # which says how many
+    if not np.isfinite(vertices).all() or len(triangles) == 0:
+        repair.closed_surface(vertices, triangles, source)  # which says so
     found = _found(vertices, triangles)
     with _told(source) as done:
         try:
@@ -81,10 +81,8 @@ def _found(vertices: Array, triangles: IntArray) -> dict[str, Any]:
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     merged, joined = repair.merge(vertices, triangles, diagonal, "the mesh")
     area = np.linalg.norm(np.cross(*(merged[joined[:, k]] - merged[joined[:, 0]] for k in (1, 2))), axis=1)
-    distinct = len(np.unique(np.sort(joined, axis=1), axis=0))
+    distinct = len(np.unique(repair.corner_codes(joined)))
     _, counts = repair.edge_counts(joined)
-    directed = joined[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    same_way = len(directed) - len(np.unique(directed, axis=0))
     return {
         "vertices in the file": len(vertices),
         "vertices, merged": len(np.unique(joined)),
@@ -94,7 +92,7 @@ def _found(vertices: Array, triangles: IntArray) -> dict[str, Any]:
         "degenerate triangles": int((area <= repair.DEGENERATE_HEIGHT * diagonal**2).sum()),
         "open edges": int((counts == 1).sum()),
         "edges of more than two triangles": int((counts > 2).sum()),
-        "edges whose triangles face opposite ways": same_way,
+        "edges whose triangles face opposite ways": repair.repeated_directions(joined),
         "extent": [float(length) for length in np.ptp(vertices, axis=0)],
     }
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.colliders.grid import GridCollider
-from runtime.colliders.mesh_collider import mesh_collider
+from runtime.colliders.mesh_collider import surface_collider
 from runtime.errors import SoftprintError
 from runtime.shapes import Shape, find_shape
 
@@ -38,7 +38,7 @@ def library_collider(entry: str, size: float, resolution: int = 48, name: str | 
     vertices, triangles = library_surface(entry, size)
     called = name or entry
     if not shape.exact:
-        return mesh_collider(vertices, triangles, resolution, called, source=f"library shape '{entry}'")
+        return surface_collider(vertices, triangles, resolution, called)
     _, _, centre, half = _unit_surface(shape)
     scale = size / half
     return GridCollider(
@@ -55,10 +55,10 @@ def _unit_surface(shape: Shape) -> tuple[Array, IntArray, Array, float]:
     return (vertices - centre) / half, triangles, centre, half
 
 
-def zero_level(shape: Shape) -> tuple[Array, IntArray]:
-    """The surface of a shape in its own units."""
+def zero_level(shape: Shape, cells: int = CELLS) -> tuple[Array, IntArray]:
+    """The surface of a shape in its own units, by a grid of so many cells along its longest side."""
     reach = np.array(shape.reach, dtype=float)
-    spacing = 2 * reach.max() / CELLS
+    spacing = 2 * reach.max() / cells
     nodes = 2 * np.ceil(reach / spacing).astype(int) + 6
     # Off the planes of symmetry: there many fields are zero on whole faces of the grid.
     origin = -0.5 * (nodes - 1) * spacing + spacing * np.array([0.137, 0.291, 0.213])

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
-import igl
 import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.colliders.grid import GridCollider
-from runtime.colliders.repair import closed_surface
+from runtime.colliders.mesh_distance import MeshDistance
+from runtime.colliders.rebuild import misplaced
+from runtime.colliders.repair import OR_REBUILD, closed_surface
 from runtime.errors import SoftprintError
 from runtime.memory import memory_bound
 
+log = logging.getLogger(__name__)
+
+# Colliders of reason, in metres: one that is larger or smaller is more likely to be in another unit.
+SMALLEST, LARGEST = 1e-4, 10.0
 SUFFIXES = (".stl", ".obj", ".ply")
 _OPTIONS: dict[str, dict[str, bool]] = {".obj": {"skip_materials": True}}
 
@@ -45,17 +51,28 @@ def read_surface(path: Path) -> tuple[Array, IntArray]:
 def mesh_collider(
     vertices: Array, triangles: IntArray, resolution: int = 48, name: str = "mesh", source: str | None = None
 ) -> GridCollider:
-    """The smooth signed distance of a closed surface [m]; repaired or refused as in `repair.py`.
+    """The smooth signed distance of a surface [m], repaired as in `repair.py`.
 
-    Exact distances come from libigl, signed by pseudonormals (Baerentzen and Aanaes 2005).
+    Raises SoftprintError for what that refuses, and where parts of the surface overlap: a distance from faces that are
+    buried in the solid is zero where there is nothing to touch.
     """
-    vertices, triangles = closed_surface(vertices, triangles, source or f"collider '{name}'")
+    called = source or f"collider '{name}'"
+    vertices, triangles = closed_surface(vertices, triangles, called)
+    buried = int(misplaced(vertices, triangles).sum())
+    if buried:
+        raise SoftprintError(
+            f"{called}: {buried} of its {len(triangles)} faces lie within the solid or pass through others; "
+            f"join its solids in a modeller, {OR_REBUILD}"
+        )
+    return surface_collider(vertices, triangles, resolution, name)
 
-    def exact(points: Array) -> Array:
-        method = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
-        return np.asarray(igl.signed_distance(points, vertices, triangles, sign_type=method)[0]).reshape(-1)
 
-    return GridCollider(exact, vertices, triangles, resolution, name)
+def surface_collider(
+    vertices: Array, triangles: IntArray, resolution: int = 48, name: str = "mesh"
+) -> GridCollider:
+    """`mesh_collider` of a surface that is known to be closed, to face outward and not to pass through itself."""
+    exact = MeshDistance(vertices, triangles)
+    return GridCollider(exact, vertices, triangles, resolution, name, exact.on_grid)
 
 
 def load_mesh_collider(
@@ -63,4 +80,14 @@ def load_mesh_collider(
 ) -> GridCollider:
     """`mesh_collider` of a file whose unit is `scale` metres."""
     vertices, triangles = read_surface(path)
-    return mesh_collider(scale * vertices, triangles, resolution, name, source=str(path))
+    collider = mesh_collider(scale * vertices, triangles, resolution, name, source=str(path))
+    if hint := unit_hint(2.0 * collider.size):
+        log.warning("%s: a collider of %.3g m; %s", path, 2.0 * collider.size, hint)
+    return collider
+
+
+def unit_hint(extent: float) -> str:
+    """What may be wrong with a collider of this largest extent [m]; empty if nothing is."""
+    if extent >= LARGEST:
+        return "if the file is in millimetres, its scale is 0.001"
+    return "" if extent > SMALLEST else "is its scale the length in metres of one unit of the file?"

@@ -42,14 +42,13 @@ def misplaced(vertices: Array, triangles: IntArray) -> BoolArray:
 
     None of a closed surface that faces outward and nowhere passes through itself; overlaps bury some.
     """
+    vertices = _scaled(vertices)[0]
     corners = vertices[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    step = _BESIDE * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normal
     middle = corners.mean(axis=1)
-    before, behind = (
-        np.asarray(igl.fast_winding_number(vertices, triangles, middle + side * step)) for side in (1, -1)
-    )
+    beside = np.vstack([middle + _BESIDE * normal, middle - _BESIDE * normal])
+    before, behind = np.asarray(igl.fast_winding_number(vertices, triangles, beside)).reshape(2, -1)
     return np.asarray((np.abs(before) > 0.5) | (np.abs(behind - 1.0) > 0.5))
 
 
@@ -58,10 +57,11 @@ def rebuilt_surface(vertices: Array, triangles: IntArray, source: str, cells: in
 
     Raises SoftprintError where they enclose nothing for certain.
     """
-    lower, extent = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    vertices, origin, unit = _scaled(vertices)
+    extent = vertices.max(axis=0)
     spacing = float(extent.max()) / cells
     nodes = np.ceil(extent / spacing).astype(int) + 5
-    axes = [low + spacing * (np.arange(n) - 2.0 + 0.137) for low, n in zip(lower, nodes)]
+    axes = [spacing * (np.arange(n) - 2.0 + 0.137) for n in nodes]
     z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])  # x runs fastest, as marching cubes wants it
     winding = np.asarray(igl.fast_winding_number(vertices, triangles, points))
@@ -90,7 +90,15 @@ def rebuilt_surface(vertices: Array, triangles: IntArray, source: str, cells: in
     near = np.abs(signed) < 0.02 * spacing  # nodes off the surface, so that triangles keep some area
     signed[near] = np.where(signed[near] < 0, -0.02, 0.02) * spacing
     surface, facets, _ = igl.marching_cubes(signed, points, *(int(n) for n in nodes), 0.0)
-    return Rebuilt(*_outward(surface, facets), spacing, doubt)
+    surface, facets = _outward(surface, facets)
+    return Rebuilt(origin + unit * surface, facets, unit * spacing, doubt)
+
+
+def _scaled(vertices: Array) -> tuple[Array, Array, float]:
+    """Vertices from the origin on with a diagonal of one, where they began, and their unit: libigl takes winding
+    numbers in single precision."""
+    origin, unit = vertices.min(axis=0), float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    return (vertices - origin) / unit, origin, unit
 
 
 def _outward(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:

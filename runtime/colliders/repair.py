@@ -22,6 +22,8 @@ MERGE_DISTANCE = 1e-6
 DEGENERATE_HEIGHT = 1e-9
 # A hole is closed if its rim is shorter than this share of the diagonal; that of a larger one is unknown.
 SMALL_HOLE = 0.25
+# What can be done about what is refused here.
+OR_REBUILD = "or have the surface rebuilt by `softprint collider FILE --out MENDED.stl`"
 # More separate surfaces than this are a soup, and which lies in which takes too long to find out.
 MOST_PIECES = 1000
 
@@ -53,8 +55,11 @@ def merge(vertices: Array, triangles: IntArray, diagonal: float, source: str) ->
     """Vertices at one place as one; SoftprintError if all are at one."""
     if diagonal == 0:
         raise SoftprintError(f"{source}: all vertices lie at one point")
-    cells = np.round(vertices / (MERGE_DISTANCE * diagonal)).astype(np.int64)
-    _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    cells = np.round((vertices - vertices.min(axis=0)) / (MERGE_DISTANCE * diagonal)).astype(np.int64)
+    across = round(1.0 / MERGE_DISTANCE) + 2  # cells along an axis: as one number they sort faster
+    _, first, inverse = np.unique(
+        cells @ np.array([across**2, across, 1]), return_index=True, return_inverse=True
+    )
     merged = len(vertices) - len(first)
     if merged:
         log.debug("%s: merged %d duplicate vertices", source, merged)
@@ -70,7 +75,7 @@ def drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, sourc
     if not keep.all():
         log.warning("%s: dropped %d degenerate triangle(s)", source, int((~keep).sum()))
     kept: IntArray = triangles[keep]
-    _, first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)
+    _, first = np.unique(corner_codes(kept), return_index=True)
     if len(first) < len(kept):
         log.warning("%s: dropped %d repeated triangle(s)", source, len(kept) - len(first))
     if len(first) == 0:
@@ -81,11 +86,20 @@ def drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, sourc
     return unrepeated
 
 
+def corner_codes(triangles: IntArray) -> IntArray:
+    """(t,) one number for each set of three corners."""
+    a, b, c = np.sort(triangles, axis=1).T
+    count = int(triangles.max(initial=0)) + 1
+    pair: IntArray = np.unique(a * count + b, return_inverse=True)[1]
+    return pair.reshape(-1) * count + c
+
+
 def edge_counts(triangles: IntArray) -> tuple[IntArray, IntArray]:
     """The edges (e, 2), and how many triangles each has (e,)."""
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    unique, counts = np.unique(edges, axis=0, return_counts=True)
-    return unique, counts
+    edges = np.sort(_directed_edges(triangles), axis=1)
+    vertices = int(triangles.max()) + 1
+    unique, counts = np.unique(edges @ np.array([vertices, 1]), return_counts=True)
+    return np.column_stack(np.divmod(unique, vertices)), counts
 
 
 def _refuse_non_manifold(triangles: IntArray, source: str) -> None:
@@ -93,12 +107,18 @@ def _refuse_non_manifold(triangles: IntArray, source: str) -> None:
     if bad:
         raise SoftprintError(
             f"{source}: {bad} edge(s) belong to more than two triangles (non-manifold); "
-            "make each solid a simple closed surface, for instance by a boolean union in a modeller"
+            f"make each solid a simple closed surface, for instance by a boolean union in a modeller, {OR_REBUILD}"
         )
 
 
 def _directed_edges(triangles: IntArray) -> IntArray:
     return triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+
+
+def repeated_directions(triangles: IntArray) -> int:
+    """How many edges run the same way as another: none where neighbours face the same way."""
+    codes = _directed_edges(triangles) @ np.array([int(triangles.max()) + 1, 1])
+    return len(codes) - len(np.unique(codes))
 
 
 def _orient(triangles: IntArray, source: str) -> IntArray:
@@ -107,7 +127,7 @@ def _orient(triangles: IntArray, source: str) -> IntArray:
     turned = int((oriented != triangles).any(axis=1).sum())
     if turned not in (0, len(triangles)):
         log.warning("%s: turned triangles so that neighbours face the same way", source)
-    if len(np.unique(_directed_edges(oriented), axis=0)) < 3 * len(oriented):
+    if repeated_directions(oriented):
         raise SoftprintError(f"{source}: the surface has only one side and cannot bound a solid")
     return oriented
 
@@ -132,7 +152,7 @@ def _fill_small_holes(
     problem = SoftprintError(
         f"{source}: the surface is open: {len(edges)} edge(s) have a triangle on one side only, and a hole "
         f"is too large to close by guessing (its rim is longer than {SMALL_HOLE:.0%} of the bounding box's "
-        "diagonal, or meets another); close it in a modeller"
+        f"diagonal, or meets another); close it in a modeller, {OR_REBUILD}"
     )
     if len(following) < len(edges):  # two holes share a vertex: no unique rim
         raise problem
@@ -161,7 +181,7 @@ def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray
     if count > MOST_PIECES:
         raise SoftprintError(
             f"{source}: the surface is in {count} separate pieces, and a collider has at most {MOST_PIECES}; "
-            "join them in a modeller, or take fewer"
+            f"join them in a modeller, {OR_REBUILD}"
         )
     pieces = [triangles[component == c] for c in range(count)]
     inward = [np.linalg.det(vertices[piece]).sum() < 0 for piece in pieces]  # six times the volume

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 
 from runtime.colliders.examine import Examined, examine
-from runtime.colliders.mesh_collider import mesh_collider, read_surface
+from runtime.colliders.mesh_collider import read_surface, surface_collider, unit_hint
 from runtime.errors import SoftprintError
 from runtime.files import atomic_path
 from runtime.inspect.summary import Summary
 
-# Colliders of reason, in metres: one that is larger or smaller is more likely to be in another unit.
-_SMALLEST, _LARGEST = 1e-4, 10.0
 _RESOLUTIONS = (8, 256)
 
 
@@ -33,18 +31,17 @@ def examined_surface(path: Path, scale: float, resolution: int) -> tuple[Summary
     vertices, triangles = read_surface(path)
     examined = examine(vertices, triangles, str(path))
     started = time.perf_counter()
-    collider = mesh_collider(
-        scale * examined.vertices, examined.triangles, resolution, path.stem, source=str(path)
-    )
+    collider = surface_collider(scale * examined.vertices, examined.triangles, resolution, path.stem)
     seconds = time.perf_counter() - started
     accuracy = collider.accuracy(np.random.default_rng(0))
     volume = float(np.linalg.det(scale * examined.vertices[examined.triangles]).sum() / 6)
+    hint = unit_hint(2.0 * collider.size)
     done = {str(number): sentence for number, sentence in enumerate(examined.done, start=1)}
     as_collider: dict[str, Any] = {
         "as it is": f"refused: {examined.refusal}" if examined.refusal else "usable",
         "watertight": True,
         "triangles": len(examined.triangles),
-        "size": f"{collider.size:.4g} m, half of its largest extent{_hint(2 * collider.size)}",
+        "size": f"{collider.size:.4g} m, half of its largest extent{hint and '; '}{hint}",
         "volume": f"{volume:.4g} m^3",
         "grid cells": f"{resolution} of {collider.spacing:.3g} m along its longest side",
         "made in": f"{seconds:.1f} s",
@@ -58,14 +55,6 @@ def examined_surface(path: Path, scale: float, resolution: int) -> tuple[Summary
         "as a collider": as_collider,
     }
     return Summary(path, "a triangle surface", sections), examined
-
-
-def _hint(extent: float) -> str:
-    if _SMALLEST < extent < _LARGEST:
-        return ""
-    return (
-        "; if the file is in millimetres, say --scale 0.001" if extent >= _LARGEST else "; is --scale right?"
-    )
 
 
 def write_surface(path: Path, examined: Examined) -> None:
