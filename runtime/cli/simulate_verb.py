@@ -23,6 +23,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="bare, full (needs DOLFINx) or the name of a trained correction; may be given again (default: "
         "bare and every correction in the run directory)",
     )
+    parser.add_argument(
+        "--collider",
+        metavar="FILE",
+        help="another shape for the scene's collider: a mesh (STL, OBJ, PLY), a shape of the library by its name, or "
+        "COLLIDER=FILE where the scene has several; made as large as the one it stands in for",
+    )
+    parser.add_argument(
+        "--collider-scale",
+        type=_positive,
+        metavar="S",
+        help="metres for each unit of that file, or half the extent of a library shape [m]",
+    )
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise ValueError(text)
+    return value
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
@@ -39,10 +58,19 @@ def run(args: argparse.Namespace, context: Context) -> int:
         raise SoftprintError(f'{experiment.path}: no scene has role = "test"; name one with --scene')
     scenes = [find_scene(experiment, name) for name in names]
     body = body_of_run(context)
+    experiments = {scene.name: experiment for scene in scenes}
+    if args.collider:
+        from runtime.dynamics.stand_in import with_stand_in
+
+        changed = [with_stand_in(experiment, scene, args.collider, args.collider_scale) for scene in scenes]
+        scenes = [scene for _, scene in changed]
+        experiments = {scene.name: other for other, scene in changed}
+    elif args.collider_scale is not None:
+        raise SoftprintError("--collider-scale belongs to --collider FILE")
     models = args.model or [BARE, *trained_models(context.out_dir)]
     for scene in scenes:
         for model in models:
-            played = simulate_scene(context, body, scene, model)
+            played = simulate_scene(context, body, scene, model, experiments[scene.name])
             what = "kept" if played.kept else f"{played.steps_per_second:.1f} steps/s"
             context.say(f"{scene.name} with {model}: {played.path} ({what})")
     return 0

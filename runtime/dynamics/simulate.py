@@ -76,10 +76,12 @@ def _file_hash(path: Path) -> str:
         raise SoftprintError(f"cannot read {path}: {error.strerror}") from error
 
 
-def simulate_scene(context: Context, body: ReducedBody, scene: SceneSpec, model: str) -> Played:
+def simulate_scene(
+    context: Context, body: ReducedBody, scene: SceneSpec, model: str, experiment: Experiment | None = None
+) -> Played:
     """Play one scene with one model into its motion file; an unchanged finished motion is kept with
-    --resume."""
-    experiment, out = context.experiment, context.out_dir
+    --resume. experiment: where the scene's colliders are found, that of the context by default."""
+    experiment, out = experiment or context.experiment, context.out_dir
     path = motion_path(out, scene.name, model)
     digest = inputs_hash(experiment, body, scene, out, model)
     if context.resume and _is_finished(path, digest):
