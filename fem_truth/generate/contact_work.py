@@ -57,9 +57,8 @@ class ContactWork:
         unit."""
         contact = self.plan[unit]
         approach = self._approach(contact)
-        depths = noisy_depths(
-            self.depths, self.max_depth, self.depth_noise, self.plan.rng(DEPTHS_STREAM, contact)
-        )
+        deepest = approach.sensible(self.max_depth)
+        depths = noisy_depths(self.depths, deepest, self.depth_noise, self.plan.rng(DEPTHS_STREAM, contact))
         path = ContactPath(
             self.problem,
             approach.collider,

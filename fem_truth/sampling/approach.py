@@ -21,6 +21,11 @@ from runtime.colliders.pose import RigidPose
 # depth; the second only bounds how far the march may overstep before the root is bracketed.
 _EXACT = 1e-12
 _SHORTEST_STEP = 1e-3
+# A collider goes in to this share of its thickness, which is looked for in steps of so many sizes of the collider; the
+# depth has stopped growing where it gains less than a share of the step.
+_THICKNESS_SHARE, _THICKNESS_STEP, _STILL_GROWING = 0.75, 0.02, 0.2
+# A node that a corner grazes at less than this share of the depth asked for says nothing of its thickness.
+_GRAZE = 0.1
 
 
 class OutOfReach(Exception):
@@ -61,6 +66,24 @@ class Approach:
             s = self._march(deepest, s, float(depth))
             poses.append(self.pose(s))
         return poses
+
+    def sensible(self, depth: float) -> float:
+        """As much of a depth [m] as the collider is thick enough for where it comes in.
+
+        Nodes that come nearer to the other side of a wall, a rim or a prong than to the side that met them would be
+        pushed out there: what the signed distance says of them is no longer what happens. Followed on the way in, the
+        depth then stops growing; a share of where it does is taken.
+        """
+        step = _THICKNESS_STEP * self._length
+        s, reached = self.clear_of_surface, -np.inf
+        lowest = s - 4.0 * self._radius
+        deepest = _DeepestPoint(self, s)
+        while _THICKNESS_SHARE * reached < depth and s > lowest:
+            before, s = reached, s - max(-reached if np.isfinite(reached) else 0.0, step)
+            reached = deepest.depth(s)
+            if before > _GRAZE * depth and reached < before + _STILL_GROWING * step:
+                return min(depth, _THICKNESS_SHARE * before)
+        return depth
 
     @property
     def _length(self) -> float:

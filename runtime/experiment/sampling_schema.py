@@ -32,7 +32,9 @@ class SamplingSpec(Section):
     )
     rotations: Count = Field(30, description="rotations of the collider, spread over SO(dim)")
     depths: Count = Field(5, description="depths of one contact, shallow to deep")
-    max_depth: Positive = Field(0.01, description="deepest penetration of the rigid collider [m]")
+    max_depth: Positive = Field(
+        0.01, description="deepest penetration of the rigid collider [m]; less where it is thinner"
+    )
     depth_noise: Annotated[float, Field(ge=0, lt=0.5)] = Field(
         0.1, description="random shift of a depth, as a share of the interval between two"
     )

@@ -23,6 +23,7 @@ from fem_truth.sampling.rotations import random_rotation, spread_rotations
 from runtime.body import assemble_body, frame_in_box, place_handles
 from runtime.body.body import ReducedBody
 from runtime.colliders import Box, Sphere
+from runtime.colliders.collider import Collider
 from runtime.elasticity.materials import make_material
 from runtime.errors import SoftprintError
 from runtime.mesh import box_mesh
@@ -198,6 +199,23 @@ def test_a_depth_beyond_the_collider_is_out_of_reach() -> None:
     approach = Approach(Sphere(0.01, dim=2), surface, surface[0], mesh.surface_normals[0], np.eye(2))
     with pytest.raises(OutOfReach, match=r"never gets 0\.02 m"):
         approach.poses_at(np.array([0.02]))
+
+
+def test_a_collider_goes_in_as_far_as_it_is_thick_enough() -> None:
+    mesh = small_body(3, frame=False).mesh
+    surface = mesh.points[mesh.surface_nodes]
+    top = int(np.argmax(surface @ [0.1, 0.2, 1.0]))
+    plate = Box([0.03, 0.03, 0.002], 0.0005)
+
+    def sensible(collider: Collider, depth: float) -> float:
+        return Approach(collider, surface, surface[top], mesh.surface_normals[top], np.eye(3)).sensible(depth)
+
+    # Flat on: at most to the middle of the plate, 2 mm below either face, of which three quarters are taken.
+    assert sensible(plate, 0.01) == pytest.approx(
+        0.75 * 0.002, rel=0.15
+    )  # the steps of the search are 0.6 mm
+    assert sensible(plate, 0.001) == 0.001
+    assert sensible(Sphere(0.03), 0.01) == 0.01
 
 
 def test_plan_is_a_permutation_with_balanced_prefixes() -> None:
