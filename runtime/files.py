@@ -118,6 +118,14 @@ def provenance() -> dict[str, str]:
     return versions
 
 
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file's bytes. Raises SoftprintError where it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise SoftprintError(f"cannot read {path}: {error.strerror}") from error
+
+
 def content_hash(content: Mapping[str, object]) -> str:
     """SHA-256 (hex) of named arrays, numbers and strings: names, types, shapes, bytes; in any order."""
     digest = hashlib.sha256()

@@ -7,7 +7,6 @@ changed.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from runtime.body.body import ReducedBody
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
+from runtime.files import atomic_path, file_hash
 from runtime.truth_schema import VERSION
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
     for name in experiment.sampled_colliders:
         file = getattr(experiment.collider(name), "file", None)
         if file is not None:
-            flat["collider file hash"] = hashlib.sha256((experiment.base_dir / file).read_bytes()).hexdigest()
+            flat["collider file hash"] = file_hash(experiment.base_dir / file)
     return flat
 
 

@@ -26,6 +26,7 @@ from fem_truth.report.report_json import (
     file_summaries,
     plain,
 )
+from fem_truth.report.shapes import ShapeSection
 from fem_truth.report.showcase import showcase, shown_models
 from fem_truth.report.style import ModelStyle, styles_for
 from fem_truth.report.truth_quality import quality_columns, truth_summary
@@ -61,6 +62,7 @@ class Material:
     folder: Path
     files: Sequence[Path]
     notes: Sequence[str]
+    shapes: ShapeSection | None = None
 
 
 def assemble(material: Material, make_renderer: Callable[[JudgedScene], Renderer] | None) -> PageContent:
@@ -73,6 +75,8 @@ def assemble(material: Material, make_renderer: Callable[[JudgedScene], Renderer
     summary["phases"] = _phases(summary["timings"])
     summary["truth"] = truth_summary(material.truth) if material.truth is not None else None
     summary |= material.learning.summary()
+    shapes = material.shapes
+    summary["shapes"] = None if shapes is None else shapes.summary
 
     pictures: dict[str, ScenePictures] = {}
     summary["scenes"] = []
@@ -87,7 +91,14 @@ def assemble(material: Material, make_renderer: Callable[[JudgedScene], Renderer
         "hero_caption": "",
     }
     hero, summary["headline"]["hero_caption"] = _hero(summary, pictures)
-    return PageContent(plain(summary), pictures, _plots(material, summary, styles), styles, hero)
+    return PageContent(
+        plain(summary),
+        pictures,
+        _plots(material, summary, styles),
+        styles,
+        hero,
+        shapes.views if shapes else (),
+    )
 
 
 def _models(material: Material) -> list[str]:
@@ -271,4 +282,12 @@ def _plots(
         plots["loss"] = figures.loss_curves("loss", material.learning.histories, styles)
     if material.truth is not None:
         plots["quality"] = figures.histograms("quality", quality_columns(material.truth))
+    if material.shapes is not None:
+        shapes = material.shapes.summary
+        errors = {
+            model: {shape: row["rms"] for shape, row in rows.items()}
+            for model, rows in shapes["shapes"].items()
+        }
+        order = sorted(shapes["testing"], key=lambda shape: -errors[shapes["judged"]][shape])
+        plots["shapes"] = figures.by_shape("shapes", errors, order, styles)
     return plots

@@ -161,6 +161,26 @@ def loss_curves(
         return to_svg(figure, name, _model_colours(shown))
 
 
+def by_shape(
+    name: str,
+    errors: Mapping[str, Mapping[str, float]],
+    order: Sequence[str],
+    styles: Mapping[str, ModelStyle],
+) -> str:
+    """Error of each shape, one dot a model, shapes from left to right in `order`; errors: model -> shape -> value."""
+    shown = [styles[key] for key in styles if key in errors]
+    with plt.rc_context(RC):
+        figure, axes = plt.subplots(figsize=(8.6, 3.6), layout="constrained")
+        for i, style in enumerate(shown):
+            values = [100.0 * errors[style.key].get(shape, np.nan) for shape in order]
+            axes.plot(range(len(order)), values, "o", markersize=5.0, color=paint(i), markeredgewidth=0)
+        axes.set_xticks(range(len(order)), [shape.replace("_", " ") for shape in order], rotation=90)
+        axes.set_ylabel("error [%]")
+        axes.set_ylim(bottom=0)
+        axes.margins(x=0.02)
+        return to_svg(figure, name, _model_colours(shown))
+
+
 def histograms(name: str, columns: Mapping[str, Values]) -> str:
     """Small histograms side by side, one for each quality column (title -> values).
 

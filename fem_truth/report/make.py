@@ -23,6 +23,7 @@ from fem_truth.report.picture import Renderer
 from fem_truth.report.renderings import make_renderer
 from fem_truth.report.report_json import json_text, write_text
 from fem_truth.report.run_files import FULL, RunFiles, find_run_files, load_motions, missing_notes, used_paths
+from fem_truth.report.shapes import judge_shapes
 from fem_truth.report.solves import FrameSolves, SolveStore, solve_frame
 from runtime.body.body import ReducedBody
 from runtime.cli.run_body import body_of_run
@@ -56,16 +57,18 @@ def make_report(context: Context, pictures: bool = True) -> Made:
     scenes = [_judge(context, files, body, scene) for scene in experiment.scenes_of_role("test")]
     with ExitStack() as stack:
         truth = None if files.truth is None else stack.enter_context(load_truth(files.truth, body))
+        model = _judged_model(experiment, files)
         material = Material(
             experiment=experiment,
             body=body,
             scenes=scenes,
             truth=truth,
             learning=load_learning(files.corrections, folder),
-            model=_judged_model(experiment, files),
+            model=model,
             folder=folder,
             files=used_paths(files, experiment.scenes_of_role("test")),
             notes=[*missing_notes(files, experiment), *_contact_notes(scenes)],
+            shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
         )
         context.say("drawing")
         content = assemble(material, _renderer if pictures else None)

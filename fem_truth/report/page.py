@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from fem_truth.report.picture import Picture
@@ -44,6 +44,14 @@ class ScenePictures:
 
 
 @dataclass(frozen=True)
+class ShapeView:
+    """The worst sample of one shape: the whole, and (model, picture) of each cut open, full space first."""
+
+    whole: Picture
+    cut: Sequence[tuple[str, Picture]]
+
+
+@dataclass(frozen=True)
 class PageContent:
     """All that the template needs: the JSON summary, pictures and plots, and the styles of the models."""
 
@@ -52,14 +60,19 @@ class PageContent:
     plots: Mapping[str, str]
     styles: Mapping[str, ModelStyle]
     hero: Sequence[tuple[str, Picture]] = ()
+    shapes: Sequence[ShapeView] = ()
 
 
 def render_page(content: PageContent) -> str:
     """The whole page as HTML text."""
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=FunctionLoader(lambda name: template_text("fem_truth.report", name)),
     )
-    template = environment.from_string(template_text("fem_truth.report", "page.html.j2"))
+    template = environment.get_template("page.html.j2")
     return template.render(
         s=content.summary,
         n=Numbers(content.summary),
@@ -67,6 +80,7 @@ def render_page(content: PageContent) -> str:
         plots={name: Markup(svg) for name, svg in content.plots.items()},
         styles=content.styles,
         hero=content.hero,
+        shape_views=content.shapes,
         css=Markup(page_style()),
         model_variables=Markup(_model_variables(content.styles)),
         heat_gradient=", ".join(ERROR_COLOURS),

@@ -7,7 +7,7 @@ of the collider, hash of the truth it was learned from) and how good it is on st
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,21 +103,30 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> Contac
 
     Raises SoftprintError as :func:`read_header` does, and where body or collider are not those of the file.
     """
+    return correction_maker(path, body)(collider)
+
+
+def correction_maker(path: Path, body: ReducedBody) -> Callable[[Collider], ContactCentric | ElasticContact]:
+    """`load_correction` for many colliders: the file is read once."""
     header, tensors = _read(path)
     if header.body_hash != body.content_hash:
         raise SoftprintError(
             f"{path}: was trained for another body (hash {header.body_hash[:12]}) than {body.name!r} "
             f"({body.content_hash[:12]}): train it again for this body"
         )
-    if header.collider not in (ANY_COLLIDER, collider.name):
-        raise SoftprintError(
-            f"{path}: was trained for the collider {header.collider!r}, not for {collider.name!r}"
-        )
+
+    def check(collider: Collider) -> Collider:
+        if header.collider not in (ANY_COLLIDER, collider.name):
+            raise SoftprintError(
+                f"{path}: was trained for the collider {header.collider!r}, not for {collider.name!r}"
+            )
+        return collider
+
     try:
         if header.form == FIELD:
             field_model = ContactModel(ModelOptions.from_json(header.options), header.dim, header.n_rows)
             field_model.load_state_dict(tensors)
-            return ContactCentric(header.name, field_model, body, collider)
+            return lambda collider: ContactCentric(header.name, field_model, body, check(collider))
         mechanics = RestMechanics(take_compliance(tensors), take_internal(tensors))
         load_model = LoadModel(LoadModelOptions.from_json(header.options), header.dim, header.n_rows)
         load_model.load_state_dict(tensors)
@@ -125,7 +134,7 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> Contac
         raise SoftprintError(
             f"{path}: weights and header do not fit together ({error}): train it again"
         ) from error
-    return ElasticContact(header.name, load_model, body, collider, mechanics)
+    return lambda collider: ElasticContact(header.name, load_model, body, check(collider), mechanics)
 
 
 def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:

@@ -115,11 +115,11 @@ def corrected_model(
             f"corrections; of installed packages come: {', '.join(_announced()) or 'no others'}"
         )
     # Imported here, with torch, which takes a second that the other models need not wait.
-    from runtime.corrections.correction_file import ANY_COLLIDER, load_correction, read_header
+    from runtime.corrections.correction_file import ANY_COLLIDER, correction_maker, read_header
 
-    trained_for = read_header(path).collider
+    trained_for, correction_on = read_header(path).collider, correction_maker(path, body)
     corrections = [
-        load_correction(path, body, placed.collider)
+        correction_on(placed.collider)
         for placed in parts.colliders
         if trained_for in (ANY_COLLIDER, placed.name)
     ]

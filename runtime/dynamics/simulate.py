@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from runtime.dynamics.motion_file import (
 )
 from runtime.dynamics.scene import scene_steps
 from runtime.errors import SoftprintError
-from runtime.files import content_hash
+from runtime.files import content_hash, file_hash
 
 if TYPE_CHECKING:
     from runtime.cli.context import Context
@@ -62,18 +61,11 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         content[f"collider_{spec.name}"] = spec.model_dump_json()
         file = getattr(spec, "file", None)
         if file is not None:
-            content[f"collider_file_{spec.name}"] = _file_hash(experiment.base_dir / file)
+            content[f"collider_file_{spec.name}"] = file_hash(experiment.base_dir / file)
     correction = correction_path(out, model)
     if model != BARE and correction.is_file():
-        content["correction"] = _file_hash(correction)
+        content["correction"] = file_hash(correction)
     return content_hash(content)
-
-
-def _file_hash(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise SoftprintError(f"cannot read {path}: {error.strerror}") from error
 
 
 def simulate_scene(

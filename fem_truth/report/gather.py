@@ -1,0 +1,149 @@
+"""Many reports on one page: table 6.1 of the thesis, one line a body, from the report.json of each run.
+
+What the thesis measured stands beside it where the body is one of its four.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup
+
+from fem_truth.report.learning import read_json
+from fem_truth.report.page import Numbers, look_up, page_style, template_text
+from fem_truth.report.report_json import REPORT_VERSION, json_text, plain, write_text
+from runtime.errors import SoftprintError
+
+
+@dataclass(frozen=True)
+class ThesisRow:
+    """Table 6.1: samples are shapes x states x contacts; errors squared, in shares; frames a second."""
+
+    samples: str
+    train: float
+    test: float
+    linear: float
+    full: float
+    ours: float
+
+
+THESIS = {
+    "ball": ThesisRow("30 x 1 x 150", 0.208, 0.210, 129, 1, 9),
+    "hand": ThesisRow("30 x 1 x 525", 0.171, 0.168, 81, 1, 26),
+    "jelly": ThesisRow("30 x 5 x 105", 0.162, 0.179, 200, 1, 24),
+    "finger": ThesisRow("30 x 1 x 32", 0.140, 0.155, 142, 1, 11),
+}
+
+
+def gather(runs: Sequence[Path], page: Path) -> dict[str, Any]:
+    """Write the page and, beside it, the same numbers as JSON. Returns the numbers.
+
+    Raises SoftprintError where a run has no report, or one without shapes never seen.
+    """
+    summary: dict[str, Any] = plain({"softprint_gathered": 1, "rows": [_row(run) for run in runs]})
+    html = _render(summary)
+    write_text(page.with_suffix(".json"), json_text(summary))
+    write_text(page, html)
+    return summary
+
+
+def _row(run: Path) -> dict[str, Any]:
+    path = run / "report.json"
+    if not path.is_file():
+        raise SoftprintError(f"{path} is not there: run `softprint report` for it first")
+    report = read_json(path)
+    if not isinstance(report, dict) or report.get("softprint_report") != REPORT_VERSION:
+        raise SoftprintError(f"{path}: not a report of this version: run `softprint report` again")
+    if not report.get("shapes"):
+        raise SoftprintError(
+            f"{path}: says nothing of shapes never seen; they need an experiment with a [library] and a trained model"
+        )
+    judged = report["shapes"]["judged"]
+    sides = {model: _sides(rows) for model, rows in report["shapes"]["sides"].items()}
+    name = report["experiment"]["name"]
+    thesis = next((row for body, row in THESIS.items() if name.startswith(body)), None)
+    return {
+        "name": name,
+        "report": str(path.with_suffix(".html")),
+        "judged": judged,
+        "body": {key: report["body"][key] for key in ("points", "frames", "cells", "nodes")},
+        "models": sides,
+        "contacts": report["shapes"]["contacts"],
+        "states": report["truth"]["states"],
+        "noise_floor": report["truth"]["noise_floor"],
+        "speeds": _speeds(report, judged),
+        "machine": report["machine"],
+        "thesis": None if thesis is None else vars(thesis),
+    }
+
+
+def _sides(rows: Mapping[str, Any]) -> dict[str, Any]:
+    """learned and testing of one model, as far as they are there."""
+    keys = ("squared", "rms", "whole_squared", "whole_rms", "worst", "samples")
+    return {side: {key: row[key] for key in keys} for side, row in rows.items()}
+
+
+def _speeds(report: Mapping[str, Any], judged: str) -> dict[str, Any]:
+    """Frames a second of the bare subspace, of full space and of the judged model: of `softprint bench` if it was run,
+    and otherwise of the simulated motions."""
+    measured = {
+        row["model"]: row["frames_per_second"]
+        for table in report["benchmarks"]
+        for row in table["rows"]
+        if "frames_per_second" in row
+    } or {model: row["steps_per_second"] for model, row in report["timings"].items()}
+    bare, full, ours = (measured.get(name) for name in ("bare", "full", judged))
+    return {
+        "bare": bare,
+        "full": full,
+        "ours": ours,
+        "cost_of_bare": bare / ours if bare and ours else None,
+        "faster_than_full": ours / full if full and ours else None,
+    }
+
+
+def _render(summary: Mapping[str, Any]) -> str:
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=FunctionLoader(lambda name: template_text("fem_truth.report", name)),
+    )
+    template = environment.get_template("gather.html.j2")
+    return template.render(s=summary, n=Numbers(summary), css=Markup(page_style()))
+
+
+def table_lines(summary: Mapping[str, Any]) -> list[str]:
+    """The table as Markdown, for the console."""
+    lines = [
+        "| body | handles | tets | learned from: squared (root) | never seen: squared (root) "
+        "| thesis: learned, never seen | noise | bare, full, ours [1/s] |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row in summary["rows"]:
+        errors = [
+            f"{_percent(look_up(row, at + 'squared'))} ({_percent(look_up(row, at + 'rms'))})"
+            for at in (f"models/{row['judged']}/{side}/" for side in ("learned", "testing"))
+        ]
+        thesis = row["thesis"]
+        reference = f"{_percent(thesis['train'])}, {_percent(thesis['test'])}" if thesis else ""
+        speeds = ", ".join(_plain(row["speeds"][name]) for name in ("bare", "full", "ours"))
+        body = row["body"]
+        lines.append(
+            f"| {row['name']} | {body['points']} / {body['frames']} | {body['cells']} | {errors[0]} | {errors[1]} "
+            f"| {reference} | {_percent(row['noise_floor'])} | {speeds} |"
+        )
+    return lines
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{100 * value:.3g} %"
+
+
+def _plain(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"

@@ -1,0 +1,46 @@
+"""`softprint gather`: the reports of many bodies as one table on one page."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The runs, and where the page goes."""
+    parser.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN", help="run directories with a report of shapes never seen"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("gathered.html"), metavar="PAGE.html", help="default: gathered.html"
+    )
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """Print the table; PAGE.html and PAGE.json."""
+    from fem_truth.report.gather import gather, table_lines
+    from runtime.errors import SoftprintError
+
+    if args.out.suffix.lower() != ".html":
+        raise SoftprintError(
+            f"--out {args.out}: the page is an .html file; its numbers go beside it as .json"
+        )
+    for line in table_lines(gather(args.runs, args.out)):
+        context.say(line)
+    context.say(f"page: {args.out}")
+    return 0
+
+
+VERB = Verb(
+    name="gather",
+    order=55,
+    summary="Put the reports of many bodies into one table (thesis, table 6.1).",
+    example="softprint gather runs/ball_small runs/finger_small --out bodies.html",
+    run=run,
+    needs=("jinja2", "matplotlib"),
+    configure=configure,
+    reads_experiment=False,
+)

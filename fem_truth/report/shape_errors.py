@@ -1,0 +1,137 @@
+"""How far corrections are from the truth of a library's samples: on shapes that they learned from, and on others.
+
+For samples S, with node volumes V_i, u* the exact contact displacement and u that of a model at the same state,
+
+    squared error = sum_{s in S} sum_i V_i |u_i - u*_i|^2 / sum_{s in S} sum_i V_i |u*_i|^2,
+
+the mean square of what is missed over the mean square of what there is, as in table 6.1 of the thesis, and its root.
+There the displacement is all that full space adds to the subspace; here both are measured: that, and contact alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fem_truth.report.held_out import Corrected
+from runtime.arrays import Array, BoolArray, IntArray
+from runtime.body.body import ReducedBody
+from runtime.errors import SoftprintError
+from runtime.files import atomic_path
+from runtime.truth_file import TruthData
+
+
+@dataclass(frozen=True, eq=False)
+class SampleErrors:
+    """Of every usable sample (n,) of a truth file, sums over the nodes in m^5: contact, the squared exact contact
+    displacement; missed_contact, what a model misses of it; whole, missed_whole: the same with the internal
+    displacement. sample: rows of the truth file."""
+
+    sample: IntArray
+    contact: Array
+    missed_contact: Array
+    whole: Array
+    missed_whole: Array
+
+    def take(self, keep: BoolArray) -> SampleErrors:
+        return SampleErrors(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+
+    def row(self) -> dict[str, float]:
+        """The line of a table: the formula above, its root, and the worst sample (of contact alone)."""
+        squared = float(self.missed_contact.sum() / self.contact.sum())
+        whole = float(self.missed_whole.sum() / self.whole.sum())
+        worst = float(np.sqrt((self.missed_contact / self.contact).max()))
+        median = float(np.sqrt(np.median(self.missed_contact / self.contact)))
+        return {
+            "squared": squared,
+            "rms": squared**0.5,
+            "whole_squared": whole,
+            "whole_rms": whole**0.5,
+            "median": median,
+            "worst": worst,
+            "samples": len(self.sample),
+        }
+
+
+def measure_samples(
+    truth: TruthData,
+    body: ReducedBody,
+    corrected: Callable[[str], Corrected],
+    progress: Callable[[int], None],
+) -> SampleErrors:
+    """Errors of one model at all usable samples. corrected: the model bound to the collider of that name."""
+    volumes = body.mesh.node_volumes[:, None]
+    samples = np.flatnonzero(truth.usable)
+    number = truth.contacts["collider"][truth.samples["contact"][samples]]
+    internal = truth.states["internal"]
+    columns = np.zeros((4, len(samples)))
+    for collider in np.unique(number):
+        model = corrected(truth.header.colliders[collider])
+        for place in np.flatnonzero(number == collider):
+            sample, state = samples[place], truth.sample_state[samples[place]]
+            rows = truth.states["rows"][state]
+            exact = truth.displacement(int(sample)).astype(np.float64)
+            missed = model.contact(rows, truth.pose(int(sample))) - exact
+            missed_internal = model.internal_displacement(rows) - internal[state]
+            fields = (exact, missed, exact + internal[state], missed + missed_internal)
+            columns[:, place] = [float((volumes * field**2).sum()) for field in fields]
+            progress(1)
+    return SampleErrors(samples, *columns)
+
+
+def remembered(path: Path, made_of: Mapping[str, str], measure: Callable[[], SampleErrors]) -> SampleErrors:
+    """What an earlier run measured of the same truth and correction, or a new measurement that is kept."""
+    if path.is_file():
+        try:
+            kept = json.loads(path.read_text())
+            if kept.pop("made_of") == dict(made_of):
+                return SampleErrors(
+                    np.array(kept.pop("sample"), dtype=np.int64),
+                    **{name: np.array(column, dtype=float) for name, column in kept.items()},
+                )
+        except (ValueError, TypeError, KeyError, AttributeError):
+            pass  # damaged: it is measured again
+    errors = measure()
+    columns = {name: getattr(errors, name).tolist() for name in SampleErrors.__dataclass_fields__}
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps({"made_of": dict(made_of), **columns}))
+    return errors
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Which samples (n,) are of shapes learned from, of shapes that models were chosen by, and of testing shapes."""
+
+    learned: BoolArray
+    validation: BoolArray
+    testing: BoolArray
+
+    def named(self) -> Iterator[tuple[str, BoolArray]]:
+        for name in self.__dataclass_fields__:
+            yield name, getattr(self, name)
+
+
+def sides_of(truth: TruthData, sample: IntArray, training: set[str], validation: set[str]) -> Sides:
+    """The sides of samples, from the names of the training shapes (validation shapes among them)."""
+    names = np.array(truth.header.colliders)[truth.contacts["collider"][truth.samples["contact"][sample]]]
+    trained, chosen = np.isin(names, sorted(training)), np.isin(names, sorted(validation))
+    return Sides(trained & ~chosen, chosen, ~trained)
+
+
+def shape_rows(truth: TruthData, errors: SampleErrors) -> dict[str, dict[str, float]]:
+    """`SampleErrors.row` of every shape that has samples, by name."""
+    number = truth.contacts["collider"][truth.samples["contact"][errors.sample]]
+    return {truth.header.colliders[shape]: errors.take(number == shape).row() for shape in np.unique(number)}
+
+
+def worst_sample(truth: TruthData, errors: SampleErrors, shape: str) -> int:
+    """Row of the truth file of the shape's sample of which most is missed, in absolute terms."""
+    number = truth.contacts["collider"][truth.samples["contact"][errors.sample]]
+    of_shape = np.flatnonzero(number == truth.header.colliders.index(shape))
+    if not of_shape.size:
+        raise SoftprintError(f"{truth.path}: has no usable sample of {shape!r}")
+    return int(errors.sample[of_shape[np.argmax(errors.missed_contact[of_shape])]])

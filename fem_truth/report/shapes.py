@@ -1,0 +1,148 @@
+"""The report's section on shapes never seen: errors by side of the split and by shape, and pictures of the worst."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fem_truth.report.held_out import Corrected
+from fem_truth.report.page import ShapeView
+from fem_truth.report.renderings import make_renderer
+from fem_truth.report.run_files import RunFiles
+from fem_truth.report.shape_errors import (
+    SampleErrors,
+    measure_samples,
+    remembered,
+    shape_rows,
+    sides_of,
+    worst_sample,
+)
+from runtime.body.body import ReducedBody
+from runtime.colliders.build import build_collider
+from runtime.colliders.collider import Collider
+from runtime.corrections.correction_file import ANY_COLLIDER, correction_maker, read_header
+from runtime.files import file_hash
+from runtime.shapes import names, validation_names
+from runtime.truth_file import TruthData
+
+if TYPE_CHECKING:
+    from runtime.cli.context import Context
+
+# How many of the testing shapes with the largest errors are shown.
+WORST = 5
+
+
+@dataclass(frozen=True)
+class ShapeSection:
+    """summary: sides (model -> side -> row), shapes (model -> shape -> row), worst (rows of the judged model's worst
+    testing shapes), testing (names); views: a picture for each of the worst."""
+
+    summary: dict[str, Any]
+    views: list[ShapeView]
+
+
+def judge_shapes(
+    context: Context, files: RunFiles, body: ReducedBody, truth: TruthData, judged: str | None, pictures: bool
+) -> ShapeSection | None:
+    """Every correction for any collider, at every usable sample of a library's truth; None where there is none."""
+
+    @lru_cache(maxsize=1)
+    def collider(name: str) -> Collider:
+        return build_collider(context.experiment.collider(name), context.experiment.base_dir)
+
+    paths = {
+        name: path for name, path in files.corrections.items() if read_header(path).collider == ANY_COLLIDER
+    }
+    if not paths or not truth.usable.any():
+        return None
+    models = {name: _OnAny(path, body, collider) for name, path in paths.items()}
+    errors = {
+        name: remembered(
+            files.folder / "shapes" / f"{name}.json",
+            {"truth": truth.content_hash, "correction": file_hash(paths[name])},
+            lambda model=model, name=name: _measured(context, truth, body, model, name),  # type: ignore[misc]
+        )
+        for name, model in models.items()
+    }
+    chosen = judged if judged in models else next(iter(models))
+    summary = _summary(truth, errors, chosen)
+    views = [
+        _view(truth, body, collider(row["shape"]), models, chosen, row["sample"])
+        for row in (summary["worst"] if pictures else ())
+    ]
+    return ShapeSection(summary, views)
+
+
+class _OnAny:
+    """A correction for any collider, bound to one after the other."""
+
+    def __init__(self, path: Any, body: ReducedBody, collider: Any) -> None:
+        self._make, self._body, self._collider = correction_maker(path, body), body, collider
+
+    def __call__(self, name: str) -> Corrected:
+        return Corrected.of(self._make(self._collider(name)), self._body)
+
+
+def _measured(
+    context: Context, truth: TruthData, body: ReducedBody, model: _OnAny, name: str
+) -> SampleErrors:
+    with context.progress(int(truth.usable.sum()), "sample", f"{name} on the library") as bar:
+        return measure_samples(truth, body, model, bar.update)
+
+
+def _summary(truth: TruthData, errors: dict[str, SampleErrors], judged: str) -> dict[str, Any]:
+    training, validation = set(names("train")), set(validation_names())
+    sides: dict[str, dict[str, Any]] = {}
+    for name, found in errors.items():
+        parts = sides_of(truth, found.sample, training, validation).named()
+        sides[name] = {side: found.take(part).row() for side, part in parts if part.any()}
+    shapes = {name: shape_rows(truth, found) for name, found in errors.items()}
+    testing = [shape for shape in shapes[judged] if shape not in training]
+    worst = sorted(testing, key=lambda shape: -shapes[judged][shape]["squared"])[:WORST]
+    return {
+        "judged": judged,
+        "sides": sides,
+        "shapes": shapes,
+        "testing": testing,
+        "worst": [
+            {
+                "shape": shape,
+                "sample": worst_sample(truth, errors[judged], shape),
+                **{key: shapes[judged][shape][key] for key in ("squared", "rms", "worst")},
+            }
+            for shape in worst
+        ],
+        "contacts": {
+            side: int(np.unique(truth.samples["contact"][errors[judged].sample[part]]).size)
+            for side, part in sides_of(truth, errors[judged].sample, training, validation).named()
+        },
+    }
+
+
+def _view(
+    truth: TruthData,
+    body: ReducedBody,
+    collider: Collider,
+    models: dict[str, _OnAny],
+    judged: str,
+    sample: int,
+) -> ShapeView:
+    """Full space, the subspace with its exact internal displacement, and the judged model, at one sample."""
+    state, pose = truth.sample_state[sample], truth.pose(sample)
+    rows = truth.states["rows"][state]
+    settled = body.reduced_positions(rows) + truth.states["internal"][state]
+    full = settled + truth.displacement(sample)
+    model = models[judged](collider.name)
+    ours = body.reduced_positions(rows) + model.internal_displacement(rows) + model.contact(rows, pose)
+    surface = body.mesh.surface_nodes
+    deepest = full[surface[int(np.argmin(collider.sdf(pose.apply_inverse(full[surface]))))]]
+    renderer = make_renderer(body.mesh, collider)
+    what = f"{collider.name}, sample {sample}"
+    views = []
+    for name, x in (("full", full), ("bare", settled), (judged, ours)):
+        picture = renderer.cut(x, pose, deepest, f"{what}: {name}, cut open through the contact")
+        views.append((name, picture or renderer.outside(x, pose, f"{what}: {name}")))
+    return ShapeView(renderer.outside(full, pose, f"{what}: the body and the collider"), views)

@@ -1,0 +1,83 @@
+"""Errors by shape: the formula, the sides of the split, and what an earlier run measured."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from fem_truth.report.held_out import Corrected
+from fem_truth.report.shape_errors import SampleErrors, measure_samples, remembered, sides_of, worst_sample
+from runtime.truth_file import load_truth
+from tests.toy_truth import write_truth
+
+
+class Share:
+    """Stands for a model that finds a share of the exact displacement, and for its binding to every collider."""
+
+    def __init__(self, truth, share: float) -> None:
+        self.truth, self.share = truth, share
+
+    def __call__(self, collider: str) -> Corrected:
+        assert collider == "ball"
+        return Corrected(self, None)
+
+    def displacement(self, rows, pose, turn=None):
+        at = [self.truth.pose(sample).translation for sample in range(len(self.truth.samples))]
+        return self.share * self.truth.displacement(int(np.argmin(np.abs(at - pose.translation).sum(axis=1))))
+
+
+@pytest.fixture
+def truth(tmp_path, jelly2d_body):
+    write_truth(tmp_path / "truth.h5", jelly2d_body)
+    with load_truth(tmp_path / "truth.h5", jelly2d_body) as data:
+        yield data
+
+
+@pytest.mark.parametrize("share", [0.0, 0.75, 1.0])
+def test_a_model_that_finds_a_share_misses_the_rest(truth, jelly2d_body, share):
+    counted = []
+    errors = measure_samples(truth, jelly2d_body, Share(truth, share), counted.append)
+    assert errors.sample.tolist() == np.flatnonzero(truth.usable).tolist()
+    assert sum(counted) == len(errors.sample)
+    # Displacements are kept as float32: 6e-8 relative.
+    assert errors.row()["rms"] == pytest.approx(1.0 - share, abs=1e-6)
+    assert errors.row()["squared"] == pytest.approx((1.0 - share) ** 2, abs=1e-6)
+    # The model has no internal response, so all of that is missed too.
+    assert errors.row()["whole_squared"] > errors.row()["squared"] - 1e-6
+    volumes, sample = jelly2d_body.mesh.node_volumes, int(errors.sample[2])
+    exact = (volumes[:, None] * truth.displacement(sample).astype(float) ** 2).sum()
+    assert errors.contact[2] == pytest.approx(exact, rel=1e-6)
+
+
+def errors_of(missed) -> SampleErrors:
+    missed = np.asarray(missed, dtype=float)
+    return SampleErrors(np.arange(len(missed)), np.ones(len(missed)), missed, np.ones(len(missed)), missed)
+
+
+def test_the_worst_sample_is_that_of_which_most_is_missed(truth):
+    assert worst_sample(truth, errors_of([0.1, 0.4, 0.2]), "ball") == 1
+
+
+def test_sides_are_apart_and_hold_everything(truth):
+    sample = np.arange(4)
+    sides = sides_of(truth, sample, {"ball", "egg"}, {"egg"})
+    assert sides.learned.all()
+    assert not (sides.validation | sides.testing).any()
+    assert sides_of(truth, sample, {"ball", "egg"}, {"ball"}).validation.all()
+    assert sides_of(truth, sample, {"egg"}, {"egg"}).testing.all()
+
+
+def test_what_was_measured_is_kept_until_truth_or_correction_changes(tmp_path):
+    path, made_of = tmp_path / "shapes" / "ours.json", {"truth": "a", "correction": "b"}
+    path.parent.mkdir()
+    first = remembered(path, made_of, lambda: errors_of([0.1, 0.2]))
+    again = remembered(path, made_of, lambda: pytest.fail("measured a second time"))
+    np.testing.assert_array_equal(again.missed_contact, first.missed_contact)
+    assert again.row() == first.row()
+    other = remembered(path, {**made_of, "truth": "c"}, lambda: errors_of([0.3]))
+    assert len(other.sample) == 1
+    for damage in ("{", json.dumps([1]), json.dumps({"made_of": {**made_of, "truth": "c"}})):
+        path.write_text(damage)
+        assert len(remembered(path, {**made_of, "truth": "c"}, lambda: errors_of([0.3])).sample) == 1
