@@ -70,7 +70,9 @@ def simulator_of(body, correction=None, friction=0.4):
 
 
 @pytest.mark.parametrize("condensed", [False, True], ids=["penalty", "condensed"])
-def test_the_traction_over_the_surface_is_the_contact_force_friction_included(jelly_body, dim, condensed) -> None:
+def test_the_traction_over_the_surface_is_the_contact_force_friction_included(
+    jelly_body, dim, condensed
+) -> None:
     simulator = simulator_of(jelly_body, mechanics_of(jelly_body) if condensed else None)
     places = surface_places(jelly_body)
     sensor = TouchSensor(simulator, jelly_body, places)
@@ -85,44 +87,65 @@ def test_the_traction_over_the_surface_is_the_contact_force_friction_included(je
     assert np.abs(force[0]) > 0.05 * np.abs(force[-1])  # friction does drag
     assert (felt.pressure >= 0).all()
     pushed = [load for load in result.contacts["ball"].loads if not load.tangential]
-    assert places.areas @ felt.pressure == pytest.approx(np.linalg.norm(pushed[0].forces, axis=1).sum(), rel=1e-12)
+    assert places.areas @ felt.pressure == pytest.approx(
+        np.linalg.norm(pushed[0].forces, axis=1).sum(), rel=1e-12
+    )
     assert np.sum(places.areas) == pytest.approx(jelly_body.mesh.surface_areas.sum(), rel=1e-12)
 
 
-def squeezed(dim, poisson=0.3, young=2e4):
-    """A block between two planes, free to widen, with a soft contact: unevenness of the top hardly counts."""
-    mesh = box_mesh([-0.05] * (dim - 1) + [0.0], [0.05] * (dim - 1) + [TOP], [6, 4] if dim == 2 else [4, 4, 3])
+YOUNG, POISSON = 2e4, 0.3
+
+
+def squeezed(dim, stiffness, depth):
+    """A block between two planes, free to widen; what is felt at its surface, the force of a plane and the samples."""
+    mesh = box_mesh(
+        [-0.05] * (dim - 1) + [0.0], [0.05] * (dim - 1) + [TOP], [6, 4] if dim == 2 else [4, 4, 3]
+    )
     body = assemble_body(
-        mesh, place_handles(mesh, 2**dim + 2, []), make_material("linear", young, poisson), 1000.0, name="block"
+        mesh,
+        place_handles(mesh, 2**dim + 2, []),
+        make_material("linear", YOUNG, POISSON),
+        1000.0,
+        name="block",
     )
     up = np.eye(dim)[-1]
-    walls = [PlacedCollider("above", Plane(list(-up), "above")), PlacedCollider("below", Plane(list(up), "below"))]
-    simulator = Simulator(body, walls, contact=PenaltyContact(1e8))
-    poses = {
-        "above": RigidPose(np.eye(dim), (TOP - 4e-3) * up),
-        "below": RigidPose(np.eye(dim), 4e-3 * up),
-    }
-    return body, simulator, simulator.settle(simulator.rest_state(poses=poses))
-
-
-def test_a_block_between_planes_feels_the_stress_of_hookes_law(dim) -> None:
-    young, poisson = 2e4, 0.3
-    body, simulator, result = squeezed(dim, poisson, young)
+    walls = [
+        PlacedCollider("above", Plane(list(-up), "above")),
+        PlacedCollider("below", Plane(list(up), "below")),
+    ]
+    simulator = Simulator(body, walls, contact=PenaltyContact(stiffness))
+    poses = {"above": RigidPose(np.eye(dim), (TOP - depth) * up), "below": RigidPose(np.eye(dim), depth * up)}
+    result = simulator.settle(simulator.rest_state(poses=poses))
     assert result.converged
     places = surface_places(body)
     felt = TouchSensor(simulator, body, places).feel(result)
+    return felt, np.linalg.norm(result.contacts["above"].force), places
+
+
+def test_a_block_between_hard_planes_is_strained_by_hookes_law(dim) -> None:
+    felt, force, _ = squeezed(dim, 1e12, 1e-3)
     # All but uniform: nodes at the rim stand for some of the sides too, and are pushed for that as well.
     strain = felt.green_strain[:, -1, -1]
     np.testing.assert_allclose(strain, strain.mean(), rtol=0.02)
     stretch = np.sqrt(2 * strain.mean() + 1)
-    modulus = young if dim == 3 else young / (1 - poisson**2)  # plane strain in the plane
-    force = np.linalg.norm(result.contacts["above"].force)
-    # Hooke's law of engineering strain: F / A on the solid's true area.
+    modulus = YOUNG if dim == 3 else YOUNG / (1 - POISSON**2)  # plane strain in the plane
+    # F / A on the solid's true area, and engineering strain.
     assert force / 0.1 ** (dim - 1) == pytest.approx(modulus * (1 - stretch), rel=5e-3)
-    # The law of contact is k depth^2 for each unit of the nodes' own area; a flat top is as deep everywhere.
+
+
+def test_a_block_between_soft_planes_feels_force_over_area(dim) -> None:
+    """Pressure is k depth^2, and a depth of millimetres is even where the top is uneven by micrometres."""
+    felt, force, places = squeezed(dim, 1e6, 4e-3)
     top = np.isclose(places.rest[:, -1], TOP)
     assert (felt.pressure > 0).sum() == 2 * top.sum()
-    np.testing.assert_allclose(felt.pressure[top], force / places.areas[top].sum(), rtol=0.02)
+    # Mesh and handles of the solid are not symmetric, nothing holds it upright, and it leans by a tenth of a degree:
+    # 0.1 mm in a depth of 4.
+    even = 0.01 if dim == 2 else 0.08
+    np.testing.assert_allclose(felt.pressure[top], force / places.areas[top].sum(), rtol=even)
+    up = np.eye(dim)[-1]
+    np.testing.assert_allclose(felt.traction[top], -felt.pressure[top, None] * up, rtol=1e-9, atol=1e-9)
+    bottom = np.isclose(places.rest[:, -1], 0.0)
+    np.testing.assert_allclose(felt.traction[bottom], felt.pressure[bottom, None] * up, rtol=1e-9, atol=1e-9)
 
 
 def test_a_ball_is_felt_most_where_it_is_deepest() -> None:
@@ -150,7 +173,9 @@ def test_a_ball_is_felt_most_where_it_is_deepest() -> None:
 
 def test_affine_deformation_has_its_exact_strain_and_a_turn_has_none(dim) -> None:
     mesh = box_mesh([0.0] * dim, [0.1] * dim, [4] * dim)
-    body = assemble_body(mesh, place_handles(mesh, 2**dim + 1, []), make_material("linear", 1e4, 0.3), 1000.0, name="b")
+    body = assemble_body(
+        mesh, place_handles(mesh, 2**dim + 1, []), make_material("linear", 1e4, 0.3), 1000.0, name="b"
+    )
     simulator = Simulator(body, [], contact=PenaltyContact(1e9))
     rest = simulator.at_rest()
     points = point_places(body, {"a": [0.1, *[0.033] * (dim - 1)], "corner": [0.0] * dim})
@@ -163,7 +188,9 @@ def test_affine_deformation_has_its_exact_strain_and_a_turn_has_none(dim) -> Non
             felt = sensor.feel(moved)
             expected = 0.5 * (F.T @ F - np.eye(dim))
             # The basis is solved for to about 1e-10, over edges of 25 mm.
-            np.testing.assert_allclose(felt.green_strain, np.broadcast_to(expected, felt.green_strain.shape), atol=1e-8)
+            np.testing.assert_allclose(
+                felt.green_strain, np.broadcast_to(expected, felt.green_strain.shape), atol=1e-8
+            )
             np.testing.assert_allclose(felt.strain_norm, np.linalg.norm(expected), atol=1e-8)
             np.testing.assert_allclose(felt.position, places.rest @ F.T + shift, atol=1e-9)
             assert not felt.pressure.any()
@@ -182,7 +209,9 @@ def test_a_point_looks_at_the_nodes_around_it_however_many_there_are(dim) -> Non
     looked_at = []
     for cells in (6, 12):
         mesh = box_mesh([0.0] * dim, [0.1] * dim, [cells] * dim)
-        body = assemble_body(mesh, place_handles(mesh, 2**dim, []), make_material("linear", 1e4, 0.3), 1e3, name="b")
+        body = assemble_body(
+            mesh, place_handles(mesh, 2**dim, []), make_material("linear", 1e4, 0.3), 1e3, name="b"
+        )
         spy = Spy(body)
         TouchSensor(spy, body, point_places(body, {"a": [0.1, *[0.04] * (dim - 1)]}))
         looked_at.append(len(spy.nodes))
@@ -221,7 +250,11 @@ def call(context, *arguments: str) -> int:
 def test_the_verb_writes_a_table_with_units_a_picture_and_arrays(context) -> None:
     assert call(context, "--point", "hit=0.08,0.05", "--point", "far=0.02,0.05", "--surface") == 0
     folder = context.out_dir / "touch"
-    assert sorted(path.name for path in folder.iterdir()) == ["press_bare.csv", "press_bare.h5", "press_bare.png"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "press_bare.csv",
+        "press_bare.h5",
+        "press_bare.png",
+    ]
     with (folder / "press_bare.csv").open(newline="") as file:
         rows = list(csv.reader(file))
     table = dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
