@@ -12,8 +12,11 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.arrays import Array
 from runtime.errors import SoftprintError
@@ -52,19 +55,22 @@ def write_table(path: Path, places: TouchPlaces, series: Sequence[Touch]) -> Non
 
 
 def write_arrays(path: Path, places: TouchPlaces, series: Sequence[Touch], **said: str) -> None:
-    """Write the HDF5 file, whole or not at all; said: texts for its attributes."""
+    """Write the HDF5 file, whole or not at all, in float32; said: texts for its attributes."""
     with create_softprint_h5(path, KIND, VERSION) as file:
         for name, text in said.items():
             file.attrs[name] = fixed_text(text)
-        arrays = {
-            quantity: (np.array([getattr(t, quantity) for t in series]), u) for quantity, u in _UNITS.items()
-        }
-        arrays["times"] = np.array([touch.time for touch in series]), "s"
-        arrays["rest"] = places.rest, "m"
-        arrays["areas"] = places.areas, "m" if places.rest.shape[1] == 2 else "m^2"
-        for name, (values, unit) in arrays.items():
-            file.create_dataset(name, data=values, fletcher32=True).attrs["unit"] = fixed_text(unit)
+        felt = {quantity: np.array([getattr(touch, quantity) for touch in series]) for quantity in _UNITS}
+        for quantity, values in felt.items():
+            _put(file, quantity, values.astype(np.float32), _UNITS[quantity])
+        _put(file, "times", np.array([touch.time for touch in series]), "s")
+        _put(file, "rest", places.rest, "m")
+        _put(file, "areas", places.areas, "m" if places.rest.shape[1] == 2 else "m^2")
         file.create_dataset("names", data=np.array([name.encode() for name in places.names]), fletcher32=True)
+
+
+def _put(file: h5py.File, name: str, values: NDArray[Any], unit: str) -> None:
+    dataset = file.create_dataset(name, data=values, compression="gzip", shuffle=True, fletcher32=True)
+    dataset.attrs["unit"] = fixed_text(unit)
 
 
 def draw_series(path: Path, title: str, places: TouchPlaces, series: Sequence[Touch]) -> None:

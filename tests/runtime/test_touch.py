@@ -25,6 +25,7 @@ from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from runtime.elasticity.materials import make_material
 from runtime.errors import SoftprintError
+from runtime.inspect.kinds import inspect_file
 from runtime.mesh import box_mesh, write_mesh
 from runtime.touch import TouchSensor, point_places, surface_places
 from tests.toy_truth import PRESS
@@ -267,6 +268,9 @@ def test_the_verb_writes_a_table_with_units_a_picture_and_arrays(context) -> Non
         np.testing.assert_array_equal(file["times"], table["time [s]"])
         force = -np.einsum("k,fkd->fd", file["areas"], file["traction"])
     assert force[-1, 1] > 0.1  # N
+    summary = inspect_file(folder / "press_bare.h5").as_text()
+    assert "press, bare" in summary
+    assert "frames in contact" in summary
     assert (folder / "press_bare.png").stat().st_size > 5000
 
 
