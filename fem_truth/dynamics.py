@@ -37,6 +37,7 @@ from runtime.dynamics import (
     StepResult,
 )
 from runtime.dynamics.kinematic import place_kinematic
+from runtime.dynamics.state import SurfaceLoads, resultant
 from runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
@@ -317,12 +318,13 @@ def _kinematic_nodes(body: ReducedBody, kinematic: Sequence[KinematicHandle]) ->
 def _contact_force(contact: SurfaceContact, friction: LaggedFriction | None, x: Array) -> ContactForce:
     """What the body does to the collider: the gradient at a node of the body is the force that the body
     exerts."""
-    gradient = contact.gradient(x)
+    parts = [(contact.gradient(x), False)]
     if friction is not None:
-        gradient += friction.gradient(x)
-    arm = x - contact.pose.translation
-    if x.shape[1] == 2:
-        torque = np.array([(arm[:, 0] * gradient[:, 1] - arm[:, 1] * gradient[:, 0]).sum()])
-    else:
-        torque = np.cross(arm, gradient).sum(axis=0)
-    return ContactForce(gradient.sum(axis=0), torque, contact.max_depth(x), len(contact.terms(x).index))
+        parts.append((friction.gradient(x), True))
+    loads = []
+    for gradient, tangential in parts:
+        index = np.flatnonzero(gradient[contact.nodes].any(axis=1))
+        borne = contact.nodes[index]
+        loads.append(SurfaceLoads(contact.nodes, index, x[borne], gradient[borne], tangential))
+    force, torque = resultant(loads, contact.pose.translation)
+    return ContactForce(force, torque, contact.max_depth(x), len(contact.terms(x).index), loads)

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fem_truth.dynamics import FullSpaceSimulator, FullSpaceState
-from runtime.arrays import Array
+from runtime.arrays import Array, IntArray
 from runtime.body import ReducedBody
 from runtime.dynamics.scene import scene_parts
 from runtime.dynamics.state import StepResult
@@ -38,6 +39,10 @@ class FullSpaceModel:
     def surface_positions(self, state: FullSpaceState) -> Array:
         """(s, dim) [m] the surface nodes."""
         return state.x[self._simulator.body.mesh.surface_nodes]
+
+    def follow(self, nodes: IntArray) -> Callable[[FullSpaceState], Array]:
+        """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state."""
+        return lambda state: state.x[nodes]
 
     def rows(self, state: FullSpaceState) -> Array:
         """(n_rows, dim) of the nearest reduced state; its frames are affine where the full body strains their

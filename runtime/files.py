@@ -33,7 +33,12 @@ if TYPE_CHECKING:
 # What h5py and the reading of what it gives raise where bytes of a file were altered.
 _DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)
 _HDF5 = b"\x89HDF\r\n\x1a\n"  # how an HDF5 file begins
-_MAKERS = {"body": "body", "truth": "generate", "motion": "simulate"}  # kind of file -> verb
+_MAKERS = {
+    "body": "body",
+    "truth": "generate",
+    "motion": "simulate",
+    "touch": "touch",
+}  # kind of file -> verb
 _PACKAGES = ("numpy", "scipy", "h5py", "libigl", "meshio", "torch", "fenics-dolfinx", "petsc4py", "mpi4py")
 
 

@@ -45,7 +45,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     """Write one .vtu for each sample or frame, the colliders beside it, and a .pvd that opens them together.
 
     Pressure is the penalty law's at the positions drawn. For truth, full space and the bare subspace it is what pressed
-    the body; a correction of form loads balances forces of its own, which stand in the motion file.
+    the body; a correction of form loads balances forces of its own, which stand in the motion file and which `softprint
+    touch` spreads over the surface.
     """
     from runtime.cli.run_body import body_of_run
     from runtime.dynamics.motion_file import load_motion

@@ -13,8 +13,6 @@ from runtime.colliders.mesh_collider import surface_collider
 from runtime.errors import SoftprintError
 from runtime.shapes import Shape, find_shape
 
-# Cells of the grid along the longest side of a shape: edges and corners are true to about one of them.
-CELLS = 64
 # Nodes this close to the surface, in cells, are moved off it: triangles keep some area, and corners stay apart.
 CLEARANCE = 0.02
 
@@ -55,10 +53,10 @@ def _unit_surface(shape: Shape) -> tuple[Array, IntArray, Array, float]:
     return (vertices - centre) / half, triangles, centre, half
 
 
-def zero_level(shape: Shape, cells: int = CELLS) -> tuple[Array, IntArray]:
-    """The surface of a shape in its own units, by a grid of so many cells along its longest side."""
+def zero_level(shape: Shape, cells: int | None = None) -> tuple[Array, IntArray]:
+    """The surface of a shape in its own units; cells: of the grid, in place of those the shape is made with."""
     reach = np.array(shape.reach, dtype=float)
-    spacing = 2 * reach.max() / cells
+    spacing = 2 * reach.max() / (cells or shape.cells)
     nodes = 2 * np.ceil(reach / spacing).astype(int) + 6
     # Off the planes of symmetry: there many fields are zero on whole faces of the grid.
     origin = -0.5 * (nodes - 1) * spacing + spacing * np.array([0.137, 0.291, 0.213])

@@ -23,6 +23,11 @@ class ContactPotential:
     def __init__(self, probe: LoadProbe) -> None:
         self._probe = probe
 
+    @property
+    def nodes(self) -> IntArray:
+        """(n_loads,) the nodes of the mesh where loads are."""
+        return self._probe.nodes
+
     def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:
         """W [J]."""
         press = self._probe.press(rows, pose, turn)

@@ -62,6 +62,11 @@ class Potential(Protocol):
     fixed in derivatives; the identity where there is no such response.
     """
 
+    @property
+    def nodes(self) -> IntArray:
+        """(n_loads,) the nodes of the mesh where loads are."""
+        ...
+
     def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:
         """W [J] at handle rows (n_rows, dim)."""
         ...

@@ -178,7 +178,7 @@ class LoadProbe:
     ) -> None:
         compliance, internal = mechanics
         points = body.node_points(compliance.nodes)
-        self.collider = collider
+        self.collider, self.nodes = collider, compliance.nodes
         self.among_loads = compliance.among_loads()
         self.points = points
         self.internal = None if internal is None else internal.at(compliance.nodes)

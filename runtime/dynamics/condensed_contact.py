@@ -15,7 +15,7 @@ from runtime.contact import CoulombFriction
 from runtime.corrections.correction import Potential
 from runtime.dynamics.condensed_friction import CondensedFriction
 from runtime.dynamics.corrected_points import Poses
-from runtime.dynamics.state import ContactForce, resultant
+from runtime.dynamics.state import ContactForce, SurfaceLoads, resultant
 from runtime.dynamics.step_contact import StepContact
 
 
@@ -71,13 +71,16 @@ class CondensedContact:
             normal_energy += potential.energy(rows, poses[name], turn)
             pressed = potential.pressed(rows, poses[name], turn)
             # A load pushes the collider against the gradient of its signed distance.
-            loads = [(pressed.position, -pressed.pressure[:, None] * pressed.normal)]
+            push = -pressed.pressure[:, None] * pressed.normal
+            loads = [SurfaceLoads(potential.nodes, pressed.index, pressed.position, push)]
             if self._friction is not None and step is not None:
                 friction = self._friction.terms(name, rows, step)
                 friction_energy += friction.energy
-                loads.append((step.sliding[name].positions(rows), friction.gradient))
+                sliding = step.sliding[name]
+                slid = sliding.index, sliding.positions(rows), friction.gradient
+                loads.append(SurfaceLoads(potential.nodes, *slid, tangential=True))
             force, torque = resultant(loads, poses[name].translation)
             forces[name] = ContactForce(
-                force, torque, float(pressed.left.max(initial=0.0)), len(pressed.index)
+                force, torque, float(pressed.left.max(initial=0.0)), len(pressed.index), loads
             )
         return normal_energy, friction_energy, forces

@@ -49,7 +49,7 @@ class CondensedFriction:
             normal=loads.normal / np.where(length > 0.0, length, 1.0)[:, None],
             anchor=poses[name].apply(step.poses[name].apply_inverse(start)),
         )
-        step.sliding[name] = SlidingLoads(lagged, rows, loads.position, loads.motion)
+        step.sliding[name] = SlidingLoads(lagged, rows, loads.position, loads.motion, loads.index)
 
     def terms(self, name: str, rows: Array, step: StepContact) -> FrictionTerms:
         """At the loads that were last taken up."""

@@ -6,12 +6,12 @@ its name there is the model's name (`full` for full space).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from runtime.arrays import Array
+from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.dynamics.scene import scene_parts, scene_simulator
 from runtime.dynamics.simulator import Simulator
@@ -43,6 +43,10 @@ class SceneModel(Protocol):
 
     def surface_positions(self, state: Any) -> Array:
         """(s, dim) [m]: what a frame shows of the body's surface, corrections included."""
+        ...
+
+    def follow(self, nodes: IntArray) -> Callable[[Any], Array]:
+        """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state."""
         ...
 
     def rows(self, state: Any) -> Array:
@@ -80,6 +84,10 @@ class ReducedModel:
     def surface_positions(self, state: ReducedState) -> Array:
         """(s, dim) [m] the surface samples, corrections included."""
         return self._simulator.surface_positions(state)
+
+    def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
+        """See `Simulator.follow`."""
+        return self._simulator.follow(nodes)
 
     def rows(self, state: ReducedState) -> Array:
         """(n_rows, dim) the handle rows themselves."""

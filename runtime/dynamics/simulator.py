@@ -8,7 +8,7 @@ cell.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -351,6 +351,11 @@ class Simulator:
         """(s, dim) [m]: the body's surface samples, corrections included: what a hand feels and an eye sees, at a
         cost that does not grow with the mesh."""
         return self._samples.positions(state)
+
+    def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
+        """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state, corrections included: bound
+        once, at a cost that does not grow with the mesh."""
+        return CorrectedNodes(self.body, self._corrections, self._internal, nodes).positions
 
     def positions(self, state: ReducedState) -> Array:
         """(n_nodes, dim) [m]: every node of the mesh, corrections included. As costly as the mesh is

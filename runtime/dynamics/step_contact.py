@@ -13,12 +13,14 @@ from runtime.dynamics.corrected_points import Poses
 @dataclass(frozen=True, eq=False)
 class SlidingLoads:
     """k loads of a condensed contact as friction holds them: their normal forces, normals and anchors, and how they
-    move, affine in the rows: position (k, dim) [m] at rows (n_rows, dim), motion (k, dim, n_rows*dim)."""
+    move, affine in the rows: position (k, dim) [m] at rows (n_rows, dim), motion (k, dim, n_rows*dim); index: (k,)
+    their numbers."""
 
     lagged: LaggedContact
     rows: Array
     position: Array
     motion: Array
+    index: IntArray
 
     def positions(self, rows: Array) -> Array:
         """y (k, dim) [m] at other rows, the dent carried along as it is."""

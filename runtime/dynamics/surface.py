@@ -21,7 +21,7 @@ from runtime.corrections.correction import CorrectionField
 from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.chain_rule import through_basis, through_jacobian
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
-from runtime.dynamics.state import ContactForce, resultant
+from runtime.dynamics.state import ContactForce, SurfaceLoads, resultant
 from runtime.dynamics.step_contact import StepContact
 
 
@@ -42,6 +42,7 @@ class SurfaceEnergy:
         samples = slice(None) if colliders else slice(0)
         nodes = body.surface.nodes[samples]
         self._points, self._samples = points, points.samples[samples]
+        self._nodes = nodes
         self._basis = np.ascontiguousarray(body.basis[nodes])
         self._internal = None if internal is None else internal.at(nodes)
         self._areas = body.surface.areas[samples]
@@ -134,13 +135,15 @@ class SurfaceEnergy:
         for name, collider in self._colliders.items():
             contact = self._contact.terms(x, self._areas, collider, poses[name])
             normal_energy += contact.energy
-            loads = [(x[contact.index], contact.gradient)]
+            index = contact.index
+            loads = [SurfaceLoads(self._nodes, index, x[index], contact.gradient)]
             if self._friction is not None and step is not None:
                 friction = self._friction.terms(x, step.lagged[name], step.time_step)
                 friction_energy += friction.energy
-                loads.append((x[friction.index], friction.gradient))
+                index = friction.index
+                loads.append(SurfaceLoads(self._nodes, index, x[index], friction.gradient, tangential=True))
             force, torque = resultant(loads, poses[name].translation)
             forces[name] = ContactForce(
-                force, torque, float(contact.depth.max(initial=0.0)), len(contact.index)
+                force, torque, float(contact.depth.max(initial=0.0)), len(contact.index), loads
             )
         return normal_energy, friction_energy, forces

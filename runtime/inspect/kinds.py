@@ -23,7 +23,18 @@ if TYPE_CHECKING:
 GROUP = "softprint.kinds"
 # In this order: what metadata names first, what only a suffix tells last.
 _OWN = (
-    *("body", "truth", "motion", "correction", "report", "bench", "verification", "curves", "published"),
+    *(
+        "body",
+        "truth",
+        "motion",
+        "touch",
+        "correction",
+        "report",
+        "bench",
+        "verification",
+        "curves",
+        "published",
+    ),
     *("experiment", "mesh", "surface", "polygon"),
 )
 

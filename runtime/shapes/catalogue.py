@@ -9,6 +9,7 @@ from typing import Literal
 from runtime.errors import SoftprintError
 from runtime.shapes import testing_shapes as testing
 from runtime.shapes import training_shapes as training
+from runtime.shapes.scene_shapes import HAT
 from runtime.shapes.shape import Shape
 
 Side = Literal["train", "test"]
@@ -45,6 +46,9 @@ SHAPES: Mapping[str, Shape] = {
     shape.name: shape for families in SPLIT.values() for shapes in families.values() for shape in shapes
 }
 
+# What scenes may name besides; no model is trained on these or counted by them.
+SCENE_SHAPES: Mapping[str, Shape] = {HAT.name: HAT}
+
 
 def names(side: Side) -> list[str]:
     """The names of all shapes of a side, family by family."""
@@ -58,8 +62,9 @@ def validation_names() -> list[str]:
 
 def find_shape(name: str) -> Shape:
     """Raises SoftprintError with the nearest name, or with all that there are."""
-    if name not in SHAPES:
-        near = difflib.get_close_matches(name, SHAPES, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(SHAPES)}"
+    known = {**SHAPES, **SCENE_SHAPES}
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(known)}"
         raise SoftprintError(f"the library has no shape '{name}'; {hint}")
-    return SHAPES[name]
+    return known[name]

@@ -13,7 +13,8 @@ class Shape:
 
     line: what it is, in a few words; reach: half extents of a box about the origin that holds it; field: negative
     inside; holes: through-holes, counted as handles of its surfaces (the sum of their genera); voids: cavities without
-    a way out; exact: whether the field is the signed distance, inside and outside.
+    a way out; exact: whether the field is the signed distance, inside and outside; cells: of the grid that its
+    triangles come from, along its longest side: edges and corners are true to about one of them.
     """
 
     name: str
@@ -23,6 +24,7 @@ class Shape:
     holes: int = 0
     voids: int = 0
     exact: bool = False
+    cells: int = 64
 
     @property
     def euler_characteristic(self) -> int:

@@ -12,11 +12,13 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from runtime.colliders.build import build_collider
-from runtime.colliders.library import library_collider, library_surface
+from runtime.colliders.library import library_collider, library_surface, zero_level
+from runtime.colliders.mesh_distance import MeshDistance
 from runtime.colliders.repair import closed_surface
 from runtime.errors import SoftprintError
 from runtime.experiment.colliders_schema import ColliderSpec
-from runtime.shapes import SHAPES, SPLIT, names, validation_names
+from runtime.shapes import SCENE_SHAPES, SHAPES, SPLIT, find_shape, names, validation_names
+from runtime.shapes.scene_shapes import BRIM_RADIUS, BRIM_TIP
 
 
 def test_the_split_is_30_to_22_and_no_family_is_on_both_sides() -> None:
@@ -30,7 +32,7 @@ def test_the_split_is_30_to_22_and_no_family_is_on_both_sides() -> None:
     assert set(validation_names()) < set(names("train"))
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", [*SHAPES, *SCENE_SHAPES])
 def test_the_surface_is_closed_faces_outward_and_has_the_holes_it_is_said_to_have(name: str) -> None:
     vertices, triangles = library_surface(name)
     directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
@@ -40,7 +42,7 @@ def test_the_surface_is_closed_faces_outward_and_has_the_holes_it_is_said_to_hav
     assert np.array_equal(np.sort(codes), np.sort(back))  # closed, oriented, and two triangles at an edge
     assert igl.is_vertex_manifold(triangles).all()
 
-    shape = SHAPES[name]
+    shape = find_shape(name)
     assert len(np.unique(triangles)) == len(vertices)
     assert len(vertices) - len(directed) // 2 + len(triangles) == shape.euler_characteristic
     pieces = np.asarray(igl.facet_components(triangles)[1]).reshape(-1)
@@ -60,6 +62,27 @@ def test_the_surface_is_one_that_mesh_colliders_take_without_repairs(
         repaired, closed = closed_surface(vertices, triangles, name)
         assert (len(repaired), len(closed)) == (len(vertices), len(triangles))
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
+
+
+def test_the_hat_is_on_neither_side_and_its_brim_is_sharp() -> None:
+    assert not set(SCENE_SHAPES) & set(SHAPES)
+    surface = zero_level(find_shape("hat"))
+    cell = 2 * 1.3 / 128
+    # A point of 65 degrees in an edge of 39: the grid takes the last three cells off.
+    assert surface[0][:, 0].max() > BRIM_TIP - 3 * cell
+    exact, across = MeshDistance(*surface), BRIM_RADIUS / BRIM_TIP
+    normal, tangent = np.array([across, np.sqrt(1 - across**2)]), np.array([np.sqrt(1 - across**2), -across])
+
+    def distance(within: float) -> float:
+        """In the middle of the sheet, so far from the straight edge between the disc and the tip."""
+        return exact(np.array([[*((BRIM_RADIUS - within) * normal + 0.5 * tangent), 0.0]]))[0]
+
+    # A knife: it thickens in proportion to the way in, but for chords of the grid.
+    for cells in (2, 4, 8):
+        assert -distance(cells * cell) == pytest.approx(
+            0.35 * cells * cell / np.sqrt(1 + 0.35**2), abs=0.2 * cell
+        )
+    assert 0 < distance(-cell) < 3 * cell
 
 
 def _digest() -> str:

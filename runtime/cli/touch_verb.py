@@ -1,0 +1,113 @@
+"""`softprint touch`: contact pressure, traction and strain at points of a body while a scene is played."""
+
+from __future__ import annotations
+
+import argparse
+
+from runtime.cli.context import Context
+from runtime.cli.verb import Verb
+
+FOLDER = "touch"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Which scene, which model, where."""
+    parser.add_argument(
+        "--scene", metavar="NAME", help='a scene of the experiment (default: the first with role = "test")'
+    )
+    parser.add_argument(
+        "--model",
+        default="bare",
+        metavar="NAME",
+        help="bare, full (needs DOLFINx) or the name of a trained correction (default: bare)",
+    )
+    parser.add_argument(
+        "--point",
+        type=_point,
+        action="append",
+        metavar="NAME=X,Y,Z",
+        help="a point of the surface by its place on the body at rest [m], two numbers in the plane; may be given "
+        "again (default: where the body is highest)",
+    )
+    parser.add_argument(
+        "--surface",
+        action="store_true",
+        help="also write the same at all surface samples in every frame, as HDF5 (default: off)",
+    )
+
+
+def _point(text: str) -> tuple[str, list[float]]:
+    name, given, numbers = text.partition("=")
+    if not (name and given):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=X,Y,Z, such as tip=0,0,0.06")
+    try:
+        return name, [float(number) for number in numbers.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{numbers!r} is not numbers with commas between, such as 0,0,0.06"
+        ) from None
+
+
+def run(args: argparse.Namespace, context: Context) -> int:
+    """Play the scene; touch/SCENE_MODEL.csv and .png in the run directory, and .h5 with --surface."""
+    import numpy as np
+
+    from runtime.cli.run_body import body_of_run
+    from runtime.dynamics.model import build_model, play
+    from runtime.dynamics.scene import find_scene, scene_steps
+    from runtime.errors import SoftprintError
+    from runtime.touch import Touch, TouchSensor, point_places, surface_places
+    from runtime.touch.series import draw_series, write_arrays, write_table
+
+    experiment = context.experiment
+    names = [args.scene] if args.scene else [scene.name for scene in experiment.scenes_of_role("test")]
+    if not names:
+        raise SoftprintError(f'{experiment.path}: no scene has role = "test"; name one with --scene')
+    scene = find_scene(experiment, names[0])
+    given = [name for name, _ in args.point or []]
+    if len(set(given)) < len(given):
+        raise SoftprintError(f"two points have the same name; the names are {', '.join(given)}")
+    body = body_of_run(context)
+    points = dict(args.point or [("top", body.mesh.points[np.argmax(body.mesh.points[:, -1])])])
+    places = [point_places(body, points), *([surface_places(body)] if args.surface else [])]
+    model = build_model(experiment, body, scene, context.out_dir, args.model)
+    sensors = [TouchSensor(model, body, felt_at) for felt_at in places]
+    felt: list[list[Touch]] = [[] for _ in sensors]
+    n_steps, left = scene_steps(experiment, scene), 0
+    with context.progress(n_steps, "steps", f"{scene.name} ({args.model})") as bar:
+        for frame, result in enumerate(play(model, n_steps)):
+            for sensor, series in zip(sensors, felt, strict=True):
+                series.append(sensor.feel(result))
+            left += not result.converged
+            bar.update(min(frame, 1))
+    path = context.out_dir / FOLDER / f"{scene.name}_{args.model}.csv"
+    write_table(path, places[0], felt[0])
+    draw_series(path.with_suffix(".png"), f"{scene.name} ({args.model})", places[0], felt[0])
+    context.say(
+        f"{path}: {len(points)} point(s), {n_steps + 1} frames; {path.with_suffix('.png').name} shows them"
+    )
+    if args.surface:
+        write_arrays(
+            path.with_suffix(".h5"),
+            places[1],
+            felt[1],
+            scene=scene.name,
+            model=args.model,
+            body_hash=body.content_hash,
+            experiment=experiment.text,
+        )
+        context.say(f"{path.with_suffix('.h5')}: {len(places[1])} surface samples in each frame")
+    if left:
+        context.say(f"{left} of {n_steps} steps did not converge")
+    return 0
+
+
+VERB = Verb(
+    name="touch",
+    order=47,
+    summary="Contact pressure, traction and strain at points of the body, as time series.",
+    example="softprint touch examples/jelly3d_small.toml --model ours --point shoulder=0.03,0,0.05",
+    run=run,
+    needs=("h5py",),
+    configure=configure,
+)
