@@ -3,7 +3,8 @@ frame.
 
 A frame's region is elastic here. Its position is the mean of its nodes; its orientation is the least-squares
 linear fit A of x_i - mean(x) = A (X_i - mean(X)), so that  k_r/4 |A - R_target|^2  is a sum of dim linear
-springs. For a rigid region both agree with the springs of the reduced model, `runtime.dynamics.springs`.
+springs; an anchor X_a is at mean(x) + A (X_a - mean(X)). For a rigid region both agree with the springs of the
+reduced model, `runtime.dynamics.springs`.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ def linear_springs(springs: Sequence[HandleSpring], body: ReducedBody, time: flo
             result.append(LinearSpring(weights, spring.stiffness, pose.translation))
             continue
         mean, fit = _region_weights(body, spring.handle)
-        result.append(LinearSpring(mean, spring.stiffness, pose.translation))
+        pulled = mean if spring.anchor is None else mean + (spring.anchor - mean @ body.mesh.points) @ fit
+        result.append(LinearSpring(pulled, spring.stiffness, pose.translation))
         if spring.rotation_stiffness:
             # row j of A^T is fit[j] @ x; it is pulled to row j of R_target^T
             half = 0.5 * spring.rotation_stiffness

@@ -15,7 +15,7 @@ from runtime.body.basis import biharmonic_basis
 from runtime.body.body import ReducedBody
 from runtime.body.cubature import build_cubature
 from runtime.body.handles import Handles
-from runtime.body.placement import frame_in_box, in_box, place_handles
+from runtime.body.placement import frames_of, in_box, place_handles
 from runtime.body.surface_samples import sample_surface
 from runtime.elasticity.materials import Material, make_material
 from runtime.errors import SoftprintError
@@ -40,8 +40,7 @@ def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0, dim: int | N
         raise SoftprintError(
             f"{path}: this mesh is {mesh.dim}D, but dynamics.gravity has {dim} numbers, as for {dim}D"
         )
-    frames = [frame_in_box(mesh, frame.name, frame.box) for frame in spec.handles.frames]
-    handles = place_handles(mesh, spec.handles.points, frames)
+    handles = place_handles(mesh, spec.handles.points, frames_of(mesh, spec.handles.frames))
     material, density = material_of_cells(mesh, spec.material)
     return assemble_body(
         mesh,

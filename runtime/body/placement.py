@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,9 @@ from runtime.body.farthest_points import farthest_points
 from runtime.body.handles import FrameHandle, Handles
 from runtime.errors import SoftprintError
 from runtime.mesh import Mesh
+
+if TYPE_CHECKING:
+    from runtime.experiment import FrameSpec
 
 # A region is in general position when its thinnest extent is at least this share of its widest (singular
 # values).
@@ -33,13 +37,53 @@ def in_box(points: Array, box: ArrayLike) -> BoolArray:
     return np.asarray(((points >= bounds[0]) & (points <= bounds[1])).all(axis=1))
 
 
+def near_segments(points: Array, segments: ArrayLike, radius: float) -> BoolArray:
+    """(n,) which points (n, dim) lie within the radius of one of the segments (m, 2, dim) [m]."""
+    lines = np.asarray(segments, dtype=np.float64)
+    dim = points.shape[1]
+    if lines.ndim != 3 or lines.shape[1:] != (2, dim):
+        raise SoftprintError(
+            f"segments {np.asarray(segments).tolist()}: must be a list of [start, end] of {dim} numbers each"
+        )
+    near = np.zeros(len(points), dtype=bool)
+    for start, end in lines:
+        along = end - start
+        t = np.clip((points - start) @ along / max(along @ along, np.finfo(float).tiny), 0.0, 1.0)
+        near |= np.linalg.norm(points - start - t[:, None] * along, axis=1) <= radius
+    return near
+
+
+def frames_of(mesh: Mesh, specs: Sequence[FrameSpec]) -> list[FrameHandle]:
+    """The rigid frames that an experiment describes."""
+    frames = []
+    for spec in specs:
+        if spec.box is not None:
+            frames.append(frame_in_box(mesh, spec.name, spec.box))
+        elif spec.segments is not None and spec.radius is not None:
+            frames.append(frame_along(mesh, spec.name, spec.segments, spec.radius))
+    return frames
+
+
 def frame_in_box(mesh: Mesh, name: str, box: ArrayLike) -> FrameHandle:
     """The rigid frame ``name`` of all nodes in the box [[lower], [upper]] [m].
 
     Raises SoftprintError where the nodes do not determine an affine map: too few, or all in one plane.
     """
-    nodes = np.flatnonzero(in_box(mesh.points, box))
-    where = f"frame {name!r}, box {np.asarray(box).tolist()}"
+    return _frame(mesh, name, in_box(mesh.points, box), f"box {np.asarray(box).tolist()}")
+
+
+def frame_along(mesh: Mesh, name: str, segments: ArrayLike, radius: float) -> FrameHandle:
+    """The rigid frame ``name`` of all nodes within the radius [m] of one of the segments (m, 2, dim): a bone.
+
+    Raises SoftprintError as :func:`frame_in_box` does.
+    """
+    near = near_segments(mesh.points, segments, radius)
+    return _frame(mesh, name, near, f"within {radius:g} m of its segments")
+
+
+def _frame(mesh: Mesh, name: str, held: BoolArray, region: str) -> FrameHandle:
+    nodes = np.flatnonzero(held)
+    where = f"frame {name!r}, {region}"
     if len(nodes) == mesh.n_nodes:
         raise SoftprintError(
             f"{where}: holds every node of the body, so nothing is left to deform: make it smaller"
@@ -47,9 +91,8 @@ def frame_in_box(mesh: Mesh, name: str, box: ArrayLike) -> FrameHandle:
     if not in_general_position(mesh.points[nodes]):
         lower, upper = mesh.points.min(axis=0).round(4).tolist(), mesh.points.max(axis=0).round(4).tolist()
         raise SoftprintError(
-            f"{where}: its {len(nodes)} nodes do not span {mesh.dim} dimensions; make the box thick enough "
-            f"to hold two "
-            f"layers of nodes (the body reaches from {lower} to {upper} m)"
+            f"{where}: its {len(nodes)} nodes do not span {mesh.dim} dimensions; make the region thick enough "
+            f"to hold two layers of nodes (the body reaches from {lower} to {upper} m)"
         )
     return FrameHandle(name, nodes, mesh.points[nodes].mean(axis=0))
 
@@ -78,7 +121,7 @@ def place_handles(
             )
         if taken[frame.nodes].any():
             raise SoftprintError(
-                f"handles: frame {frame.name!r} shares nodes with another frame: their boxes must not meet"
+                f"handles: frame {frame.name!r} shares nodes with another frame: their regions must not meet"
             )
         taken[frame.nodes] = True
     nodes = _spread(mesh, points, taken) if isinstance(points, int) else _snap(mesh, points, taken)

@@ -52,7 +52,7 @@ def _difference(context: Context, body: ReducedBody) -> str:
     """What of the body is not as the experiment says; empty if all is. Basis and cubature follow from the
     rest."""
     from runtime.body.build import material_of_cells
-    from runtime.body.placement import frame_in_box, place_handles
+    from runtime.body.placement import frames_of, place_handles
     from runtime.mesh import read_mesh
 
     experiment = context.experiment
@@ -60,8 +60,7 @@ def _difference(context: Context, body: ReducedBody) -> str:
     mesh = read_mesh(experiment.base_dir / spec.mesh)
     if not (np.array_equal(mesh.points, body.mesh.points) and np.array_equal(mesh.cells, body.mesh.cells)):
         return "mesh"
-    frames = [frame_in_box(mesh, frame.name, frame.box) for frame in spec.handles.frames]
-    handles = place_handles(mesh, spec.handles.points, frames)
+    handles = place_handles(mesh, spec.handles.points, frames_of(mesh, spec.handles.frames))
     named = [(frame.name, frame.nodes.tolist()) for frame in handles.frames]
     if named != [(frame.name, frame.nodes.tolist()) for frame in body.handles.frames] or not np.array_equal(
         handles.points, body.handles.points

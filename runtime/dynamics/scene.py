@@ -16,6 +16,7 @@ from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.corrections.correction import Correction
 from runtime.dynamics.kinematic import KinematicHandle
 from runtime.dynamics.newton import NewtonSettings
+from runtime.dynamics.recorded_motion import read_recorded_motion
 from runtime.dynamics.simulator import DynamicsSettings, PlacedCollider, Simulator
 from runtime.dynamics.springs import HandleSpring
 from runtime.errors import SoftprintError
@@ -72,23 +73,47 @@ def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
         contact=PenaltyContact(contact.stiffness),
         friction=CoulombFriction(contact.friction, contact.slip_velocity) if contact.friction else None,
         gravity=np.array(dynamics.gravity),
-        springs=tuple(
-            HandleSpring(
-                spring.handle,
-                spring.stiffness,
-                _path(spring.keyframes, experiment.dim)
-                if spring.target is None
-                else KeyframedPath([0.0], [spring.target]),
-                spring.rotation_stiffness,
-            )
-            for spring in scene.springs
-        ),
+        springs=_springs(experiment, scene),
         kinematic=tuple(_kinematic(entry, experiment.dim) for entry in scene.kinematic),
         settings=DynamicsSettings(
             time_step=dynamics.time_step,
             newton=NewtonSettings(max_iterations=dynamics.max_iterations, tolerance=dynamics.tolerance),
         ),
     )
+
+
+def _springs(experiment: Experiment, scene: SceneSpec) -> tuple[HandleSpring, ...]:
+    """Those that the scene lists, and those that follow its recorded motion."""
+    springs = [
+        HandleSpring(
+            spring.handle,
+            spring.stiffness,
+            _path(spring.keyframes, experiment.dim)
+            if spring.target is None
+            else KeyframedPath([0.0], [spring.target]),
+            spring.rotation_stiffness,
+        )
+        for spring in scene.springs
+    ]
+    if scene.tracking is not None:
+        file = experiment.base_dir / scene.tracking.file
+        known = {frame.name for frame in experiment.body.handles.frames}
+        for track in read_recorded_motion(file, experiment.dim):
+            if track.frame not in known:
+                raise SoftprintError(
+                    f"{file}: the body has no frame named {track.frame!r}; its frames: "
+                    f"{', '.join(sorted(known)) or 'none'}"
+                )
+            springs.append(
+                HandleSpring(
+                    track.frame,
+                    scene.tracking.stiffness,
+                    track.path,
+                    scene.tracking.rotation_stiffness,
+                    track.anchor,
+                )
+            )
+    return tuple(springs)
 
 
 def _kinematic(entry: KinematicEntry, dim: int) -> KinematicHandle:

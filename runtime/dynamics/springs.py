@@ -1,9 +1,9 @@
 """Springs that pull handles to targets: how a user, a hand or a robot takes hold of the body.
 
-A point handle, or the pivot of a frame, at p is pulled to its target by E = k/2 |p - target|^2; the
-orientation R of a frame by E = k_r/4 |R - R_target|_F^2 = k_r (1 - cos(angle between them)). Both are
-quadratic in the handle rows, so all springs together are the quadratic form 1/2 tr(rows^T K rows) - tr(L^T
-rows) + constant, with K (n_rows, n_rows).
+A point handle, or the pivot of a frame or another point of it, at p is pulled to its target by
+E = k/2 |p - target|^2; the orientation R of a frame by E = k_r/4 |R - R_target|_F^2 = k_r (1 - cos(angle between
+them)). Both are quadratic in the handle rows, so all springs together are the quadratic form
+1/2 tr(rows^T K rows) - tr(L^T rows) + constant, with K (n_rows, n_rows).
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from runtime.errors import SoftprintError
 @dataclass(frozen=True, eq=False)
 class HandleSpring:
     """handle: a point by number or a frame by name; stiffness k [N/m]; target: a path whose position pulls
-    the point (or the frame's pivot) [m, world]; rotation_stiffness k_r [N m/rad], frames only: the path's
-    rotation pulls too."""
+    the point (or the frame's anchor) [m, world]; rotation_stiffness k_r [N m/rad], frames only: the path's
+    rotation pulls too. anchor: (dim,) the point of the rest body by which a frame is pulled [m]; None: its pivot."""
 
     handle: int | str
     stiffness: float
     target: KeyframedPath
     rotation_stiffness: float = 0.0
+    anchor: Array | None = None
 
     def __post_init__(self) -> None:
         if not (self.stiffness >= 0 and self.rotation_stiffness >= 0):
@@ -63,7 +64,7 @@ def spring_form(springs: Sequence[HandleSpring], handles: Handles, time: float) 
     for spring in springs:
         rows = handles.rows_of(spring.handle)
         pose = spring.target.pose(time)
-        weights = _position_weights(handles, spring.handle)
+        weights = _position_weights(handles, spring)
         matrix[rows, rows] += spring.stiffness * np.outer(weights, weights)
         linear[rows] += spring.stiffness * np.outer(weights, pose.translation)
         constant += 0.5 * spring.stiffness * float(pose.translation @ pose.translation)
@@ -75,9 +76,9 @@ def spring_form(springs: Sequence[HandleSpring], handles: Handles, time: float) 
     return QuadraticForm(matrix, linear, constant)
 
 
-def _position_weights(handles: Handles, handle: int | str) -> Array:
-    """w with p = w^T (rows of the handle): 1 for a point, (pivot, 1) for a frame."""
-    if not isinstance(handle, str):
+def _position_weights(handles: Handles, spring: HandleSpring) -> Array:
+    """w with p = w^T (rows of the handle): 1 for a point, (anchor, 1) for a frame."""
+    if not isinstance(spring.handle, str):
         return np.ones(1)
-    frame = next(frame for frame in handles.frames if frame.name == handle)
-    return np.append(frame.pivot, 1.0)
+    frame = next(frame for frame in handles.frames if frame.name == spring.handle)
+    return np.append(frame.pivot if spring.anchor is None else spring.anchor, 1.0)

@@ -5,19 +5,32 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from runtime.experiment.section import Box, Count, Name, Positive, Section, Vector
 
 Poisson = Annotated[float, Field(gt=-1, lt=0.5)]
 PointCount = Annotated[int, Field(ge=0)]
+Segment = Annotated[tuple[Vector, Vector], Field(description="from one point to another [m]")]
 
 
 class FrameSpec(Section):
-    """A rigid frame: all nodes of the rest mesh inside a box move together."""
+    """A rigid frame: all nodes of the rest mesh in a box, or near the segments of a bone, move together."""
 
     name: Name = Field(description="what scenes and springs call the frame")
-    box: Box
+    box: Box | None = None
+    segments: Annotated[tuple[Segment, ...], Field(min_length=1)] | None = Field(
+        None, description="the lines of a bone; they and `radius` take the place of a box"
+    )
+    radius: Positive | None = Field(None, description="of the bone about its segments [m]")
+
+    @model_validator(mode="after")
+    def _one_region(self) -> FrameSpec:
+        if (self.box is None) == (self.segments is None):
+            raise ValueError("give either `box`, or `segments` with their `radius`")
+        if (self.segments is None) != (self.radius is None):
+            raise ValueError("`segments` and `radius` go together")
+        return self
 
 
 class HandlesSpec(Section):
@@ -27,7 +40,9 @@ class HandlesSpec(Section):
         description="how many point handles to place, farthest apart on the surface; "
         "or a list of places [m], each taken to its nearest node"
     )
-    frames: tuple[FrameSpec, ...] = Field((), description="rigid frames, each a name and a box [m]")
+    frames: tuple[FrameSpec, ...] = Field(
+        (), description="rigid frames, each a name and a box, or segments and their radius [m]"
+    )
 
 
 class MaterialRegionSpec(Section):

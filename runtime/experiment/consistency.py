@@ -46,13 +46,18 @@ def _repeated_names(experiment: Experiment) -> Iterator[Problem]:
 def _body(experiment: Experiment) -> Iterator[Problem]:
     body = experiment.body
     yield from _file(experiment, "body.mesh", body.mesh)
-    boxes = {f"body.handles.frames[{n}].box": frame.box for n, frame in enumerate(body.handles.frames)}
+    frames = list(enumerate(body.handles.frames))
+    boxes = {f"body.handles.frames[{n}].box": frame.box for n, frame in frames if frame.box is not None}
     boxes |= {f"body.material.regions[{n}].box": region.box for n, region in enumerate(body.material.regions)}
     for key, box in boxes.items():
         wrong_size = [problem for corner in box for problem in _vector(experiment, key, corner)]
         yield from wrong_size[:1]
         if not wrong_size and any(low >= high for low, high in zip(*box, strict=True)):
             yield Problem(key, "is empty", "the first corner must be below the second along every axis", box)
+    for number, frame in frames:
+        for index, segment in enumerate(frame.segments or ()):
+            key = f"body.handles.frames[{number}].segments[{index}]"
+            yield from [problem for end in segment for problem in _vector(experiment, key, end)][:1]
     if isinstance(body.handles.points, tuple):
         for number, point in enumerate(body.handles.points):
             yield from _vector(experiment, f"body.handles.points[{number}]", point)
@@ -145,6 +150,8 @@ def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Pr
             yield from _vector(experiment, f"{key}.target", spring.target)
         if spring.keyframes is not None:
             yield from _keyframes(experiment, f"{key}.keyframes", spring.keyframes)
+    if scene.tracking is not None:
+        yield from _file(experiment, f"{here}.tracking.file", scene.tracking.file)
 
 
 def _kinematic(experiment: Experiment, key: str, entries: Iterable[KinematicEntry]) -> Iterator[Problem]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -61,6 +62,17 @@ class SpringSpec(Section):
     keyframes: Keyframes | None = Field(None, description="where it pulls to, over time")
 
 
+class TrackingSpec(Section):
+    """Springs by which frames, such as the bones of a hand, follow a recorded motion."""
+
+    file: Path = Field(
+        description="table of frames, times and poses (CSV, see runtime/dynamics/recorded_motion.py), relative to the "
+        "experiment file"
+    )
+    stiffness: Positive = Field(description="of each frame's spring [N/m]")
+    rotation_stiffness: Positive = Field(description="of each frame's spring against turning [N m/rad]")
+
+
 class SceneSpec(Section):
     """`[[scenes]]`: one motion of the body, its colliders and its handles."""
 
@@ -74,3 +86,4 @@ class SceneSpec(Section):
     )
     colliders: tuple[SceneColliderSpec, ...] = ()
     springs: tuple[SpringSpec, ...] = ()
+    tracking: TrackingSpec | None = None
