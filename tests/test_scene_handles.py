@@ -8,6 +8,7 @@ import pytest
 from runtime.body import build_body
 from runtime.colliders import RigidPose
 from runtime.dynamics.model import bare_model, play
+from runtime.errors import SoftprintError
 from runtime.experiment import load_experiment
 from runtime.mesh import box_mesh, write_mesh
 
@@ -55,6 +56,13 @@ handle = "base"
 stiffness = 100.0
 rotation_stiffness = 1.0
 keyframes = [{{ time = 0.0, position = {shift}, rotation = {turn} }}]
+"""
+
+TRACKED = """
+[scenes.tracking]
+file = "tracked.csv"
+stiffness = 100.0
+rotation_stiffness = 1.0
 """
 
 TURN = {2: [0.2], 3: [0.05, -0.1, 0.15]}
@@ -123,3 +131,27 @@ def test_a_spring_turns_a_frame(scene_of, dim):
     # The whole body follows without strain, so that nothing pulls back: what is left is the solver's tolerance.
     x = model.positions(result.state)[body.handles.frames[0].nodes]
     np.testing.assert_allclose(x, moved(body, target), atol=1e-6)
+
+
+def test_a_frame_follows_a_recorded_motion(scene_of, tmp_path, dim):
+    """The tracker saw a corner of the frame, at rest before the scene, and turned and shifted at its start."""
+    corner, shift, seen_at_rest = np.full(dim, -0.05), np.full(dim, 0.01), 0.4 * np.array(TURN[dim])
+    pose = RigidPose.from_rotation_vector(np.array(TURN[dim]), np.zeros(dim))
+    turned = pose.compose(RigidPose.from_rotation_vector(seen_at_rest, np.zeros(dim))).rotation_vector
+    heading = {2: "frame,time,x,y,angle", 3: "frame,time,x,y,z,rx,ry,rz"}[dim]
+    rows = [("base", -1.0, *corner, *seen_at_rest), ("base", 0.0, *(corner + shift), *turned)]
+    lines = [heading, *(",".join(map(str, row)) for row in rows)]
+    (tmp_path / "tracked.csv").write_text("\n".join(lines))
+    body, model = scene_of(TRACKED, 0.0)
+    result = model.start()
+    assert result.converged, result.reason
+    # Without strain, as above: the whole body is where the corner's motion takes it, to the solver's tolerance.
+    wanted = pose.rotate(body.mesh.points - corner) + corner + shift
+    np.testing.assert_allclose(model.positions(result.state), wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2])
+def test_a_recorded_motion_of_another_body_is_refused(scene_of, tmp_path):
+    (tmp_path / "tracked.csv").write_text("frame,time,x,y,angle\nbone,0,0,0,0\n")
+    with pytest.raises(SoftprintError, match="no frame named 'bone'; its frames: base"):
+        scene_of(TRACKED, 0.0)

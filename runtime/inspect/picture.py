@@ -37,14 +37,12 @@ def placed_surfaces(poses: Poses, experiment: Path | None) -> list[tuple[Array, 
     from runtime.experiment import load_experiment
 
     known = load_experiment(experiment)
-    specs = {spec.name: spec for spec in known.colliders}
     surfaces = []
     for name, pose in poses.items():
-        if name not in specs:
-            raise SoftprintError(
-                f"{experiment}: has no collider {name!r}; its colliders: {', '.join(specs) or 'none'}"
-            )
-        collider = build_collider(specs[name], known.base_dir)
+        if name not in known.collider_names:
+            own = ", ".join(spec.name for spec in known.colliders) or "none"
+            raise SoftprintError(f"{experiment}: has no collider {name!r}; its colliders: {own}")
+        collider = build_collider(known.collider(name), known.base_dir)
         if np.isfinite(collider.upper - collider.lower).all():
             vertices, facets = collider_surface(collider)
             surfaces.append((pose.apply(vertices), facets))

@@ -118,6 +118,19 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
         ),
         ("dynamics.gravity=[0, -9.81]", ["dynamics.gravity has 2", "2D", "[scenes[0].springs[0].target]"]),
         ("body.handles.frames.base.box=[[0, 0, 0], [1, 1, 0]]", ["[body.handles.frames[0].box]", "is empty"]),
+        ("body.handles.frames.base.radius=0.1", ["[body.handles.frames[0]]", "go together"]),
+        (
+            "body.handles.frames.base.segments=[[[0, 0, 0], [1, 1, 0]]]",
+            ["[body.handles.frames[0]]", "either `box`"],
+        ),
+        (
+            "body.handles.frames=[{name='base', segments=[[[0, 0], [1, 1]]], radius=0.1}]",
+            ["[body.handles.frames[0].segments[0]]", "2 entries"],
+        ),
+        (
+            "scenes.press.tracking={file='gone.csv', stiffness=1.0, rotation_stiffness=1.0}",
+            ["[scenes[0].tracking.file]", "does not exist"],
+        ),
         ("body.handles.points=[[0, 0]]", ["[body.handles.points[0]]", "2 entries"]),
         ("body.handles.points='many'", ["[body.handles.points]", "integer", "or"]),
         ("sampling.collider='bull'", ["[sampling.collider]", "did you mean 'ball'?"]),

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from runtime.body.farthest_points import farthest_points
 from runtime.body.handles import Handles
-from runtime.body.placement import frame_in_box, place_handles
+from runtime.body.placement import frame_along, frame_in_box, place_handles
 from runtime.body.rotations import nearest_rotation, rotation_exponential
 from runtime.errors import SoftprintError
 from runtime.mesh import box_mesh
@@ -203,6 +204,33 @@ def test_bad_handles_are_refused_with_a_reason(points, frames, words):
     mesh = box_mesh([0, 0], [1, 1], [4, 4])
     with pytest.raises(SoftprintError, match=words):
         place_handles(mesh, points, [frame_in_box(mesh, name, box) for name, box in frames])
+
+
+def test_a_bone_holds_the_nodes_about_its_segments(dim):
+    mesh = box_mesh([0.0] * dim, [1.0] * dim, [8] * dim)
+    low, bend = np.full(dim, 0.25), np.append(0.75, np.full(dim - 1, 0.25))
+    bone = frame_along(mesh, "bone", [[low, bend], [bend, np.full(dim, 0.75)]], 0.2)
+    # A capsule is the union of the balls about the points of its segment: so many of them that a node counts as held
+    # 1e-3 of a cell early at most, and no node is that near to the border.
+    along = np.linspace(0.0, 1.0, 2001)[:, None]
+    line = np.vstack([low + along * (bend - low), bend + along * (np.full(dim, 0.75) - bend)])
+    distance = cKDTree(line).query(mesh.points)[0]
+    assert np.abs(distance - 0.2).min() > 1e-4
+    np.testing.assert_array_equal(bone.nodes, np.flatnonzero(distance < 0.2))
+    np.testing.assert_allclose(bone.pivot, mesh.points[bone.nodes].mean(axis=0))
+
+
+@pytest.mark.parametrize(
+    ("segments", "words"),
+    [
+        ([[[0.5, 0.5], [0.6, 0.5]]], "'bone', within 0.05 m of its segments: its 1 nodes do not span"),
+        ([[[0.5, 0.5, 0.5], [0.6, 0.5, 0.5]]], "of 2 numbers each"),
+        ([[0.5, 0.5], [0.6, 0.5]], "list of .start, end."),
+    ],
+)
+def test_bad_bones_are_refused_with_a_reason(segments, words):
+    with pytest.raises(SoftprintError, match=words):
+        frame_along(box_mesh([0, 0], [1, 1], [4, 4]), "bone", segments, 0.05)
 
 
 def test_handles_without_frames_have_no_curvature():
