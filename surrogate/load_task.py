@@ -40,7 +40,7 @@ from surrogate.tasks import seeded, some_samples
 @dataclass(frozen=True, eq=False)
 class LoadData:
     """Samples, padded to the largest number m of loads. local: (s, m, n_local); depth: (s,); load:
-    (s, m, dim); lever: (s, m, dim, dim); index: (s, m) into the loads of the body;
+    (s, m, dim); lever: (s, m, DIRECTIONS, dim); index: (s, m) into the loads of the body;
     present: (s, m) 1 where there is a load; h: (s, m, dim) and squared: (s,), c, with the edge term;
     volume_h, volume_squared: without it."""
 

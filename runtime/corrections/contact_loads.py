@@ -15,6 +15,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.carried_normal import SHORTEST
+from runtime.corrections.load_inputs import load_inputs
 from runtime.corrections.load_press import LoadProbe
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.elasticity.determinant import cofactor
@@ -23,22 +24,16 @@ from runtime.elasticity.determinant import cofactor
 @dataclass(frozen=True, eq=False)
 class ContactLoads:
     """index: (m,) loads of the body; load: l (m, dim) [N], what mechanics gives them, in rest coordinates; inputs: a
-    (m, n_load_inputs(dim)), all seen from the collider: position, signed distance and its gradient there, F, surface
-    normal, rest distance to the surface [m] (0 but for loads inside), rest position, penetration left [m] (negative: a
-    gap) and displacement [m] of the linear body; lever: w F^T (m, dim, dim) [m^(dim-1)] with
+    (m, n_load_inputs(dim)), the invariants of `load_inputs` and the rest position [m]; lever: w F^T v_k (m, DIRECTIONS,
+    dim) [m^(dim-1)] with the directions v = g, N and u / band, and
     w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the band's edge; depth: D [m], see
-    `patch_depth`."""
+    `patch_depth`. Turning body and collider together changes none of these."""
 
     index: IntArray
     load: Array
     inputs: Array
     lever: Array
     depth: float
-
-
-def n_load_inputs(dim: int) -> int:
-    """Columns of `ContactLoads.inputs`."""
-    return 5 * dim + dim * dim + 3
 
 
 def patch_depth(areas: Array, distance: Array) -> float:
@@ -89,24 +84,19 @@ class ContactLoadsProbe:
         F = pose.rotation.T @ probe.deformation(rows, index)
         moved = (F @ np.tensordot(probe.among(index, pressed), press.load, 2)[..., None])[..., 0]
         z = pose.apply_inverse(press.around_position)
-        distance, slope, _ = self.collider.sdf_derivatives(np.concatenate([z, z + moved]))
+        distance, slope, curvature = self.collider.sdf_derivatives(np.concatenate([z, z + moved]))
         load = np.zeros_like(moved)
         load[np.searchsorted(index, pressed)] = press.load
         carried = (cofactor(F) @ probe.points.surface_normal[index][..., None])[..., 0]
         length = np.sqrt((carried * carried).sum(axis=1, keepdims=True))
-        columns = (
-            z,
-            distance[:m, None],
-            slope[:m],
-            F.reshape(m, -1),
-            carried / np.maximum(length, SHORTEST),
-            probe.points.surface_distance[index][:, None],
-            probe.points.rest[index],
-            -distance[m:, None],
-            moved,
+        carried /= np.maximum(length, SHORTEST)
+        invariants = load_inputs(
+            distance, slope, curvature, moved, F, carried, probe.points.surface_normal[index]
         )
+        inputs = np.concatenate([invariants, probe.points.rest[index]], axis=1)
         areas = self._areas[index]
         x = np.maximum(1.0 - distance[:m] / self._band, 0.0) ** 2
-        lever = (areas * x / (1.0 + x))[:, None, None] * F.transpose(0, 2, 1)
+        directions = np.stack([slope[:m], carried, moved / self._band], axis=1)
+        lever = (areas * x / (1.0 + x))[:, None, None] * (directions @ F)
         depth = patch_depth(areas, distance[:m])
-        return ContactLoads(index, load, np.concatenate(columns, axis=1), lever, depth)
+        return ContactLoads(index, load, inputs, lever, depth)

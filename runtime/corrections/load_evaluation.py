@@ -46,12 +46,12 @@ class LoadEvaluation:
         """phi (m, dim) [N], as `LoadModel`, in the precision of the model."""
         kind, load, depth = self.dtype, contact.load, contact.depth
         y = self._network((contact.inputs.astype(kind) - self._mean) / self._spread, depth)
-        traction = (contact.lever @ y[:, 1:, None])[..., 0]
+        traction = (y[:, None, 1:] @ contact.lever)[:, 0]
         phi = load + self._fade.value(depth) * (load * y[:, :1] + self._scale * traction)
         return np.asarray(phi.astype(kind))
 
     def _network(self, local: Floats, depth: float) -> Floats:
-        """y (m, 1 + dim)."""
+        """y (m, 1 + DIRECTIONS)."""
         (first, bias), *hidden, (head, last) = self._layers
         shared = (depth - self._depth_mean) / self._depth_spread * self._by_depth
         h = self._activation(local @ first + (bias + shared.astype(local.dtype)))

@@ -1,11 +1,13 @@
-"""What the network adds to the mechanics: corrected contact forces.
+"""What the network adds to the mechanics: corrected contact forces, under any collider.
 
-    phi_j = l_j + fade(D) [ y_0 l_j + w_j c F_j^T (y_1, ..., y_dim) ],        u_X = F_X sum_j G_Xj phi_j
+    phi_j = l_j + fade(D) [ y_0 l_j + w_j c F_j^T sum_k y_k v_jk ],        u_X = F_X sum_j G_Xj phi_j
 
 l_j the load that balances a linearly elastic body (`load_press.py`), w_j [m^(dim-1)] an area that fades with
-distance, D the depth of the contact, c [N/m^(dim-1)] a scale, and y(a_j, D) a network that runs on the few loads in
-contact and not on all points of the body. Its inputs a_j are the geometry of the contact at the load, what penetration
-the linear body leaves there, and how far it moves the load. With y = 0 the field is that of linear elasticity.
+distance, D the depth of the contact, c [N/m^(dim-1)] a scale, v_jk directions that the contact itself gives, and
+y(a_j, D) a network that runs on the few loads in contact and not on all points of the body. Its inputs a_j are
+invariants of the contact at the load and around it (`contact_loads.py`): body and collider may be turned together, or
+the collider's axes chosen otherwise, and nothing changes but that u turns along. Nothing is told of which collider it
+is, or where on it. With y = 0 the field is that of linear elasticity.
 """
 
 from __future__ import annotations
@@ -17,8 +19,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from runtime.corrections.contact_loads import n_load_inputs
 from runtime.corrections.fade import Fade
+from runtime.corrections.load_inputs import DIRECTIONS, n_load_inputs
 from runtime.corrections.network import Mlp, spread
 
 
@@ -56,7 +58,7 @@ class LoadModel(nn.Module):
         super().__init__()
         self.options, self.dim, self.n_rows = options, dim, n_rows
         n_local = n_load_inputs(dim)
-        self.network = Mlp(n_local, 1, options.widths, 1 + dim, options.activation)
+        self.network = Mlp(n_local, 1, options.widths, 1 + DIRECTIONS, options.activation)
         # Untrained, the field is that of linear elasticity.
         nn.init.zeros_(self.network.head.weight)
         nn.init.zeros_(self.network.head.bias)
@@ -70,7 +72,7 @@ class LoadModel(nn.Module):
     @torch.no_grad()
     def normalise(self, local: Tensor, depth: Tensor, load: Tensor, lever: Tensor) -> None:
         """Set the normalisation from inputs (n, n_local) and (samples,), and from loads (n, dim) with their levers (n,
-        dim, dim), so that outputs of order one correct the loads by their size."""
+        DIRECTIONS, dim), so that outputs of order one correct the loads by their size."""
         self.local_mean.copy_(local.mean(0))
         self.local_scale.copy_(spread(local))
         self.depth_mean.copy_(depth.mean())
@@ -81,13 +83,13 @@ class LoadModel(nn.Module):
 
     def forward(self, local: Tensor, depth: Tensor, load: Tensor, lever: Tensor) -> Tensor:
         """phi (..., m, dim) [N] from the columns of `ContactLoads`: inputs a (..., m, n_local), D (...), loads (..., m,
-        dim) and levers (..., m, dim, dim)."""
+        dim) and levers (..., m, DIRECTIONS, dim)."""
         y = self.network(self._local(local), self._depth(depth))
         return load + self.fade.value(depth)[..., None, None] * self._correction(load, lever, y)
 
     def _correction(self, load: Tensor, lever: Tensor, y: Tensor) -> Tensor:
-        """y_0 l + c w F^T (y_1, ...)."""
-        traction = torch.einsum("...ij,...j->...i", lever, y[..., 1:])
+        """y_0 l + c sum_k y_k w F^T v_k."""
+        traction = torch.einsum("...ki,...k->...i", lever, y[..., 1:])
         return load * y[..., :1] + self.traction_scale * traction
 
     def _local(self, local: Tensor) -> Tensor:

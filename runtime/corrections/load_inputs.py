@@ -1,0 +1,92 @@
+"""What the network of a `LoadModel` is told of each load in contact, and in which directions it may push.
+
+Everything is made of vectors that belong to the contact itself, at each load x,
+
+    g = grad s(x), g' = grad s(x + u)   of the signed distance, before and after the linear body has given way by u,
+    N                                   the surface normal that the body carries along,
+    H, H'                               the Hessians of the distance there: how the collider is curved,
+    C = F^T F, B = F F^T                how the body is strained,
+
+which enter only as products with each other, so that turning body and collider together changes nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from runtime.arrays import Array
+from runtime.compiled import compiled
+
+# g, N, u: see `directions`.
+DIRECTIONS = 3
+_INVARIANTS = 28
+
+
+def n_load_inputs(dim: int) -> int:
+    """Columns of `load_inputs`."""
+    return _INVARIANTS + dim
+
+
+@compiled
+def _form(a: Array, M: Array, b: Array) -> float:
+    """a . M b."""
+    total = 0.0
+    for i in range(len(a)):
+        for j in range(len(b)):
+            total += a[i] * M[i, j] * b[j]
+    return total
+
+
+@compiled
+def _dot(a: Array, b: Array) -> float:
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@compiled
+def load_inputs(
+    value: Array, gradient: Array, hessian: Array, moved: Array, F: Array, carried: Array, normal: Array
+) -> Array:
+    """The invariants (m, _INVARIANTS) of m loads, all vectors in the same axes.
+
+    value (2m,) [m], gradient (2m, dim), hessian (2m, dim, dim) [1/m]: of the signed distance at the loads, and again
+    where the linear body has moved them to; moved: u (m, dim) [m]; F: (m, dim, dim); carried: N (m, dim); normal: of
+    the surface at rest (m, dim).
+    """
+    m, dim = moved.shape
+    result = np.empty((m, _INVARIANTS))
+    C, B = np.empty((dim, dim)), np.empty((dim, dim))
+    along = np.empty(dim)
+    for j in range(m):
+        g, after, u, N = gradient[j], gradient[m + j], moved[j], carried[j]
+        H, H_after = hessian[j], hessian[m + j]
+        trace_C = trace_H = trace_after = square = square_after = 0.0
+        for a in range(dim):
+            along[a] = u[a] - _dot(u, N) * N[a]
+            trace_H += H[a, a]
+            trace_after += H_after[a, a]
+            for b in range(dim):
+                C[a, b] = B[a, b] = 0.0
+                square += H[a, b] ** 2
+                square_after += H_after[a, b] ** 2
+                for c in range(dim):
+                    C[a, b] += F[j, c, a] * F[j, c, b]
+                    B[a, b] += F[j, a, c] * F[j, b, c]
+            trace_C += C[a, a]
+        row = result[j]
+        row[0], row[1] = value[j], -value[m + j]
+        row[2], row[3], row[4] = np.sqrt(_dot(g, g)), np.sqrt(_dot(after, after)), _dot(g, after)
+        row[5], row[6] = _dot(g, N), _dot(after, N)
+        row[7], row[8], row[9], row[10] = _dot(u, g), _dot(u, after), _dot(u, N), np.sqrt(_dot(u, u))
+        # How the body is strained.
+        row[11], row[12], row[13] = _form(normal[j], C, normal[j]), trace_C, np.linalg.det(F[j])
+        row[14], row[15], row[16] = _form(g, B, g), _form(g, B, N), _form(along, B, along)
+        # How the collider is curved.
+        row[17], row[18], row[19], row[20] = trace_H, trace_after, np.sqrt(square), np.sqrt(square_after)
+        row[21], row[22] = _form(N, H, N), _form(N, H_after, N)
+        row[23], row[24] = _form(u, H, u), _form(u, H_after, u)
+        row[25], row[26] = _form(along, H, N), _form(along, H_after, N)
+        row[27] = np.sqrt(_dot(along, along))
+    return result

@@ -1,0 +1,151 @@
+"""A load model knows the contact by itself: not from where it is looked at, nor in which order, nor whose it is."""
+
+import numpy as np
+import pytest
+import torch
+
+from runtime.colliders import Box, Cone, RigidPose
+from runtime.colliders.pose import rotation_matrix
+from runtime.corrections.contact_loads import ContactLoads
+from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.load_evaluation import LoadEvaluation
+from runtime.corrections.load_model import LoadModel, LoadModelOptions
+from runtime.corrections.rest_mechanics import compute_rest_mechanics
+
+# The bodies are coarse: a collider and a band wide enough for some of their nodes.
+OPTIONS = LoadModelOptions((16, 12), "silu", 0.001, 0.01, 1e10)
+REACH = 0.05
+
+
+@pytest.fixture(scope="module")
+def mechanics_of():
+    """The mechanics of a body, without gravity, which does not turn along."""
+    kept = {}
+
+    def find(body):
+        if body.content_hash not in kept:
+            kept[body.content_hash] = compute_rest_mechanics(body, 400, True)
+        return kept[body.content_hash]
+
+    return find
+
+
+def any_model(body, kind=torch.float64):
+    """A network with weights of order one everywhere."""
+    torch.manual_seed(1)
+    model = LoadModel(OPTIONS, body.dim, body.n_rows)
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter.copy_(torch.randn_like(parameter) / max(parameter.shape) ** 0.5)
+        model.local_scale.fill_(3.0)
+        model.traction_scale.fill_(1e4)
+    return model.to(kind)
+
+
+def bumped(body):
+    return body.rest_rows + 1e-3 * np.random.default_rng(5).normal(size=body.rest_rows.shape)
+
+
+def tilted(dim):
+    return [0.3] if dim == 2 else [0.3, -0.2, 0.5]
+
+
+def above(body, depth, aside=0.004):
+    """Where a ball of radius REACH would be so deep in the top of the body."""
+    top = body.mesh.points[:, -1].max()
+    return np.append(np.full(body.dim - 1, aside), top + REACH - depth)
+
+
+def cone(dim):
+    """No two directions alike."""
+    return Cone(np.append(np.zeros(dim - 1), -0.03), np.full(dim, 0.02), 0.02, 0.01, "cone")
+
+
+# Round-off, some hundred terms long; that of single precision is in the network alone.
+@pytest.mark.parametrize(("kind", "tolerance"), [(torch.float32, 1e-6), (torch.float64, 1e-12)])
+def test_body_and_collider_turned_together_turn_the_field(jelly_body, mechanics_of, dim, kind, tolerance):
+    correction = ElasticContact(
+        "any", any_model(jelly_body, kind), jelly_body, cone(dim), mechanics_of(jelly_body)
+    )
+    bound = correction.bind(jelly_body.node_points())
+    rows, pose = bumped(jelly_body), RigidPose.from_rotation_vector(tilted(dim), above(jelly_body, 0.012))
+    Q = rotation_matrix([2.1] if dim == 2 else [1.1, 0.7, -1.6], dim)
+    field = bound.displacement(rows, pose)
+    turned = bound.displacement(rows @ Q.T, RigidPose(Q @ pose.rotation, Q @ pose.translation))
+    assert np.abs(field).max() > 1e-4  # there is a dent to speak of
+    np.testing.assert_allclose(turned, field @ Q.T, rtol=0.0, atol=tolerance * np.abs(field).max())
+
+
+def test_the_axes_of_the_collider_do_not_count(jelly_body, mechanics_of, dim):
+    """A cube turned by a quarter is the same solid in other coordinates of its own."""
+    box = Box(np.full(dim, 0.042), 0.01, "box")
+    quarter = RigidPose.from_rotation_vector(
+        [np.pi / 2] if dim == 2 else [0.0, 0.0, np.pi / 2], np.zeros(dim)
+    )
+    pose = RigidPose.from_rotation_vector(tilted(dim), above(jelly_body, 0.015))
+    correction = ElasticContact("any", any_model(jelly_body), jelly_body, box, mechanics_of(jelly_body))
+    bound, rows = correction.bind(jelly_body.node_points()), bumped(jelly_body)
+    one, other = bound.displacement(rows, pose), bound.displacement(rows, pose.compose(quarter))
+    assert np.abs(one).max() > 1e-5
+    np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-11 * np.abs(one).max())  # round-off
+
+
+def test_the_order_of_loads_does_not_count(jelly_body, mechanics_of, dim):
+    contact = measured(jelly_body, mechanics_of, dim)
+    order = np.random.default_rng(0).permutation(len(contact.index))
+    columns = (contact.index, contact.load, contact.inputs, contact.lever)
+    shuffled = ContactLoads(*(column[order] for column in columns), contact.depth)
+    model = LoadEvaluation(any_model(jelly_body))
+    # The same numbers, but for the order in which matrix products sum.
+    np.testing.assert_allclose(model.loads(shuffled), model.loads(contact)[order], rtol=1e-12, atol=1e-15)
+
+
+def test_contacts_in_a_batch_are_answered_as_alone(jelly_body, mechanics_of, dim):
+    """Padded to one length, as training has them."""
+    contacts = [measured(jelly_body, mechanics_of, dim, aside) for aside in (-0.04, 0.004)]
+    model = any_model(jelly_body)
+    most = max(len(contact.index) for contact in contacts)
+    assert min(len(contact.index) for contact in contacts) < most
+    padded = [
+        torch.from_numpy(
+            np.stack(
+                [
+                    np.pad(column, [(0, most - len(column))] + [(0, 0)] * (column.ndim - 1))
+                    for column in (getattr(contact, name) for contact in contacts)
+                ]
+            )
+        )
+        for name in ("inputs", "load", "lever")
+    ]
+    depth = torch.tensor([contact.depth for contact in contacts], dtype=torch.float64)
+    with torch.no_grad():
+        batch = model(padded[0], depth, *padded[1:]).numpy()
+    for found, contact in zip(batch, contacts, strict=True):
+        alone = LoadEvaluation(model).loads(contact)
+        np.testing.assert_allclose(found[: len(alone)], alone, rtol=0.0, atol=1e-12 * np.abs(alone).max())
+
+
+def test_loads_come_and_go_gently(jelly_body, mechanics_of, dim):
+    """Slid along the surface: half the step, half the change. The field has no jump where loads enter the band or begin
+    to bear pressure."""
+    correction = ElasticContact("any", any_model(jelly_body), jelly_body, cone(dim), mechanics_of(jelly_body))
+    bound, rows = correction.bind(jelly_body.node_points()), bumped(jelly_body)
+
+    def changes(steps):
+        poses = [
+            RigidPose.from_rotation_vector(tilted(dim), above(jelly_body, 0.012, aside))
+            for aside in np.linspace(-0.02, 0.02, steps + 1)
+        ]
+        counts = {len(correction.probe.measure(rows, pose).index) for pose in poses}
+        fields = np.stack([bound.displacement(rows, pose) for pose in poses])
+        return np.abs(np.diff(fields, axis=0)).max(), counts
+
+    (coarse, counts), (fine, _) = changes(60), changes(120)
+    assert len(counts) > 1  # loads did come and go
+    # A jump would stay as large as it is; curvature along the path leaves room for a tenth.
+    assert fine < 0.6 * coarse
+
+
+def measured(body, mechanics_of, dim, aside=0.004):
+    probe = ElasticContact("any", any_model(body), body, cone(dim), mechanics_of(body)).probe
+    return probe.measure(bumped(body), RigidPose.from_rotation_vector(tilted(dim), above(body, 0.012, aside)))
