@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -76,6 +76,8 @@ class Lessons:
         self.held_out = np.sort(held_out[: spec.validation_samples])
         self._device = training_device(spec.device)
         self._mechanics: dict[int, RestMechanics] = {}
+        self._metric: dict[int, LoadMetric] = {}
+        self._colliders: dict[str, Collider] = {}
         self._load_data: dict[tuple[int, bool, float, float], tuple[LoadMetric, LoadData, LoadData]] = {}
 
     @cached_property
@@ -115,23 +117,38 @@ class Lessons:
         """Metric, training and validation data: the same for all networks on the same mechanics."""
         key = (spec.loads, spec.internal, options.band, options.stiffness)
         if key not in self._load_data:
-            mechanics = self.mechanics(spec)
-            metric = LoadMetric(self.body, mechanics.compliance, self._spec.edge_weight)
+            metric = self.metric(spec)
             count = len(self.split.train) + len(self.held_out)
             with self._context.progress(count, "sample", "reading loads") as bar:
                 training, validation = (
-                    join_load_data(
-                        [
-                            load_load_data(
-                                self.truth, self.body, collider, mechanics, options, metric, part, bar.update
-                            )
-                            for collider, part in self._by_collider(samples)
-                        ]
-                    ).to(self._device)
+                    self.load_data(spec, options, samples, bar.update).to(self._device)
                     for samples in (self.split.train, self.held_out)
                 )
             self._load_data[key] = (metric, training, validation)
         return self._load_data[key]
+
+    def metric(self, spec: ModelSpec) -> LoadMetric:
+        """In which errors of load models are measured; one for each number of loads."""
+        if spec.loads not in self._metric:
+            compliance = self.mechanics(spec).compliance
+            self._metric[spec.loads] = LoadMetric(self.body, compliance, self._spec.edge_weight)
+        return self._metric[spec.loads]
+
+    def load_data(
+        self,
+        spec: ModelSpec,
+        options: LoadModelOptions,
+        samples: IntArray,
+        progress: Callable[[int], None] | None = None,
+    ) -> LoadData:
+        """Some rows of the truth file, of whatever colliders, as load models learn from them."""
+        mechanics, metric = self.mechanics(spec), self.metric(spec)
+        return join_load_data(
+            [
+                load_load_data(self.truth, self.body, collider, mechanics, options, metric, part, progress)
+                for collider, part in self._by_collider(samples)
+            ]
+        )
 
     def _by_collider(self, samples: IntArray) -> Iterator[tuple[Collider, IntArray]]:
         """Each collider with those of the samples that are its own."""
@@ -140,8 +157,10 @@ class Lessons:
             yield self._build(self.truth.header.colliders[collider]), samples[number == collider]
 
     def _build(self, name: str) -> Collider:
-        experiment = self._context.experiment
-        return build_collider(experiment.collider(name), experiment.base_dir)
+        if name not in self._colliders:
+            experiment = self._context.experiment
+            self._colliders[name] = build_collider(experiment.collider(name), experiment.base_dir)
+        return self._colliders[name]
 
 
 def train_models(context: Context, only: str | None) -> None:

@@ -1,0 +1,190 @@
+"""How much truth to buy? Error on shapes never seen, against the contacts and the shapes that were learned from.
+
+    python -m benchmarks.how_much_truth examples/jelly_library_small.toml [--out RUN] [--steps 2500] [--plot FILE.png]
+
+Needs the truth of a library (`softprint generate`). Trains `ours` from the first contacts of every training shape, and
+from all contacts of the first shapes of every other family, with the same settings each time, and prints a table in
+Markdown: the relative error over the volume of the contact displacement, sqrt(sum |u - u*|^2 / sum |u*|^2), and its
+square, on validation shapes and on testing shapes. Nothing is chosen here. The table also goes to
+RUN/bench_how_much_truth.json, which `softprint report` shows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from runtime.arrays import BoolArray, IntArray
+from runtime.cli.context import Context
+from runtime.cli.run_body import body_of_run
+from runtime.corrections.options import load_model_options
+from runtime.experiment.training_schema import ModelSpec
+from runtime.files import atomic_path
+from runtime.shapes import names
+from runtime.truth_file import TruthData, load_truth
+from surrogate.joined_loads import join_load_data
+from surrogate.load_task import LoadData, LoadTask
+from surrogate.run_training import Lessons, training_settings
+from surrogate.train import train
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was learned from, and the errors; contacts: of a shape in a state."""
+
+    shapes: int
+    contacts: int
+    samples: int
+    validation_error: float
+    testing_error: float
+    testing_squared: float
+    seconds: float
+
+
+class Parts:
+    """The training data in parts that can be put together: parts[shape][k] is the k-th contact of a shape, in every
+    state that is learned from."""
+
+    def __init__(self, lessons: Lessons, spec: ModelSpec, stiffness: float) -> None:
+        self.options = load_model_options(spec, stiffness)
+        truth, train_rows = lessons.truth, lessons.split.train
+        testing = np.flatnonzero(truth.usable & _of_shapes(truth, names("test")))
+        self.metric = lessons.metric(spec)
+        self.validation = lessons.load_data(spec, self.options, lessons.held_out)
+        self.testing = lessons.load_data(spec, self.options, testing)
+        number = truth.contacts["collider"][truth.samples["contact"]]
+        self.by_shape: dict[str, list[LoadData]] = {}
+        for shape in np.unique(number[train_rows]):
+            rows = train_rows[number[train_rows] == shape]
+            order = _order_of_contacts(truth, rows)
+            self.by_shape[truth.header.colliders[shape]] = [
+                lessons.load_data(spec, self.options, rows[order == k]) for k in range(order.max() + 1)
+            ]
+
+    def some(self, shapes: Sequence[str], contacts: int) -> LoadData:
+        """The first contacts of some shapes."""
+        return join_load_data([part for shape in shapes for part in self.by_shape[shape][:contacts]])
+
+
+def _of_shapes(truth: TruthData, shapes: Sequence[str]) -> BoolArray:
+    numbers = [truth.header.colliders.index(name) for name in shapes if name in truth.header.colliders]
+    return np.asarray(np.isin(truth.contacts["collider"][truth.samples["contact"]], numbers))
+
+
+def _order_of_contacts(truth: TruthData, rows: IntArray) -> IntArray:
+    """For each sample the number of its contact among those of its state, in the order of work."""
+    contact, state = truth.samples["contact"][rows], truth.sample_state[rows]
+    order = np.empty(len(rows), dtype=np.int64)
+    for one in np.unique(state):
+        here = state == one
+        order[here] = np.unique(contact[here], return_inverse=True)[1]
+    return order
+
+
+def rows(parts: Parts, context: Context, spec: ModelSpec, n_rows: int) -> Iterator[Row]:
+    """Fewer contacts first, then fewer shapes."""
+    # Every so manieth shape: families stand together in the catalogue.
+    shapes = list(parts.by_shape)
+    most = min(len(own) for own in parts.by_shape.values())
+    for contacts in _halvings(most):
+        yield _trained(parts, context, spec, n_rows, shapes, contacts)
+    for count in _halvings(len(shapes))[:-1]:
+        few = [shapes[round(k)] for k in np.linspace(0, len(shapes) - 1, count)]
+        yield _trained(parts, context, spec, n_rows, few, most)
+
+
+def _halvings(count: int) -> list[int]:
+    """1, 2, 4, ... below `count`, and `count`."""
+    return [2**k for k in range(20) if 2**k < count] + [count]
+
+
+def _trained(
+    parts: Parts, context: Context, spec: ModelSpec, n_rows: int, shapes: Sequence[str], contacts: int
+) -> Row:
+    data = parts.some(shapes, contacts)
+    settings = training_settings(context.experiment.training, spec.form, context.seed)
+    task = LoadTask(parts.options, parts.metric, data, parts.validation, n_rows)
+    started = time.process_time()
+    result = train(task, settings, None, "", lambda steps, note: None)
+    seconds = time.process_time() - started
+    testing = LoadTask(parts.options, parts.metric, data, parts.testing, n_rows).held_out_error(result.model)
+    return Row(
+        len(shapes), contacts, len(data), result.held_out.rms, testing.rms, testing.squared, round(seconds, 1)
+    )
+
+
+def plot(path: Path, found: Sequence[Row]) -> None:
+    """Two panels: error against contacts of a shape, and against shapes."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    all_shapes, all_contacts = max(row.shapes for row in found), max(row.contacts for row in found)
+    panels = {
+        "contacts of a shape in a state": [(row.contacts, row) for row in found if row.shapes == all_shapes],
+        "training shapes": sorted(
+            ((row.shapes, row) for row in found if row.contacts == all_contacts), key=lambda pair: pair[0]
+        ),
+    }
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True, layout="constrained")
+    for panel, (label, points) in zip(axes, panels.items(), strict=True):
+        x = [at for at, _ in points]
+        panel.plot(x, [100 * row.testing_error for _, row in points], "o-", label="testing shapes")
+        panel.plot(x, [100 * row.validation_error for _, row in points], "s--", label="validation shapes")
+        panel.set_xscale("log", base=2)
+        panel.set_xticks(x, [str(at) for at in x])
+        panel.set_xlabel(label)
+        panel.set_ylim(bottom=0)
+        panel.grid(alpha=0.3)
+    axes[0].set_ylabel("relative RMS error [%]")
+    axes[0].legend()
+    figure.savefig(path, dpi=140)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("experiment", type=Path)
+    parser.add_argument("--out", type=Path, help="run directory (default: runs/NAME)")
+    parser.add_argument("--steps", type=int, default=2500, help="optimiser steps each time")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw the table too")
+    options = parser.parse_args()
+    overrides = (f"training.steps={options.steps}",)
+    context = Context(experiment_path=options.experiment, overrides=overrides, out=options.out, quiet=True)
+    body, spec = body_of_run(context), ModelSpec(name="ours")
+    with load_truth(context.out_dir / "truth.h5", body) as truth:
+        lessons = Lessons(truth, body, context)
+        parts = Parts(lessons, spec, context.experiment.contact.stiffness)
+        untrained = LoadTask(
+            parts.options, parts.metric, parts.some(list(parts.by_shape)[:1], 1), parts.testing, body.n_rows
+        )
+        error = untrained.held_out_error(untrained.fresh_model(0))
+        print(f"nothing learned (mechanics): {error.rms:.2%} (squared {error.squared:.2%}) on testing shapes")
+        print(f"label-noise floor {truth.noise_floor:.2%}\n")
+        columns = list(Row.__dataclass_fields__)
+        print(f"| {' | '.join(column.replace('_', ' ') for column in columns)} |")
+        print("| " + " | ".join("---" for _ in columns) + " |")
+        found = []
+        for row in rows(parts, context, spec, body.n_rows):
+            found.append(row)
+            shown = [
+                f"{value:.2%}" if "error" in key or "squared" in key else f"{value:g}"
+                for key, value in asdict(row).items()
+            ]
+            print(f"| {' | '.join(shown)} |", flush=True)
+    with atomic_path(context.out_dir / "bench_how_much_truth.json") as temporary:
+        temporary.write_text(json.dumps({"rows": [asdict(row) for row in found]}, indent=1))
+    if options.plot:
+        plot(options.plot, found)
+
+
+if __name__ == "__main__":
+    main()
