@@ -24,10 +24,9 @@ from runtime.elasticity.determinant import cofactor
 @dataclass(frozen=True, eq=False)
 class ContactLoads:
     """index: (m,) loads of the body; load: l (m, dim) [N], what mechanics gives them, in rest coordinates; inputs: a
-    (m, n_load_inputs(dim)), the invariants of `load_inputs.py` and the rest position [m]; lever: w F^T v_k (m, DIRECTIONS,
-    dim) [m^(dim-1)] with the directions v = g, N and u / band, and
-    w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the band's edge; depth: D [m], see
-    `patch_depth`. Turning body and collider together changes none of these."""
+    (m, n_load_inputs(dim)), see `load_inputs.py`; lever: w F^T v_k (m, DIRECTIONS, dim) [m^(dim-1)] with the directions
+    v = g, N and u / band of `load_inputs.py` and w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the
+    band's edge; depth: D [m], see `patch_depth`. Turning body and collider together changes none of these."""
 
     index: IntArray
     load: Array
