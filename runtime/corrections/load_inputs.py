@@ -24,7 +24,7 @@ import numpy as np
 from runtime.arrays import Array
 from runtime.compiled import compiled
 
-# g, N, u: see `directions`.
+# g, N and u / band.
 DIRECTIONS = 3
 _INVARIANTS, _MEANS = 28, 13
 # r in bands.
