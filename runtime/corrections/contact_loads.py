@@ -15,7 +15,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.carried_normal import SHORTEST
-from runtime.corrections.load_inputs import load_inputs
+from runtime.corrections.load_inputs import RANGE, inputs_around, load_inputs
 from runtime.corrections.load_press import LoadProbe
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.elasticity.determinant import cofactor
@@ -24,10 +24,9 @@ from runtime.elasticity.determinant import cofactor
 @dataclass(frozen=True, eq=False)
 class ContactLoads:
     """index: (m,) loads of the body; load: l (m, dim) [N], what mechanics gives them, in rest coordinates; inputs: a
-    (m, n_load_inputs(dim)), the invariants of `load_inputs` and the rest position [m]; lever: w F^T v_k (m, DIRECTIONS,
-    dim) [m^(dim-1)] with the directions v = g, N and u / band, and
-    w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the band's edge; depth: D [m], see
-    `patch_depth`. Turning body and collider together changes none of these."""
+    (m, n_load_inputs(dim)), see `load_inputs.py`; lever: w F^T v_k (m, DIRECTIONS, dim) [m^(dim-1)] with the directions
+    v = g, N and u / band of `load_inputs.py` and w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the
+    band's edge; depth: D [m], see `patch_depth`. Turning body and collider together changes none of these."""
 
     index: IntArray
     load: Array
@@ -90,13 +89,15 @@ class ContactLoadsProbe:
         carried = (cofactor(F) @ probe.points.surface_normal[index][..., None])[..., 0]
         length = np.sqrt((carried * carried).sum(axis=1, keepdims=True))
         carried /= np.maximum(length, SHORTEST)
-        invariants = load_inputs(
-            distance, slope, curvature, moved, F, carried, probe.points.surface_normal[index]
-        )
-        inputs = np.concatenate([invariants, probe.points.rest[index]], axis=1)
-        areas = self._areas[index]
         x = np.maximum(1.0 - distance[:m] / self._band, 0.0) ** 2
+        weight = self._areas[index] * x / (1.0 + x)
+        normal, rest = probe.points.surface_normal[index], probe.points.rest[index]
+        inputs = (
+            load_inputs(distance, slope, curvature, moved, F, carried, normal),
+            inputs_around(z, weight, distance, slope, moved, carried, RANGE * self._band),
+            rest,
+        )
         directions = np.stack([slope[:m], carried, moved / self._band], axis=1)
-        lever = (areas * x / (1.0 + x))[:, None, None] * (directions @ F)
-        depth = patch_depth(areas, distance[:m])
-        return ContactLoads(index, load, inputs, lever, depth)
+        lever = weight[:, None, None] * (directions @ F)
+        depth = patch_depth(self._areas[index], distance[:m])
+        return ContactLoads(index, load, np.concatenate(inputs, axis=1), lever, depth)

@@ -30,7 +30,7 @@ from runtime.tensor_file import load_tensors, save_tensors
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 4
+KIND, VERSION = "correction", 5
 REMEDY = "train it again"
 ANY_COLLIDER = "any"  # as the collider of a correction that was learned for all of them
 FIELD, LOADS = "field", "loads"  # forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`

@@ -7,7 +7,14 @@ Everything is made of vectors that belong to the contact itself, at each load x,
     H, H'                               the Hessians of the distance there: how the collider is curved,
     C = F^T F, B = F F^T                how the body is strained,
 
-which enter only as products with each other, so that turning body and collider together changes nothing.
+which enter only as products with each other, so that turning body and collider together changes nothing; and means of
+these over the loads around,
+
+    <q> = sum_k K w_k q_k / sum_k K w_k,    K = (1 - |x_k - x|^2 / r^2)^2 within r = 2 band,
+
+w_k the weight by which a load takes part at all, so that none enters or leaves abruptly. Over loads in contact these
+see as much of the collider's shape as touches the body, for nothing: distances sampled on rings around every load were
+tried, and added nothing to them (`docs/any_collider_model.md`).
 """
 
 from __future__ import annotations
@@ -17,14 +24,16 @@ import numpy as np
 from runtime.arrays import Array
 from runtime.compiled import compiled
 
-# g, N, u: see `directions`.
+# g, N and u / band.
 DIRECTIONS = 3
-_INVARIANTS = 28
+_INVARIANTS, _MEANS = 28, 13
+# r in bands.
+RANGE = 2.0
 
 
 def n_load_inputs(dim: int) -> int:
-    """Columns of `load_inputs`."""
-    return _INVARIANTS + dim
+    """Columns of `load_inputs`, `inputs_around` and the rest position together."""
+    return _INVARIANTS + _MEANS + dim
 
 
 @compiled
@@ -89,4 +98,49 @@ def load_inputs(
         row[23], row[24] = _form(u, H, u), _form(u, H_after, u)
         row[25], row[26] = _form(along, H, N), _form(along, H_after, N)
         row[27] = np.sqrt(_dot(along, along))
+    return result
+
+
+@compiled
+def inputs_around(
+    x: Array, weight: Array, value: Array, gradient: Array, moved: Array, carried: Array, reach: float
+) -> Array:
+    """The means (m, _MEANS) around each of m loads at x (m, dim) [m] with weights w (m,); reach: r [m]; the rest as
+    for `load_inputs`."""
+    m, dim = x.shape
+    result = np.zeros((m, _MEANS))
+    centre, u, N, after = np.empty(dim), np.empty(dim), np.empty(dim), np.empty(dim)
+    for j in range(m):
+        total = value_mean = left = depth = pressed = 0.0
+        centre[:] = u[:] = N[:] = after[:] = 0.0
+        for k in range(m):
+            square = 0.0
+            for a in range(dim):
+                square += (x[k, a] - x[j, a]) ** 2
+            if square >= reach**2:
+                continue
+            share = weight[k] * (1.0 - square / reach**2) ** 2
+            total += share
+            value_mean += share * (value[k] - value[j])
+            left -= share * (value[m + k] - value[m + j])
+            depth += share * max(-value[k], 0.0)
+            pressed += share * max(-value[m + k], 0.0) ** 2
+            for a in range(dim):
+                centre[a] += share * (x[k, a] - x[j, a])
+                u[a] += share * moved[k, a]
+                N[a] += share * carried[k, a]
+                after[a] += share * gradient[m + k, a]
+        if total == 0.0:
+            continue  # at the edge of the band, where a load bears nothing
+        row = result[j]
+        row[0], row[1], row[2], row[3] = value_mean, left, depth, pressed
+        row[4], row[5], row[6] = (
+            np.sqrt(_dot(centre, centre)),
+            _dot(centre, gradient[j]),
+            _dot(centre, moved[j]),
+        )
+        row[7], row[8] = _dot(u, carried[j]), _dot(u, moved[j])
+        row[9], row[10] = _dot(after, gradient[m + j]), _dot(after, gradient[j])
+        row[11], row[12] = _dot(N, carried[j]), _dot(N, gradient[j])
+        row /= total
     return result

@@ -46,7 +46,7 @@ def truth_path(jelly2d_body: ReducedBody, mechanics, tmp_path_factory: pytest.Te
     probe = ContactLoadsProbe(body, BALL, mechanics, OPTIONS.stiffness, OPTIONS.band)
     correction = ElasticContact("truth", LoadModel(OPTIONS, 2, body.n_rows), body, BALL, mechanics)
     teacher = correction.model
-    teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0])
+    teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0, 0.0])
     load_scale = 50.0
     teacher.traction_scale.fill_(load_scale)
     bound = correction.bind(body.node_points())
