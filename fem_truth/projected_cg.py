@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from fem_truth.block_kernels import Real
 from fem_truth.block_matrix import BlockMatrix
@@ -46,19 +47,20 @@ class NullSpaceSystem:
         self.kernels = kernels
         self._pattern, self._upper = hessian.upper.pattern, hessian.upper.of_type(kernels.real)
         self._diagonal: Array = hessian.diagonal.astype(kernels.real)
-        self._low_rank: list[tuple[Array, float]] = [
-            (w.astype(kernels.real), stiffness) for w, stiffness in hessian.low_rank
-        ]
+        # Springs of a recorded motion are dozens, each of a few nodes: sparse, and all in one product.
+        weights = [w for w, _ in hessian.low_rank]
+        self._springs = sp.csr_matrix(np.array(weights, dtype=kernels.real)) if weights else None
+        self._stiffness = np.array([[k] for _, k in hessian.low_rank], dtype=kernels.real)
         self._inverse = kernels.inverses(self._share.assembled(hessian.diagonal_blocks()))
 
     def product(self, p: Array, y: Array) -> float:
         """y = H p; returns the curvature p . H p."""
         curvature = self.kernels.product(self._pattern, self._diagonal, self._upper, p, y)
-        for weights, stiffness in self._low_rank:
-            share = weights @ p
-            mean = self._share.total(share)
-            y += stiffness * weights[:, None] * mean
-            curvature += stiffness * float(share @ mean)
+        if self._springs is not None:
+            share = self._springs @ p
+            force = self._stiffness * self._share.total(share)
+            y += self._springs.T @ force
+            curvature += float((share * force).sum())
         self._share.assemble(y)
         return self._share.total(curvature)
 
