@@ -119,7 +119,13 @@ class Approach:
                 )
             if to_go <= 0.0:
                 tolerances = {"xtol": _EXACT * self._length, "rtol": 4 * np.finfo(float).eps}
-                return float(brentq(lambda t: depth - deepest.depth(t), s, last, **tolerances))
+                try:
+                    return float(brentq(lambda t: depth - deepest.depth(t), s, last, **tolerances))
+                except ValueError as error:  # a distance much steeper than one: nodes were taken to be far
+                    raise OutOfReach(
+                        f"On this line the distance of collider {self.collider.name!r} changes too fast to find "
+                        f"where it is {depth:.4g} m below the surface: give it a finer `resolution`."
+                    ) from error
         return s
 
 
