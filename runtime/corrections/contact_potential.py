@@ -15,6 +15,8 @@ from runtime.arrays import Array, Hessian, IntArray
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.correction import PressedLoads
 from runtime.corrections.load_press import LoadProbe
+from runtime.corrections.twisted_press import TwistedPress
+from runtime.rigid.twist import twist_size
 
 
 class ContactPotential:
@@ -40,6 +42,17 @@ class ContactPotential:
         if press is None or not press.bearing.size:
             return 0.0, np.zeros_like(rows), None
         return press.solution.energy, press.gradient.reshape(rows.shape), lambda: press.hessian
+
+    def felt(
+        self, rows: Array, pose: RigidPose, turn: Array, centre: Array
+    ) -> tuple[Array, Callable[[], tuple[Array, Array]]]:
+        """dW/dtwist and the blocks of the Hessian, see `Potential.felt`."""
+        press = self._probe.press(rows, pose, turn)
+        if press is None or not press.bearing.size:
+            size = twist_size(len(centre))
+            return np.zeros(size), lambda: (np.zeros((rows.size, size)), np.zeros((size, size)))
+        twisted = TwistedPress(press, centre)
+        return twisted.gradient, twisted.blocks
 
     def pressed(self, rows: Array, pose: RigidPose, turn: Array) -> PressedLoads:
         """The loads that push on the collider."""

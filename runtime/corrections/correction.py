@@ -75,6 +75,14 @@ class Potential(Protocol):
         """W [J], dW/drows (n_rows, dim) [N], Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian out of contact."""
         ...
 
+    def felt(
+        self, rows: Array, pose: RigidPose, turn: Array, centre: Array
+    ) -> tuple[Array, Callable[[], tuple[Array, Array]]]:
+        """What the collider feels where it moves freely about its centre of mass (dim,): dW/dtwist (n_twist,), and as a
+        function d2W/drows dtwist (n_rows*dim, n_twist) and d2W/dtwist2 (n_twist, n_twist), see
+        `runtime/rigid/twist.py`."""
+        ...
+
     def pressed(self, rows: Array, pose: RigidPose, turn: Array) -> PressedLoads:
         """What pushes on the collider."""
         ...

@@ -120,9 +120,23 @@ class LoadPress:
     @property
     def hessian(self) -> Array:
         """d2W/drows2 (R, R) [N/m]."""
-        c, D = self._c, self._stiffening
-        stiffened = D @ np.linalg.solve(self._softening, c).reshape(*D.shape[:2], -1)
-        return c.T @ stiffened.reshape(c.shape) - self._eta.T @ self._given
+        return self._c.T @ self.stiffened - self.eta.T @ self._given
+
+    def stiffen(self, c: Array) -> Array:
+        """D (I + G D)^-1 c (k*dim, n)."""
+        D = self._stiffening
+        return np.asarray(
+            (D @ np.linalg.solve(self._softening, c).reshape(*D.shape[:2], -1)).reshape(c.shape)
+        )
+
+    def given(self, eta: Array) -> Array:
+        """G eta (k*dim, n)."""
+        return self._among @ eta
+
+    @cached_property
+    def stiffened(self) -> Array:
+        """D (I + G D)^-1 c (k*dim, R) of the handle rows."""
+        return self.stiffen(self._c)
 
     @property
     def carried(self) -> Array:
@@ -130,7 +144,7 @@ class LoadPress:
         return self._carried_along[0]
 
     @property
-    def _eta(self) -> Array:
+    def eta(self) -> Array:
         """F^-T dF^T f (k*dim, R)."""
         return self._carried_along[1]
 
@@ -143,7 +157,7 @@ class LoadPress:
     @cached_property
     def _given(self) -> Array:
         """G eta (k*dim, R)."""
-        return self._among @ self._eta
+        return self.given(self.eta)
 
     @cached_property
     def _c(self) -> Array:

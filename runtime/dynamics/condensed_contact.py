@@ -15,6 +15,7 @@ from runtime.contact import CoulombFriction
 from runtime.corrections.correction import Potential
 from runtime.dynamics.condensed_friction import CondensedFriction
 from runtime.dynamics.corrected_points import Poses
+from runtime.dynamics.coupling import Centres, Coupling
 from runtime.dynamics.state import ContactForce, SurfaceLoads, resultant
 from runtime.dynamics.step_contact import StepContact
 
@@ -39,7 +40,7 @@ class CondensedContact:
         for name, potential in self._potentials.items():
             total += potential.energy(rows, poses[name], turn)
             if self._friction is not None and step is not None:
-                total += self._friction.terms(name, rows, step).energy
+                total += self._friction.terms(name, rows, poses, step).energy
         return total
 
     def linearise(
@@ -54,12 +55,27 @@ class CondensedContact:
             if self._friction is not None and step is not None:
                 if relag:
                     self._friction.lag(name, potential, rows, poses, turn, step)
-                parts.append(self._friction.linearise(name, rows, step))
+                parts.append(self._friction.linearise(name, rows, poses, step))
             for more, slope, hessian in parts:
                 energy, gradient = energy + more, gradient + slope
                 if hessian is not None:
                     hessians.append(hessian)
         return energy, gradient, hessians
+
+    def couplings(
+        self, rows: Array, poses: Poses, turn: Array, centres: Centres, step: StepContact | None
+    ) -> list[Coupling]:
+        """What colliders that move freely feel of it, at the loads that `linearise` found."""
+        felt: list[Coupling | None] = []
+        for name, centre in centres.items():
+            potential = self._potentials.get(name)
+            if potential is None:
+                continue
+            slope, blocks = potential.felt(rows, poses[name], turn, centre)
+            felt.append(Coupling(name, slope, blocks))
+            if self._friction is not None and step is not None:
+                felt.append(self._friction.coupling(name, rows, poses, centre, step))
+        return [coupling for coupling in felt if coupling is not None]
 
     def forces(
         self, rows: Array, poses: Poses, turn: Array, step: StepContact | None
@@ -74,7 +90,7 @@ class CondensedContact:
             push = -pressed.pressure[:, None] * pressed.normal
             loads = [SurfaceLoads(potential.nodes, pressed.index, pressed.position, push)]
             if self._friction is not None and step is not None:
-                friction = self._friction.terms(name, rows, step)
+                friction = self._friction.terms(name, rows, poses, step)
                 friction_energy += friction.energy
                 sliding = step.sliding[name]
                 slid = sliding.index, sliding.positions(rows), friction.gradient

@@ -16,8 +16,9 @@ from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.corrections.correction import Correction
 from runtime.dynamics.kinematic import KinematicHandle
 from runtime.dynamics.newton import NewtonSettings
+from runtime.dynamics.placed import PlacedCollider
 from runtime.dynamics.recorded_motion import read_recorded_motion
-from runtime.dynamics.simulator import DynamicsSettings, PlacedCollider, Simulator
+from runtime.dynamics.simulator import DynamicsSettings, Simulator
 from runtime.dynamics.springs import HandleSpring
 from runtime.errors import SoftprintError
 
