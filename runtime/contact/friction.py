@@ -42,7 +42,7 @@ class LaggedContact:
     def at(self, pose: RigidPose) -> LaggedContact:
         """The same with the collider at another pose: normals and anchors go with it, so that friction does not change
         with a common motion of points and collider."""
-        if pose is self.pose:
+        if pose is self.pose or not len(self.index):
             return self
         change = pose.compose(self.pose.inverse())
         return replace(self, normal=change.rotate(self.normal), anchor=change.apply(self.anchor), pose=pose)
@@ -92,6 +92,9 @@ class CoulombFriction:
 
     def terms(self, x: Array, lagged: LaggedContact, time_step: float) -> FrictionTerms:
         """Energy, gradient and Hessian at world points x (n, dim) [m] for a step of time_step [s]."""
+        if not len(lagged.index):
+            dim = x.shape[1]
+            return FrictionTerms(0.0, lagged.index, np.empty((0, dim)), np.empty((0, dim, dim)))
         eps = self.slip_velocity * time_step
         n = lagged.normal
         u = x[lagged.index] - lagged.anchor

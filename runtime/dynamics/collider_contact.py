@@ -80,21 +80,27 @@ class ColliderContact:
     def _pairs(self, poses: Poses) -> Iterator[tuple[Pair, Array, Array]]:
         """Colliders that may touch: the points (p, dim) of the first in the world, and their areas (p,)."""
         for first, body in self._free.items():
-            origin = poses[first].translation[None]
-            for second, shape in self._shapes.items():
-                if second == first:
-                    continue
-                if not len(shape.about(poses[second].apply_inverse(origin), self._reach[first])):
+            for second in self._shapes:
+                if second == first or not self._close(first, second, poses, 0.0):
                     continue
                 share = 0.5 if second in self._free else 1.0
                 yield (first, second), poses[first].apply(body.points), share * body.areas
+
+    def _close(self, first: str, second: str, poses: Poses, room: float) -> bool:
+        """Whether a ball about the first, and room [m] more, reaches the second."""
+        origin = poses[second].apply_inverse(poses[first].translation[None])
+        return bool(len(self._shapes[second].closer(origin, self._reach[first] + room)[0]))
+
+    def near(self, name: str, poses: Poses, room: float) -> bool:
+        """Whether a collider that moves freely could meet another within room [m]."""
+        return any(self._close(name, other, poses, room) for other in self._shapes if other != name)
 
     def energies(self, poses: Poses, friction: ColliderFriction | None) -> tuple[float, float]:
         """Of contact and of friction as it was last taken up [J]."""
         normal, sliding = 0.0, 0.0
         for pair, x, areas in self._pairs(poses):
             normal += self._contact.energy(x, areas, self._shapes[pair[1]], poses[pair[1]])
-            if self._friction is not None and friction is not None and pair in friction.lagged:
+            if self._rubs(pair, friction):
                 sliding += self._rubbing(pair, x, poses, friction).energy
         return normal, sliding
 
@@ -117,10 +123,17 @@ class ColliderContact:
         if relag:
             start = friction.poses[first].apply(self._free[first].points)
             friction.lagged[pair] = self._friction.lag(contact, start, friction.poses[second], poses[second])
-        return [contact, self._rubbing(pair, x, poses, friction)] if pair in friction.lagged else [contact]
+        return [contact, self._rubbing(pair, x, poses, friction)] if self._rubs(pair, friction) else [contact]
 
-    def _rubbing(self, pair: Pair, x: Array, poses: Poses, friction: ColliderFriction) -> FrictionTerms:
+    def _rubs(self, pair: Pair, friction: ColliderFriction | None) -> bool:
+        """Whether friction has taken up any force of the pair."""
+        return friction is not None and pair in friction.lagged and len(friction.lagged[pair].index) > 0
+
+    def _rubbing(
+        self, pair: Pair, x: Array, poses: Poses, friction: ColliderFriction | None
+    ) -> FrictionTerms:
         assert self._friction is not None
+        assert friction is not None
         return self._friction.terms(x, friction.lagged[pair].at(poses[pair[1]]), friction.time_step)
 
     def _touching(

@@ -35,11 +35,11 @@ class CondensedContact:
         }
 
     def energy(self, rows: Array, poses: Poses, turn: Array, step: StepContact | None) -> float:
-        """Of contact and (lagged) friction [J]."""
+        """Of contact and (lagged) friction [J]; none of friction before it was lagged."""
         total = 0.0
         for name, potential in self._potentials.items():
             total += potential.energy(rows, poses[name], turn)
-            if self._friction is not None and step is not None:
+            if self._friction is not None and step is not None and name in step.sliding:
                 total += self._friction.terms(name, rows, poses, step).energy
         return total
 

@@ -7,7 +7,7 @@ the twists follow the handles, collider by collider, angles scaled to metres.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,12 +18,17 @@ from runtime.dynamics.collider_contact import ColliderContact, ColliderFriction
 from runtime.dynamics.corrected_points import Poses
 from runtime.dynamics.coupling import Centres, Coupling
 from runtime.dynamics.newton import Linearisation
-from runtime.dynamics.state import ReducedState
+from runtime.dynamics.state import Configuration, ReducedState
 from runtime.dynamics.timings import Timings
 from runtime.rigid.flight import FreeFlight, RigidMotion, centre_of, moved
 from runtime.rigid.free_collider import FreeCollider
 from runtime.rigid.twist import twist_size
 
+# Near other things a collider moves at most by this share of its smallest half extent at a time, so that it cannot pass
+# through a surface between two looks at it.
+_HOP = 0.3
+# What corrections and the internal response may add to where the surface of the body is, of the collider's size.
+_ROOM = 0.25
 # As in `step_energy.py`.
 _ROUND_OFF = 1e-13
 
@@ -32,17 +37,21 @@ class Movers:
     """The free colliders of a scene, and their contact with one another and with all others."""
 
     def __init__(
-        self, free: Mapping[str, FreeCollider], shapes: Mapping[str, Collider], contact: ColliderContact
+        self,
+        free: Mapping[str, FreeCollider],
+        shapes: Mapping[str, Collider],
+        contact: ColliderContact,
+        basis: Array,
     ) -> None:
+        """basis: (s, n_rows) of the surface of the body, to know what is near it."""
         self.free = dict(free)
         self.contact = contact
+        self._shapes, self._basis = shapes, basis
         self._twist = twist_size(next(iter(shapes.values())).dim) if shapes else 0
         # Half the extent of a collider turns its angles into lengths.
-        units = [np.r_[np.ones(s.dim), np.full(self._twist - s.dim, 1.0 / s.size)] for s in self._of(shapes)]
+        of_free = [shapes[name] for name in self.free]
+        units = [np.r_[np.ones(s.dim), np.full(self._twist - s.dim, 1.0 / s.size)] for s in of_free]
         self.units: Array = np.concatenate([*units, np.empty(0)])
-
-    def _of(self, shapes: Mapping[str, Collider]) -> list[Collider]:
-        return [shapes[name] for name in self.free]
 
     def __bool__(self) -> bool:
         return bool(self.free)
@@ -64,6 +73,24 @@ class Movers:
         for name, collider in self.free.items():
             turned[name] = moved(collider.mass, poses[name], twists[self.slot(name)])
         return turned
+
+    def longest(self, x: Configuration, twists: Array) -> float:
+        """The share of twists (n,), in metres and radians, that can be gone at once."""
+        share = 1.0
+        surface: Array | None = None
+        for name, free in self.free.items():
+            shape, twist = self._shapes[name], twists[self.slot(name)]
+            reach = float(np.linalg.norm(free.points - free.mass.centre, axis=1).max())
+            step = float(np.linalg.norm(twist[: shape.dim]) + reach * np.linalg.norm(twist[shape.dim :]))
+            hop = _HOP * 0.5 * float((shape.upper - shape.lower).min())
+            if step * share <= hop:
+                continue
+            if surface is None:
+                surface = self._basis @ x.rows
+            beside = shape.about(x.poses[name].apply_inverse(surface), step + _ROOM * shape.size)
+            if len(beside) or self.contact.near(name, x.poses, step):
+                share = hop / step
+        return share
 
     def centres(self, poses: Poses) -> Centres:
         """Centres of mass."""
@@ -95,9 +122,24 @@ class FreeStep:
     flights: Mapping[str, FreeFlight]
     friction: ColliderFriction | None
 
-    def undisturbed(self, poses: Poses) -> Poses:
-        """With the free colliders where their flight ends if nothing is touched."""
-        return {**poses, **{name: flight.undisturbed for name, flight in self.flights.items()}}
+    def carried_on(self, poses: Poses, share: float = 1.0) -> Poses:
+        """With the free colliders where their momenta alone would take them in a share of the step."""
+        return {**poses, **{name: flight.carried_on(share) for name, flight in self.flights.items()}}
+
+    def start(self, rows: Array, poses: Poses, energy: Callable[[Configuration], float]) -> Configuration:
+        """Where Newton starts: the free colliders carried on, in hops that nothing is passed by in, for as long as the
+        energy does not rise."""
+        at = Configuration(rows, self.carried_on(poses, 0.0))
+        far = np.concatenate([flight.step for flight in self.flights.values()])
+        hops = int(np.ceil(1.0 / self.movers.longest(at, far)))
+        least = energy(at)
+        for hop in range(1, hops + 1):
+            ahead = Configuration(rows, self.carried_on(poses, hop / hops))
+            found = energy(ahead)
+            if found > least:
+                break
+            at, least = ahead, found
+        return at
 
     def motions(self, poses: Poses) -> dict[str, RigidMotion]:
         """Of the free colliders, the step having ended at poses."""
@@ -110,6 +152,10 @@ class FreeStep:
     def among(self, poses: Poses) -> tuple[float, float]:
         """Energy of contact and of friction among colliders [J]."""
         return self.movers.contact.energies(poses, self.friction)
+
+    def longest(self, x: Configuration, v: Array) -> float:
+        """The share of the unknowns v (n,) that can be gone at once."""
+        return self.movers.longest(x, v * self.movers.units)
 
     def energy(self, poses: Poses) -> float:
         """All but what body and colliders do to each other [J]."""

@@ -108,6 +108,10 @@ class Problem(Protocol[Point]):
 
     def retract(self, x: Point, v: Array) -> Point: ...
 
+    def longest(self, x: Point, v: Array) -> float:
+        """The share of v, 1 at most, that a step from x may go at once."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class NewtonResult(Generic[Point]):
@@ -178,10 +182,10 @@ def _line_search(
 ) -> Point | None:
     """The first point x + alpha v that satisfies Armijo's condition; None if none does.
 
-    alpha starts at 1; each next one is where the parabola through E(x), its slope and the last energy is
-    lowest, but at least a tenth and at most half of the last (Nocedal and Wright 2006, section 3.5).
+    alpha starts at 1, or at what the problem allows; each next one is where the parabola through E(x), its slope and
+    the last energy is lowest, but at least a tenth and at most half of the last (Nocedal and Wright 2006, section 3.5).
     """
-    step = 1.0
+    step = problem.longest(x, direction)
     for _ in range(_TRIALS):
         candidate = problem.retract(x, step * direction)
         energy = problem.energy(candidate)

@@ -139,7 +139,9 @@ class Simulator:
         self._samples = CorrectedNodes(body, self._corrections, internal, body.surface.nodes)
         self._friction = friction
         free = free_colliders(self.colliders)
-        self._movers = Movers(free, shapes, ColliderContact(free, shapes, contact, friction))
+        self._movers = Movers(
+            free, shapes, ColliderContact(free, shapes, contact, friction), body.basis[body.surface.nodes]
+        )
         self._last: tuple[ReducedState, Array, Array] | None = None  # the surface at the end of the last step
 
     def _check(self, gravity: Array) -> None:
@@ -191,9 +193,10 @@ class Simulator:
         start = place_kinematic(
             self._carried_on(state), self.body.rest_rows, self.body.handles, self._kinematic, end
         )
+        begin = Configuration(start, end_poses)
         if free is not None:
-            end_poses = free.undisturbed(end_poses)
-        solved = minimise(energy, Configuration(start, end_poses), self.settings.newton, timings.solve)
+            begin = free.start(start, end_poses, energy.energy)
+        solved = minimise(energy, begin, self.settings.newton, timings.solve)
         rows, end_poses = solved.x
         velocity = (rows - state.rows) / h
         motions = {} if free is None else free.motions(end_poses)

@@ -105,6 +105,10 @@ class StepEnergy:
             return Configuration(rows, x.poses)
         return Configuration(rows, self._colliders.movers.retract(x.poses, v[own:]))
 
+    def longest(self, x: Configuration, v: Array) -> float:
+        """All of it, but that free colliders do not pass through anything."""
+        return 1.0 if self._colliders is None else self._colliders.longest(x, v[len(self._free) :])
+
     def energy(self, x: Configuration) -> float:
         """E [J], friction lagged as at the last `linearise`."""
         found = self.evaluate(x)
@@ -118,16 +122,20 @@ class StepEnergy:
     def evaluate(self, x: Configuration) -> Evaluation:
         """The evaluation at x, remembered if it is that of the last one.
 
-        A line search ends with the point it accepts, so the end of a step is not evaluated again.
+        A line search ends with the point it accepts, so the end of a step is not evaluated again. Where nothing is
+        corrected, other poses change nothing.
         """
-        if self._latest is None or self._latest.at is not x:
-            rows = x.rows
+        latest, rows = self._latest, x.rows
+        if latest is not None and latest.at.rows is rows and not self._points.corrected:
+            self._latest = latest._replace(at=x)
+        elif latest is None or latest.at is not x:
             displacement = self._points.displacement(rows, x.poses, self._timings.correction)
             with self._timings.positions:
                 surface = self._surface.positions(rows, self.turn, displacement)
             with self._timings.elastic:
                 elastic = self._elastic.energy(rows, self.turn, displacement)
             self._latest = Evaluation(x, surface, elastic)
+        assert self._latest is not None
         return self._latest
 
     def _surface_at(self, x: Configuration, field: CorrectionField | None) -> Array:

@@ -67,11 +67,11 @@ class SurfaceEnergy:
         return x if displacement is None else x + displacement[self._samples]
 
     def energy(self, x: Array, poses: Poses, step: StepContact | None) -> float:
-        """Contact and (lagged) friction energy [J]."""
+        """Contact and (lagged) friction energy [J]; none of friction before it was lagged."""
         total = 0.0
         for name, collider in self._colliders.items():
             total += self._contact.energy(x, self._areas, collider, poses[name])
-            if self._friction is not None and step is not None:
+            if self._friction is not None and step is not None and name in step.lagged:
                 total += self._friction.terms(x, step.lagged[name].at(poses[name]), step.time_step).energy
         return total
 

@@ -21,7 +21,6 @@ torques at the end of the step change the momenta by what they are, as in backwa
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -88,7 +87,8 @@ class FreeFlight:
         self.mass, self._start, self._motion, self._h = mass, pose, motion, time_step
         self._weight = mass.mass * gravity
         self._centre = centre_of(mass, pose)
-        self._turned = rotation_exponential(time_step * self._middle_spin()) @ pose.rotation
+        self._spin = self._middle_spin()
+        self._turned = rotation_exponential(time_step * self._spin) @ pose.rotation
 
     def _middle_spin(self) -> Array:
         h, spin = self._h, self._motion.spin(self.mass, self._start)
@@ -100,12 +100,16 @@ class FreeFlight:
                 break
         return spin
 
-    @cached_property
-    def undisturbed(self) -> RigidPose:
-        """Where the flight ends, fall included, if nothing is touched."""
-        h = self._h
-        fallen = self._centre + h * self._motion.velocity + h**2 * self._weight / self.mass.mass
-        return RigidPose(self._turned, fallen - self._turned @ self.mass.centre)
+    @property
+    def step(self) -> Array:
+        """The twist (n_twist,) that momentum alone makes of the step."""
+        return self._h * np.concatenate([self._motion.velocity, self._spin])
+
+    def carried_on(self, share: float = 1.0) -> RigidPose:
+        """Where the flight is after a share of the step, if nothing, not even weight, disturbs it."""
+        rotation = rotation_exponential(share * self._h * self._spin) @ self._start.rotation
+        centre = self._centre + share * self._h * self._motion.velocity
+        return RigidPose(rotation, centre - rotation @ self.mass.centre)
 
     def energies(self, pose: RigidPose) -> tuple[float, float]:
         """Incremental inertia and weight [J] at the end of the step."""
