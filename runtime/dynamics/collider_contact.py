@@ -22,6 +22,10 @@ from runtime.dynamics.coupling import Centres
 from runtime.rigid.free_collider import FreeCollider
 from runtime.rigid.twist import felt_by_the_other, own_curvature, point_motion
 
+# Two rigid surfaces press each other so many times as stiffly as one presses a soft body: depths are a fifth of those,
+# and what it takes to be driven through a plate is a hundred times as much.
+_RIGID = 100.0
+
 Pair = tuple[str, str]
 
 
@@ -74,7 +78,7 @@ class ColliderContact:
         friction: CoulombFriction | None,
     ) -> None:
         self._free, self._shapes = free, shapes
-        self._contact, self._friction = contact, friction
+        self._contact, self._friction = PenaltyContact(_RIGID * contact.stiffness), friction
         self._reach = {name: float(np.linalg.norm(body.points, axis=1).max()) for name, body in free.items()}
 
     def _pairs(self, poses: Poses) -> Iterator[tuple[Pair, Array, Array]]:
@@ -88,8 +92,12 @@ class ColliderContact:
 
     def _close(self, first: str, second: str, poses: Poses, room: float) -> bool:
         """Whether a ball about the first, and room [m] more, reaches the second."""
+        shape, reach = self._shapes[second], self._reach[first] + room
         origin = poses[second].apply_inverse(poses[first].translation[None])
-        return bool(len(self._shapes[second].closer(origin, self._reach[first] + room)[0]))
+        if not np.isfinite(shape.upper).all():
+            return bool(shape.sdf(origin)[0] < reach)
+        beyond = np.maximum(np.maximum(shape.lower - origin[0], origin[0] - shape.upper), 0.0)
+        return float(beyond @ beyond) < reach * reach
 
     def near(self, name: str, poses: Poses, room: float) -> bool:
         """Whether a collider that moves freely could meet another within room [m]."""

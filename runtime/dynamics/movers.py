@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,6 +30,8 @@ from runtime.rigid.twist import twist_size
 _HOP = 0.3
 # What corrections and the internal response may add to where the surface of the body is, of the collider's size.
 _ROOM = 0.25
+# A force that moves a collider in a step by less than this share of its size is not worth balancing.
+_NEGLIGIBLE_SHIFT = 1e-6
 # As in `step_energy.py`.
 _ROUND_OFF = 1e-13
 
@@ -60,6 +63,10 @@ class Movers:
     def size(self) -> int:
         """Unknowns."""
         return len(self.units)
+
+    def size_of(self, name: str) -> float:
+        """Of a collider [m]."""
+        return self._shapes[name].size
 
     def slot(self, name: str) -> slice:
         """Those of one collider."""
@@ -129,9 +136,11 @@ class FreeStep:
     def start(self, rows: Array, poses: Poses, energy: Callable[[Configuration], float]) -> Configuration:
         """Where Newton starts: the free colliders carried on, in hops that nothing is passed by in, for as long as the
         energy does not rise."""
-        at = Configuration(rows, self.carried_on(poses, 0.0))
+        at, all_the_way = (Configuration(rows, self.carried_on(poses, share)) for share in (0.0, 1.0))
         far = np.concatenate([flight.step for flight in self.flights.values()])
         hops = int(np.ceil(1.0 / self.movers.longest(at, far)))
+        if hops == 1:
+            return all_the_way
         least = energy(at)
         for hop in range(1, hops + 1):
             ahead = Configuration(rows, self.carried_on(poses, hop / hops))
@@ -156,6 +165,12 @@ class FreeStep:
     def longest(self, x: Configuration, v: Array) -> float:
         """The share of the unknowns v (n,) that can be gone at once."""
         return self.movers.longest(x, v * self.movers.units)
+
+    @cached_property
+    def _floor(self) -> float:
+        """Forces below it are nothing [N]."""
+        sizes = ((flight.inert, self.movers.size_of(name)) for name, flight in self.flights.items())
+        return _NEGLIGIBLE_SHIFT * max(inert * size for inert, size in sizes)
 
     def energy(self, poses: Poses) -> float:
         """All but what body and colliders do to each other [J]."""
@@ -213,5 +228,5 @@ class FreeStep:
             noise=body.noise + _ROUND_OFF * abs(energy),
             gradient=np.concatenate([body.gradient, flying + touching]),
             second_derivative=joint,
-            scale=max(body.scale, float(np.linalg.norm(flying)), float(np.linalg.norm(touching))),
+            scale=max(body.scale, self._floor, float(np.linalg.norm(flying)), float(np.linalg.norm(touching))),
         )

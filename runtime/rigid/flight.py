@@ -101,6 +101,11 @@ class FreeFlight:
         return spin
 
     @property
+    def inert(self) -> float:
+        """m / h^2 [N/m]: the force that one metre off the flight takes."""
+        return self.mass.mass / self._h**2
+
+    @property
     def step(self) -> Array:
         """The twist (n_twist,) that momentum alone makes of the step."""
         return self._h * np.concatenate([self._motion.velocity, self._spin])
