@@ -228,5 +228,7 @@ class FreeStep:
             noise=body.noise + _ROUND_OFF * abs(energy),
             gradient=np.concatenate([body.gradient, flying + touching]),
             second_derivative=joint,
-            scale=max(body.scale, self._floor, float(np.linalg.norm(flying)), float(np.linalg.norm(touching))),
+            scale=max(
+                body.scale, self._floor, float(np.linalg.norm(flying)), float(np.linalg.norm(touching))
+            ),
         )

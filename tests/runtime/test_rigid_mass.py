@@ -91,7 +91,9 @@ def test_mass_instead_of_density_and_what_is_no_mass():
 def test_free_flight(dim):
     """A tumbling box: linear and angular momentum to round-off; energy to second order in the step, without drift."""
     box = Box(HALF[:dim], SHARP)
-    spin = [5.0] if dim == 2 else [5.0, 0.1, 0.1]  # about an unstable axis in 3D: it turns over again and again
+    spin = (
+        [5.0] if dim == 2 else [5.0, 0.1, 0.1]
+    )  # about an unstable axis in 3D: it turns over again and again
     start = free_collider(box, RigidPose.identity(dim), density=1e3, velocity=np.ones(dim), spin=spin)
     drift = {}
     for steps in (300, 600):
