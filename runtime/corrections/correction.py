@@ -13,7 +13,7 @@ from typing import Protocol, TypeGuard
 
 import numpy as np
 
-from runtime.arrays import Array, Hessian, IntArray
+from runtime.arrays import Array, BoolArray, Hessian, IntArray
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.internal_response import InternalResponse
@@ -105,6 +105,17 @@ class PressedLoads:
     normal: Array
     pressure: Array
     left: Array
+
+    def take(self, which: BoolArray) -> PressedLoads:
+        """Some of them (m,)."""
+        return PressedLoads(
+            self.index[which],
+            self.position[which],
+            self.motion[which],
+            self.normal[which],
+            self.pressure[which],
+            self.left[which],
+        )
 
     @classmethod
     def none(cls, n_rows: int, dim: int) -> PressedLoads:

@@ -15,20 +15,24 @@ from functools import cached_property
 
 import numpy as np
 
-from runtime.arrays import Array
+from runtime.arrays import Array, BoolArray
 from runtime.corrections.load_press import LoadPress
 from runtime.rigid.twist import point_motion, relative_curvature, turned_along
 
 
 class TwistedPress:
-    """Of a press in which some load bears pressure; centre: c (dim,) [m]."""
+    """Of a press in which some load bears pressure; centre: c (dim,) [m]; borne: (k,) whether a load presses on this
+    collider, all of them by default. Those that press on another do not move with it."""
 
-    def __init__(self, press: LoadPress, centre: Array) -> None:
+    def __init__(self, press: LoadPress, centre: Array, borne: BoolArray | None = None) -> None:
         self._press = press
-        b, solution = press.bearing, press.solution
-        self._force = solution.force[b]
-        self._arms = press.problem.position[b] + solution.moved[b] - centre
-        self._carried = -point_motion(self._arms).reshape(self._force.size, -1)
+        force = press.solution.force[press.bearing]
+        self._force = force if borne is None else np.where(borne[:, None], force, 0.0)
+        self._arms = press.displaced - centre
+        motion = -point_motion(self._arms)
+        if borne is not None:
+            motion[~borne] = 0.0
+        self._carried = motion.reshape(force.size, -1)
 
     @property
     def gradient(self) -> Array:
@@ -37,12 +41,22 @@ class TwistedPress:
 
     def blocks(self) -> tuple[Array, Array]:
         """d2W/drows dtwist (n_rows*dim, n_twist) and d2W/dtwist2 (n_twist, n_twist)."""
-        press, eta = self._press, self._eta
-        c = self._carried + press.given(eta)
+        press, eta, c = self._press, self._eta, self._c
         mixed = press.stiffened.T @ c - press.given(press.eta).T @ eta
         mixed -= press.carried.T @ eta
         own = c.T @ press.stiffen(c) - eta.T @ press.given(eta)
         return mixed, own + relative_curvature(self._arms, -self._force)
+
+    def link(self, other: TwistedPress) -> Array:
+        """d2W/dtwist dtwist' (n_twist, n_twist) with the twist of another collider on the same press: what one feels of
+        the other through the body."""
+        press = self._press
+        return np.asarray(self._c.T @ press.stiffen(other._c) - self._eta.T @ press.given(other._eta))
+
+    @cached_property
+    def _c(self) -> Array:
+        """c (k*dim, n_twist)."""
+        return self._carried + self._press.given(self._eta)
 
     @cached_property
     def _eta(self) -> Array:

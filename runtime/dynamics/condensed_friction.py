@@ -24,7 +24,7 @@ import numpy as np
 
 from runtime.arrays import Array, Hessian
 from runtime.contact import CoulombFriction, FrictionTerms, LaggedContact
-from runtime.corrections.correction import Potential
+from runtime.corrections.correction import PressedLoads
 from runtime.dynamics.chain_rule import through_jacobian
 from runtime.dynamics.corrected_points import Poses
 from runtime.dynamics.coupling import Coupling, point_coupling
@@ -37,11 +37,8 @@ class CondensedFriction:
     def __init__(self, law: CoulombFriction) -> None:
         self._law = law
 
-    def lag(
-        self, name: str, potential: Potential, rows: Array, poses: Poses, turn: Array, step: StepContact
-    ) -> None:
+    def lag(self, name: str, loads: PressedLoads, rows: Array, poses: Poses, step: StepContact) -> None:
         """Let friction take up the loads found at rows, with the colliders where the step ends."""
-        loads = potential.pressed(rows, poses[name], turn)
         start = step.settled[name](loads.index)
         length = np.linalg.norm(loads.normal, axis=1)
         lagged = LaggedContact(

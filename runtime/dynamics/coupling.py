@@ -26,6 +26,15 @@ class Coupling(NamedTuple):
     blocks: Callable[[], tuple[Array, Array]]
 
 
+class Link(NamedTuple):
+    """What two free colliders, by name, feel of each other through the body: the mixed derivatives of the energy by
+    their twists (n_twist, n_twist)."""
+
+    first: str
+    second: str
+    block: Callable[[], Array]
+
+
 def point_coupling(name: str, arms: Array, gradient: Array, hessian: Array, motion: Array) -> Coupling:
     """Of touching points: arms (m, dim) from the centre, gradient (m, dim) and Hessian (m, dim, dim) at the points,
     and how these move with the rows, motion (m, dim, n_rows*dim)."""

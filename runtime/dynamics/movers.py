@@ -17,7 +17,7 @@ from runtime.arrays import Array
 from runtime.colliders.collider import Collider
 from runtime.dynamics.collider_contact import ColliderContact, ColliderFriction
 from runtime.dynamics.corrected_points import Poses
-from runtime.dynamics.coupling import Centres, Coupling
+from runtime.dynamics.coupling import Centres, Coupling, Link
 from runtime.dynamics.newton import Linearisation
 from runtime.dynamics.state import Configuration, ReducedState
 from runtime.dynamics.timings import Timings
@@ -182,12 +182,14 @@ class FreeStep:
         body: Linearisation,
         poses: Poses,
         couplings: Sequence[Coupling],
+        links: Sequence[Link],
         tangent: Array,
         relag: bool,
         timings: Timings,
     ) -> Linearisation:
         """By all unknowns, the body's first. body: what the handles feel; couplings: what body and free colliders feel
-        of each other; tangent: d rows / d unknowns of the body; relag: let friction take up the forces found here."""
+        of each other; links: and free colliders of one another, through it; tangent: d rows / d unknowns of the body;
+        relag: let friction take up the forces found here."""
         movers = self.movers
         units, n, energy = movers.units, movers.size, 0.0
         flying, touching, hessian = np.zeros(n), np.zeros(n), np.zeros((n, n))
@@ -216,6 +218,10 @@ class FreeStep:
                     by_both, by_twist = coupling.blocks()
                     mixed[:, at] += by_both
                     twisted[at, at] += by_twist
+                for first, second, block in links:
+                    one, other, linked = movers.slot(first), movers.slot(second), block()
+                    twisted[one, other] += linked
+                    twisted[other, one] += linked.T
             full = np.empty((m + n, m + n))
             full[:m, :m] = own
             full[:m, m:] = (tangent.T @ mixed) * units

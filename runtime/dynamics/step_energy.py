@@ -178,7 +178,7 @@ class StepEnergy:
             condensed, condensed_gradient, condensed_hessians = self._condensed.linearise(
                 rows, poses, self.turn, self._step, relag
             )
-            couplings += self._condensed.couplings(rows, poses, self.turn, centres, self._step)
+            more, links = self._condensed.couplings(rows, poses, self.turn, centres, self._step)
             contact, contact_gradient = contact + condensed, contact_gradient + condensed_gradient
         self._latest = Evaluation(x, surface, elastic)
         with self._timings.solve:
@@ -212,7 +212,9 @@ class StepEnergy:
             scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),
         )
         if self._colliders is not None:
-            found = self._colliders.joined(found, poses, couplings, tangent, relag, self._timings)
+            found = self._colliders.joined(
+                found, poses, [*couplings, *more], links, tangent, relag, self._timings
+            )
         self._relags_left -= 1
         return found
 

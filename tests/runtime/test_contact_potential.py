@@ -74,7 +74,7 @@ def test_the_force_on_the_collider_is_the_slope_of_the_energy_along_its_path(pre
 
 def test_giving_way_costs_less_than_standing_firm(pressed, jelly_body):
     potential, rows, pose, turn = pressed
-    probe = potential._probe
+    probe = potential.probe
     rigid = PenaltyContact(STIFFNESS).energy(
         probe.positions(rows, turn), probe._stiffness / STIFFNESS, probe.collider, pose
     )
