@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.body.body import ReducedBody
@@ -107,7 +108,7 @@ class LoadPress:
         if np.abs(self.carried @ dq - follows.ravel()).max() > self.problem.depth:
             return None
         right = self._c @ dq - follows.ravel()
-        dr = np.linalg.solve(self._softening, right).reshape(follows.shape)
+        dr = self._soften(right).reshape(follows.shape)
         g = solution.normal[b]
         # A load that is about to let go keeps a little, so that Newton's method sees it.
         e = np.maximum(solution.left[b] - (g * dr).sum(axis=1), 0.1 * solution.left[b])
@@ -147,9 +148,7 @@ class LoadPress:
     def stiffen(self, c: Array) -> Array:
         """D (I + G D)^-1 c (k*dim, n)."""
         D = self._stiffening
-        return np.asarray(
-            (D @ np.linalg.solve(self._softening, c).reshape(*D.shape[:2], -1)).reshape(c.shape)
-        )
+        return np.asarray((D @ self._soften(c).reshape(*D.shape[:2], -1)).reshape(c.shape))
 
     def given(self, eta: Array) -> Array:
         """G eta (k*dim, n)."""
@@ -198,6 +197,16 @@ class LoadPress:
     def _softening(self) -> Array:
         """I + G D (k*dim, k*dim)."""
         return load_kernels.softening(self._among, self._stiffening)
+
+    @cached_property
+    def _factor(self) -> tuple[Array, IntArray]:
+        """I + G D, factorised: it is solved with for rows, twists and predictions."""
+        lu, pivots = lu_factor(self._softening, check_finite=False)
+        return lu, pivots
+
+    def _soften(self, right: Array) -> Array:
+        """(I + G D)^-1 right."""
+        return np.asarray(lu_solve(self._factor, right, check_finite=False))
 
 
 class LoadProbe:

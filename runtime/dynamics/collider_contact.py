@@ -157,7 +157,7 @@ class ColliderContact:
         by_second, pushed, second_second = felt_by_the_other(
             x[index] - centres.get(second, centres[first]), gradient, hessian
         )
-        first_first = np.einsum("mat,mab,mbs->ts", moved, hessian, moved, optimize=True)
+        first_first = np.tensordot(moved, hessian @ moved, ((0, 1), (0, 1)))
         return TouchingPair(
             first,
             second,
@@ -165,6 +165,6 @@ class ColliderContact:
             np.einsum("mat,ma->t", moved, gradient),
             by_second,
             first_first + own_curvature(arms, gradient),
-            np.einsum("mat,mas->ts", moved, pushed),
+            np.tensordot(moved, pushed, ((0, 1), (0, 1))),
             second_second,
         )

@@ -83,5 +83,5 @@ def felt_by_the_other(arms: Array, gradient: Array, hessian: Array) -> tuple[Arr
     points touch; arms, gradient g (m, dim), hessian H (m, dim, dim)."""
     B = -point_motion(arms)
     pushed: Array = hessian @ B
-    own = np.einsum("mat,mas->ts", B, pushed) + relative_curvature(arms, gradient)
+    own = np.tensordot(B, pushed, ((0, 1), (0, 1))) + relative_curvature(arms, gradient)
     return np.einsum("mat,ma->t", B, gradient), pushed + turned_along(gradient), own
