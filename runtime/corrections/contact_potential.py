@@ -28,7 +28,7 @@ class ContactPotential:
     @property
     def nodes(self) -> IntArray:
         """(n_loads,) the nodes of the mesh where loads are."""
-        return self._probe.nodes
+        return self.probe.nodes
 
     def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:
         """W [J]."""
