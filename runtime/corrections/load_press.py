@@ -247,8 +247,11 @@ class LoadProbe:
         internal response, many times as costly as U rows, is taken only of loads that it could move there."""
         x = self.points.basis @ rows
         reach = self._no_reach if self.internal is None else self.internal.reach(rows, turn)
-        bounds = self.collider.lower - distance, self.collider.upper + distance
-        candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
+        if np.isfinite(self.collider.upper).all():
+            bounds = self.collider.lower - distance, self.collider.upper + distance
+            candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
+        else:  # a half-space, whose bounds exclude nothing
+            candidates = np.flatnonzero(self.collider.sdf(pose.apply_inverse(x)) < distance + reach)
         x = x[candidates]
         if self.internal is not None:
             x += self.internal.displacement(rows, turn, candidates)
