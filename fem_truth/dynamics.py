@@ -134,6 +134,12 @@ class FullSpaceSimulator:
         settings: DynamicsSettings | None = None,
         elasticity: FullSpaceElasticity | None = None,
     ) -> None:
+        for placed in colliders:
+            if placed.free is not None:
+                raise SoftprintError(
+                    f"collider {placed.name!r} moves freely, which full space cannot play: give it keyframes, or play "
+                    "the scene with a reduced model"
+                )
         self.body = body
         self.colliders = tuple(colliders)
         self.settings = settings or DynamicsSettings()

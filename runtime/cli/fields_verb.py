@@ -59,23 +59,28 @@ def run(args: argparse.Namespace, context: Context) -> int:
     if args.motion is not None and (args.sample is not None or args.contact is not None):
         raise SoftprintError("--sample and --contact are of the truth, --motion is not: give one of the two")
     body = body_of_run(context)
-    colliders = _colliders(context)
     if args.motion is not None:
         motion = load_motion(context.out_dir / "motions" / f"{args.motion}.h5")
         if motion.body_hash != body.content_hash:
             raise SoftprintError(f"{motion.path}: is a motion of another body than {body.name!r}")
+        colliders = _colliders(context, motion.colliders)
         frames = args.frame if args.frame is not None else list(range(motion.n_frames))
         return _write(context, body, args.motion, len(frames), deformed_frames(motion, colliders, frames))
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         samples = _samples(truth, args)
+        contacts = [int(truth.samples["contact"][k]) for k in samples if 0 <= k < truth.n_samples]
+        names = {truth.header.colliders[truth.contacts["collider"][contact]] for contact in contacts}
+        colliders = _colliders(context, names)
         return _write(context, body, "truth", len(samples), deformed_samples(truth, body, colliders, samples))
 
 
-def _colliders(context: Context) -> dict[str, Collider]:
+def _colliders(context: Context, names: Iterable[str]) -> dict[str, Collider]:
+    """Those of the names that the experiment knows."""
     from runtime.colliders.build import build_collider
 
     experiment = context.experiment
-    return {spec.name: build_collider(spec, experiment.base_dir) for spec in experiment.colliders}
+    known = [name for name in names if name in experiment.collider_names]
+    return {name: build_collider(experiment.collider(name), experiment.base_dir) for name in known}
 
 
 def _samples(truth: TruthData, args: argparse.Namespace) -> list[int]:

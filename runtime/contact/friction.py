@@ -15,7 +15,7 @@ would have carried the point, so a body that rides along with the collider feels
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,13 +30,22 @@ class LaggedContact:
     """What friction holds fixed within a minimisation, for the m points in contact; world coordinates.
 
     index (m,) of the points; force (m,) normal force [N]; normal (m, dim); anchor (m, dim): where the point
-    would be at the end of the step if it stuck to the collider [m].
+    would be at the end of the step if it stuck to the collider [m], which there is at `pose`.
     """
 
     index: IntArray
     force: Array
     normal: Array
     anchor: Array
+    pose: RigidPose
+
+    def at(self, pose: RigidPose) -> LaggedContact:
+        """The same with the collider at another pose: normals and anchors go with it, so that friction does not change
+        with a common motion of points and collider."""
+        if pose is self.pose or not len(self.index):
+            return self
+        change = pose.compose(self.pose.inverse())
+        return replace(self, normal=change.rotate(self.normal), anchor=change.apply(self.anchor), pose=pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +87,14 @@ class CoulombFriction:
             force=np.linalg.norm(contact.gradient, axis=1),
             normal=contact.normal,
             anchor=pose_end.apply(pose_start.apply_inverse(start[contact.index])),
+            pose=pose_end,
         )
 
     def terms(self, x: Array, lagged: LaggedContact, time_step: float) -> FrictionTerms:
         """Energy, gradient and Hessian at world points x (n, dim) [m] for a step of time_step [s]."""
+        if not len(lagged.index):
+            dim = x.shape[1]
+            return FrictionTerms(0.0, lagged.index, np.empty((0, dim)), np.empty((0, dim, dim)))
         eps = self.slip_velocity * time_step
         n = lagged.normal
         u = x[lagged.index] - lagged.anchor

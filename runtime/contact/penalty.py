@@ -40,6 +40,12 @@ class ContactTerms:
     depth: Array
     normal: Array
 
+    @classmethod
+    def none(cls, dim: int) -> ContactTerms:
+        """Nothing touches."""
+        nowhere, nothing = np.empty((0, dim)), np.empty(0)
+        return cls(0.0, np.empty(0, dtype=np.int64), nowhere, np.empty((0, dim, dim)), nothing, nowhere)
+
 
 def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[IntArray, Array, Array]:
     """Which of the world points x (n, dim) lie inside the collider.
@@ -71,6 +77,8 @@ class PenaltyContact:
     def terms(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> ContactTerms:
         """Energy, gradient and Hessian at world points x (n, dim) [m] with lumped areas (n,)."""
         index, z, _ = penetrating_points(x, collider, pose)
+        if not len(index):
+            return ContactTerms.none(x.shape[1])
         distance = collider.sdf_derivatives(z)
         depth = np.maximum(-distance.value, 0.0)
         slope = pose.rotate(distance.gradient)

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -92,8 +93,13 @@ class Compliance:
     def among_loads(self) -> NDArray[np.float32]:
         """[i, j] = G_ij (n_loads, n_loads, dim, dim), made symmetric: only then do forces derive from an energy.
 
-        Interpolation is not symmetric in load and node, nor is the spreading of forces over areas.
+        Interpolation is not symmetric in load and node, nor is the spreading of forces over areas. Kept, for several
+        colliders on one body share it.
         """
+        return self._among_loads
+
+    @cached_property
+    def _among_loads(self) -> NDArray[np.float32]:
         pairs = self.at(self.nodes).dense().transpose(0, 2, 1, 3)
         pairs = 0.5 * (pairs + pairs.transpose(1, 0, 3, 2))
         return np.ascontiguousarray(pairs)

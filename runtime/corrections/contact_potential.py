@@ -11,52 +11,70 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.arrays import Array, Hessian, IntArray
+from runtime.arrays import Array, BoolArray, Hessian, IntArray
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.correction import PressedLoads
-from runtime.corrections.load_press import LoadProbe
+from runtime.corrections.load_press import LoadPress, LoadProbe
+from runtime.corrections.twisted_press import TwistedPress
+from runtime.rigid.twist import twist_size
 
 
 class ContactPotential:
     """W of one body and one collider, as a function of handle rows, pose and the body's turn."""
 
     def __init__(self, probe: LoadProbe) -> None:
-        self._probe = probe
+        self.probe = probe
 
     @property
     def nodes(self) -> IntArray:
         """(n_loads,) the nodes of the mesh where loads are."""
-        return self._probe.nodes
+        return self.probe.nodes
 
     def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:
         """W [J]."""
-        press = self._probe.press(rows, pose, turn)
+        press = self.probe.press(rows, pose, turn)
         return 0.0 if press is None else press.solution.energy
 
     def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, Hessian | None]:
         """W [J], dW/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where
         nothing is pressed."""
-        press = self._probe.press(rows, pose, turn)
+        press = self.probe.press(rows, pose, turn)
         if press is None or not press.bearing.size:
             return 0.0, np.zeros_like(rows), None
         return press.solution.energy, press.gradient.reshape(rows.shape), lambda: press.hessian
 
+    def felt(
+        self, rows: Array, pose: RigidPose, turn: Array, centre: Array
+    ) -> tuple[Array, Callable[[], tuple[Array, Array]]]:
+        """dW/dtwist and the blocks of the Hessian, see `Potential.felt`."""
+        press = self.probe.press(rows, pose, turn)
+        if press is None or not press.bearing.size:
+            size = twist_size(len(centre))
+            return np.zeros(size), lambda: (np.zeros((rows.size, size)), np.zeros((size, size)))
+        twisted = TwistedPress(press, centre)
+        return twisted.gradient, twisted.blocks
+
     def pressed(self, rows: Array, pose: RigidPose, turn: Array) -> PressedLoads:
         """The loads that push on the collider."""
-        press = self._probe.press(rows, pose, turn)
+        press = self.probe.press(rows, pose, turn)
         if press is None:
             return PressedLoads.none(*rows.shape)
-        b, solution = press.bearing, press.solution
-        position = press.problem.position[b] + solution.moved[b]
-        return PressedLoads(
-            press.index[b],
-            position,
-            press.carried.reshape(*position.shape, -1),
-            solution.normal[b],
-            solution.pressure[b],
-            solution.left[b],
-        )
+        return pressed_loads(press)
 
     def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
         """See `LoadProbe.settled`."""
-        return self._probe.settled(rows, pose, turn)
+        return self.probe.settled(rows, pose, turn)
+
+
+def pressed_loads(press: LoadPress, borne: BoolArray | None = None) -> PressedLoads:
+    """Those of a press that bear pressure; borne: (k,) which of them to tell of."""
+    b, solution = press.bearing, press.solution
+    loads = PressedLoads(
+        press.index[b],
+        press.displaced,
+        press.carried.reshape(*press.displaced.shape, -1),
+        solution.normal[b],
+        solution.pressure[b],
+        solution.left[b],
+    )
+    return loads if borne is None else loads.take(borne)

@@ -13,7 +13,7 @@ from typing import Protocol, TypeGuard
 
 import numpy as np
 
-from runtime.arrays import Array, Hessian, IntArray
+from runtime.arrays import Array, BoolArray, Hessian, IntArray
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.internal_response import InternalResponse
@@ -75,6 +75,14 @@ class Potential(Protocol):
         """W [J], dW/drows (n_rows, dim) [N], Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian out of contact."""
         ...
 
+    def felt(
+        self, rows: Array, pose: RigidPose, turn: Array, centre: Array
+    ) -> tuple[Array, Callable[[], tuple[Array, Array]]]:
+        """What the collider feels where it moves freely about its centre of mass (dim,): dW/dtwist (n_twist,), and as a
+        function d2W/drows dtwist (n_rows*dim, n_twist) and d2W/dtwist2 (n_twist, n_twist), see
+        `runtime/rigid/twist.py`."""
+        ...
+
     def pressed(self, rows: Array, pose: RigidPose, turn: Array) -> PressedLoads:
         """What pushes on the collider."""
         ...
@@ -97,6 +105,17 @@ class PressedLoads:
     normal: Array
     pressure: Array
     left: Array
+
+    def take(self, which: BoolArray) -> PressedLoads:
+        """Some of them (m,)."""
+        return PressedLoads(
+            self.index[which],
+            self.position[which],
+            self.motion[which],
+            self.normal[which],
+            self.pressure[which],
+            self.left[which],
+        )
 
     @classmethod
     def none(cls, n_rows: int, dim: int) -> PressedLoads:

@@ -21,8 +21,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, BoolArray, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
@@ -46,6 +47,18 @@ class PosedDistance:
     def __call__(self, x: Array) -> SdfDerivatives:
         value, gradient, hessian = self.collider.sdf_derivatives(self.pose.apply_inverse(x))
         return SdfDerivatives(value, self.pose.rotate(gradient), self.pose.rotate_matrices(hessian))
+
+
+@dataclass(frozen=True, eq=False)
+class LoadsAround:
+    """Loads (n,) about a collider, their signed distance (n,) and position (n, dim) [m] undisplaced, the depth [m] of
+    the deepest, and which of them could bear pressure (n,)."""
+
+    index: IntArray
+    distance: Array
+    position: Array
+    depth: float
+    could_bear: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,27 +92,37 @@ class LoadPress:
 
             dr = (I + G D)^-1 (dxi - dc + G eta),    de = -g . dr,    dg = H dr, turned with the collider.
         """
-        b, solution = self.bearing, self.solution
-        if not b.size:
+        if not self.bearing.size:
             return None
-        dq = (rows - self.rows).ravel()
-        y = self.problem.position[b] + solution.moved[b]
+        y = self.displaced
         follows = pose.apply(self.pose.apply_inverse(y)) - y
+        return self.nearby(rows, index, follows, pose.rotation @ self.pose.rotation.T)
+
+    def nearby(
+        self, rows: Array, index: IntArray, follows: Array, turns: Array
+    ) -> tuple[Array, Array] | None:
+        """See `predict`. follows: dc (k, dim) [m] of the loads that bear pressure; turns: (dim, dim) or (k, dim, dim),
+        of what they press."""
+        b, solution = self.bearing, self.solution
+        dq = (rows - self.rows).ravel()
         if np.abs(self.carried @ dq - follows.ravel()).max() > self.problem.depth:
             return None
         right = self._c @ dq - follows.ravel()
-        dr = np.linalg.solve(self._softening, right).reshape(y.shape)
+        dr = self._soften(right).reshape(follows.shape)
         g = solution.normal[b]
         # A load that is about to let go keeps a little, so that Newton's method sees it.
         e = np.maximum(solution.left[b] - (g * dr).sum(axis=1), 0.1 * solution.left[b])
-        turned = (g + (solution.curvature[b] @ dr[..., None])[..., 0]) @ (
-            pose.rotation @ self.pose.rotation.T
-        ).T
+        turned = (turns @ (g[..., None] + solution.curvature[b] @ dr[..., None]))[..., 0]
         left, normal = np.full(len(index), -np.inf), np.zeros((len(index), g.shape[1]))
         at = np.minimum(np.searchsorted(index, self.index[b]), len(index) - 1)
         both = index[at] == self.index[b]
         left[at[both]], normal[at[both]] = e[both], turned[both]
         return left, normal
+
+    @property
+    def displaced(self) -> Array:
+        """y (k, dim) [m] of the loads that bear pressure."""
+        return np.asarray(self.problem.position[self.bearing] + self.solution.moved[self.bearing])
 
     @property
     def bearing(self) -> IntArray:
@@ -120,9 +143,21 @@ class LoadPress:
     @property
     def hessian(self) -> Array:
         """d2W/drows2 (R, R) [N/m]."""
-        c, D = self._c, self._stiffening
-        stiffened = D @ np.linalg.solve(self._softening, c).reshape(*D.shape[:2], -1)
-        return c.T @ stiffened.reshape(c.shape) - self._eta.T @ self._given
+        return self._c.T @ self.stiffened - self.eta.T @ self._given
+
+    def stiffen(self, c: Array) -> Array:
+        """D (I + G D)^-1 c (k*dim, n)."""
+        D = self._stiffening
+        return np.asarray((D @ self._soften(c).reshape(*D.shape[:2], -1)).reshape(c.shape))
+
+    def given(self, eta: Array) -> Array:
+        """G eta (k*dim, n)."""
+        return self._among @ eta
+
+    @cached_property
+    def stiffened(self) -> Array:
+        """D (I + G D)^-1 c (k*dim, R) of the handle rows."""
+        return self.stiffen(self._c)
 
     @property
     def carried(self) -> Array:
@@ -130,7 +165,7 @@ class LoadPress:
         return self._carried_along[0]
 
     @property
-    def _eta(self) -> Array:
+    def eta(self) -> Array:
         """F^-T dF^T f (k*dim, R)."""
         return self._carried_along[1]
 
@@ -143,7 +178,7 @@ class LoadPress:
     @cached_property
     def _given(self) -> Array:
         """G eta (k*dim, R)."""
-        return self._among @ self._eta
+        return self.given(self.eta)
 
     @cached_property
     def _c(self) -> Array:
@@ -162,6 +197,16 @@ class LoadPress:
     def _softening(self) -> Array:
         """I + G D (k*dim, k*dim)."""
         return load_kernels.softening(self._among, self._stiffening)
+
+    @cached_property
+    def _factor(self) -> tuple[Array, IntArray]:
+        """I + G D, factorised: it is solved with for rows, twists and predictions."""
+        lu, pivots = lu_factor(self._softening, check_finite=False)
+        return lu, pivots
+
+    def _soften(self, right: Array) -> Array:
+        """(I + G D)^-1 right."""
+        return np.asarray(lu_solve(self._factor, right, check_finite=False))
 
 
 class LoadProbe:
@@ -202,8 +247,11 @@ class LoadProbe:
         internal response, many times as costly as U rows, is taken only of loads that it could move there."""
         x = self.points.basis @ rows
         reach = self._no_reach if self.internal is None else self.internal.reach(rows, turn)
-        bounds = self.collider.lower - distance, self.collider.upper + distance
-        candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
+        if np.isfinite(self.collider.upper).all():
+            bounds = self.collider.lower - distance, self.collider.upper + distance
+            candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
+        else:  # a half-space, whose bounds exclude nothing
+            candidates = np.flatnonzero(self.collider.sdf(pose.apply_inverse(x)) < distance + reach)
         x = x[candidates]
         if self.internal is not None:
             x += self.internal.displacement(rows, turn, candidates)
@@ -223,31 +271,44 @@ class LoadProbe:
         return press
 
     def _press(self, rows: Array, pose: RigidPose, turn: Array, near: LoadPress | None) -> LoadPress | None:
-        around, distance, x = self._near(rows, pose, turn, self._band)
+        around = self.around(rows, pose, turn)
+        if around is None:
+            return None
+        index = around.index[around.could_bear]
+        problem, F = self.problem(rows, around, PosedDistance(self.collider, pose))
+        start = None if near is None else near.predict(rows, pose, index)
+        solution = problem.solve(start)
+        motion = self.motion(index[solution.bearing], turn)
+        return LoadPress(
+            rows.copy(), pose, around.index, around.position, index, F, motion, problem, solution
+        )
+
+    def around(self, rows: Array, pose: RigidPose, turn: Array) -> LoadsAround | None:
+        """The loads about the collider; None where none is inside."""
+        index, distance, x = self._near(rows, pose, turn, self._band)
         depth = -float(distance.min(initial=0.0))
         if depth <= 0.0:
             return None
         if _ROOM * depth > self._band:
-            around, distance, x = self._near(rows, pose, turn, _ROOM * depth)
-        could_bear = distance < _ROOM * depth
-        index = around[could_bear]
+            index, distance, x = self._near(rows, pose, turn, _ROOM * depth)
+        return LoadsAround(index, distance, x, depth, distance < _ROOM * depth)
+
+    def problem(
+        self, rows: Array, around: LoadsAround, distance: Callable[[Array], SdfDerivatives]
+    ) -> tuple[LoadProblem, Array]:
+        """Of the loads that could bear pressure, and their F (m, dim, dim)."""
+        index = around.index[around.could_bear]
         F = self.deformation(rows, index)
-        distance_to = PosedDistance(self.collider, pose)
-        problem = LoadProblem(
-            carried_compliance(self.among_loads, index, F),
-            self._stiffness[index],
-            x[could_bear],
-            depth,
-            distance_to,
-        )
-        start = None if near is None else near.predict(rows, pose, index)
-        solution = problem.solve(start)
-        motion = self.motion(index[solution.bearing], turn)
-        return LoadPress(rows.copy(), pose, around, x, index, F, motion, problem, solution)
+        compliance = carried_compliance(self.among_loads, index, F)
+        x, stiffness = around.position[around.could_bear], self._stiffness[index]
+        return LoadProblem(compliance, stiffness, x, around.depth, distance), F
 
     def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
         """y = x + F v (m, dim) [m] of any loads (m,) at handle rows (n_rows, dim)."""
-        press = self.press(rows, pose, turn)
+        return self.settled_by(self.press(rows, pose, turn), rows, turn)
+
+    def settled_by(self, press: LoadPress | None, rows: Array, turn: Array) -> Callable[[IntArray], Array]:
+        """The same in the dent of a press; None: in none."""
         if press is None:
             return self.positions(rows, turn).__getitem__
         bearing, load = press.index[press.bearing], press.load

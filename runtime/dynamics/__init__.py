@@ -2,7 +2,8 @@
 
 from runtime.dynamics.kinematic import KinematicHandle
 from runtime.dynamics.newton import NewtonSettings, Status
-from runtime.dynamics.simulator import DynamicsSettings, PlacedCollider, Simulator
+from runtime.dynamics.placed import PlacedCollider
+from runtime.dynamics.simulator import DynamicsSettings, Simulator
 from runtime.dynamics.springs import HandleSpring
 from runtime.dynamics.state import ContactForce, ReducedState, StepResult
 

@@ -13,8 +13,10 @@ import numpy as np
 from runtime.arrays import Array, Hessian, IntArray
 from runtime.contact import CoulombFriction
 from runtime.corrections.correction import Potential
+from runtime.corrections.potential_group import grouped
 from runtime.dynamics.condensed_friction import CondensedFriction
 from runtime.dynamics.corrected_points import Poses
+from runtime.dynamics.coupling import Centres, Coupling, Link
 from runtime.dynamics.state import ContactForce, SurfaceLoads, resultant
 from runtime.dynamics.step_contact import StepContact
 
@@ -24,22 +26,19 @@ class CondensedContact:
     outside of steps."""
 
     def __init__(self, potentials: Mapping[str, Potential], friction: CoulombFriction | None = None) -> None:
-        self._potentials = potentials
+        self._potentials, self._groups = potentials, grouped(potentials)
         self._friction = None if friction is None else CondensedFriction(friction)
 
     def settled(self, rows: Array, poses: Poses, turn: Array) -> dict[str, Callable[[IntArray], Array]]:
         """Where loads are in a state, see `Potential`."""
-        return {
-            name: potential.settled(rows, poses[name], turn) for name, potential in self._potentials.items()
-        }
+        return {k: at for group in self._groups for k, at in group.settled(rows, poses, turn).items()}
 
     def energy(self, rows: Array, poses: Poses, turn: Array, step: StepContact | None) -> float:
-        """Of contact and (lagged) friction [J]."""
-        total = 0.0
-        for name, potential in self._potentials.items():
-            total += potential.energy(rows, poses[name], turn)
-            if self._friction is not None and step is not None:
-                total += self._friction.terms(name, rows, step).energy
+        """Of contact and (lagged) friction [J]; none of friction before it was lagged."""
+        total = sum(group.energy(rows, poses, turn) for group in self._groups)
+        if self._friction is not None and step is not None:
+            for name in step.sliding:
+                total += self._friction.terms(name, rows, poses, step).energy
         return total
 
     def linearise(
@@ -47,38 +46,55 @@ class CondensedContact:
     ) -> tuple[float, Array, list[Hessian]]:
         """Energy [J], gradient (n_rows, dim) [N] and Hessians [N/m], to be summed, by the rows.
         ``relag``: let friction take up the loads found here."""
+        parts = [group.linearise(rows, poses, turn) for group in self._groups]
+        if self._friction is not None and step is not None:
+            if relag:
+                for group in self._groups:
+                    for name, loads in group.pressed(rows, poses, turn).items():
+                        self._friction.lag(name, loads, rows, poses, step)
+            parts += [self._friction.linearise(name, rows, poses, step) for name in self._potentials]
         energy, gradient = 0.0, np.zeros_like(rows)
-        hessians: list[Hessian] = []
-        for name, potential in self._potentials.items():
-            parts = [potential.linearise(rows, poses[name], turn)]
-            if self._friction is not None and step is not None:
-                if relag:
-                    self._friction.lag(name, potential, rows, poses, turn, step)
-                parts.append(self._friction.linearise(name, rows, step))
-            for more, slope, hessian in parts:
-                energy, gradient = energy + more, gradient + slope
-                if hessian is not None:
-                    hessians.append(hessian)
-        return energy, gradient, hessians
+        for more, slope, _ in parts:
+            energy, gradient = energy + more, gradient + slope
+        return energy, gradient, [hessian for *_, hessian in parts if hessian is not None]
+
+    def couplings(
+        self, rows: Array, poses: Poses, turn: Array, centres: Centres, step: StepContact | None
+    ) -> tuple[list[Coupling], list[Link]]:
+        """What colliders that move freely feel of it, at the loads that `linearise` found, and of each other."""
+        if not centres:
+            return [], []
+        felt = [group.felt(rows, poses, turn, centres) for group in self._groups]
+        couplings = [Coupling(name, *parts) for of_group in felt for name, parts in of_group.alone.items()]
+        links = [Link(*names, block) for of_group in felt for names, block in of_group.links.items()]
+        if self._friction is not None and step is not None:
+            rubbed = (
+                self._friction.coupling(name, rows, poses, centres[name], step)
+                for name in self._potentials
+                if name in centres
+            )
+            couplings += [coupling for coupling in rubbed if coupling is not None]
+        return couplings, links
 
     def forces(
         self, rows: Array, poses: Poses, turn: Array, step: StepContact | None
     ) -> tuple[float, float, dict[str, ContactForce]]:
         """Contact energy, friction energy [J] and the force on each collider."""
-        normal_energy, friction_energy = 0.0, 0.0
+        normal_energy = sum(group.energy(rows, poses, turn) for group in self._groups)
+        found = [group.pressed(rows, poses, turn) for group in self._groups]
+        friction_energy = 0.0
         forces = {}
-        for name, potential in self._potentials.items():
-            normal_energy += potential.energy(rows, poses[name], turn)
-            pressed = potential.pressed(rows, poses[name], turn)
+        for name, pressed in ((name, pressed) for of_group in found for name, pressed in of_group.items()):
+            nodes = self._potentials[name].nodes
             # A load pushes the collider against the gradient of its signed distance.
             push = -pressed.pressure[:, None] * pressed.normal
-            loads = [SurfaceLoads(potential.nodes, pressed.index, pressed.position, push)]
+            loads = [SurfaceLoads(nodes, pressed.index, pressed.position, push)]
             if self._friction is not None and step is not None:
-                friction = self._friction.terms(name, rows, step)
+                friction = self._friction.terms(name, rows, poses, step)
                 friction_energy += friction.energy
                 sliding = step.sliding[name]
                 slid = sliding.index, sliding.positions(rows), friction.gradient
-                loads.append(SurfaceLoads(potential.nodes, *slid, tangential=True))
+                loads.append(SurfaceLoads(nodes, *slid, tangential=True))
             force, torque = resultant(loads, poses[name].translation)
             forces[name] = ContactForce(
                 force, torque, float(pressed.left.max(initial=0.0)), len(pressed.index), loads

@@ -24,9 +24,10 @@ import numpy as np
 
 from runtime.arrays import Array, Hessian
 from runtime.contact import CoulombFriction, FrictionTerms, LaggedContact
-from runtime.corrections.correction import Potential
+from runtime.corrections.correction import PressedLoads
 from runtime.dynamics.chain_rule import through_jacobian
 from runtime.dynamics.corrected_points import Poses
+from runtime.dynamics.coupling import Coupling, point_coupling
 from runtime.dynamics.step_contact import SlidingLoads, StepContact
 
 
@@ -36,11 +37,8 @@ class CondensedFriction:
     def __init__(self, law: CoulombFriction) -> None:
         self._law = law
 
-    def lag(
-        self, name: str, potential: Potential, rows: Array, poses: Poses, turn: Array, step: StepContact
-    ) -> None:
+    def lag(self, name: str, loads: PressedLoads, rows: Array, poses: Poses, step: StepContact) -> None:
         """Let friction take up the loads found at rows, with the colliders where the step ends."""
-        loads = potential.pressed(rows, poses[name], turn)
         start = step.settled[name](loads.index)
         length = np.linalg.norm(loads.normal, axis=1)
         lagged = LaggedContact(
@@ -48,20 +46,33 @@ class CondensedFriction:
             force=loads.pressure * length,
             normal=loads.normal / np.where(length > 0.0, length, 1.0)[:, None],
             anchor=poses[name].apply(step.poses[name].apply_inverse(start)),
+            pose=poses[name],
         )
         step.sliding[name] = SlidingLoads(lagged, rows, loads.position, loads.motion, loads.index)
 
-    def terms(self, name: str, rows: Array, step: StepContact) -> FrictionTerms:
+    def terms(self, name: str, rows: Array, poses: Poses, step: StepContact) -> FrictionTerms:
         """At the loads that were last taken up."""
         loads = step.sliding[name]
-        return self._law.terms(loads.positions(rows), loads.lagged, step.time_step)
+        return self._law.terms(loads.positions(rows), loads.lagged.at(poses[name]), step.time_step)
 
-    def linearise(self, name: str, rows: Array, step: StepContact) -> tuple[float, Array, Hessian | None]:
+    def linearise(
+        self, name: str, rows: Array, poses: Poses, step: StepContact
+    ) -> tuple[float, Array, Hessian | None]:
         """D [J], dD/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where there is
         no load."""
-        terms = self.terms(name, rows, step)
+        terms = self.terms(name, rows, poses, step)
         if not len(terms.index):
             return 0.0, np.zeros_like(rows), None
         motion = step.sliding[name].motion.reshape(terms.gradient.size, -1)
         gradient, hessian = through_jacobian(motion, terms.gradient, terms.hessian)
         return terms.energy, gradient, lambda: hessian
+
+    def coupling(
+        self, name: str, rows: Array, poses: Poses, centre: Array, step: StepContact
+    ) -> Coupling | None:
+        """What a collider that moves freely about its centre (dim,) feels of it; None where there is no load."""
+        terms, loads = self.terms(name, rows, poses, step), step.sliding[name]
+        if not len(terms.index):
+            return None
+        arms = loads.positions(rows) - centre
+        return point_coupling(name, arms, terms.gradient, terms.hessian, loads.motion)

@@ -20,7 +20,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -94,24 +94,31 @@ class Linearisation:
         return self.second_derivative()
 
 
-class Problem(Protocol):
-    """What is minimised. x is whatever the problem says it is; here always handle rows."""
+Point = TypeVar("Point")
 
-    def linearise(self, x: Array) -> Linearisation: ...
 
-    def energy(self, x: Array) -> float:
+class Problem(Protocol[Point]):
+    """What is minimised. x is whatever the problem says it is."""
+
+    def linearise(self, x: Point) -> Linearisation: ...
+
+    def energy(self, x: Point) -> float:
         """The same energy as that of the last `linearise`, for the line search."""
         ...
 
-    def retract(self, x: Array, v: Array) -> Array: ...
+    def retract(self, x: Point, v: Array) -> Point: ...
+
+    def longest(self, x: Point, v: Array) -> float:
+        """The share of v, 1 at most, that a step from x may go at once."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
-class NewtonResult:
+class NewtonResult(Generic[Point]):
     """x: where the minimisation stopped; residual: |g| / scale when last seen; decrement: 1/2 g^T H^-1 g [J]
     of the last step taken, an estimate of how far above the minimum the energy was before it."""
 
-    x: Array
+    x: Point
     status: Status
     iterations: int
     residual: float
@@ -127,11 +134,11 @@ class NewtonResult:
 
 
 def minimise(
-    problem: Problem,
-    x: Array,
+    problem: Problem[Point],
+    x: Point,
     settings: NewtonSettings,
     solving: AbstractContextManager[object] | None = None,
-) -> NewtonResult:
+) -> NewtonResult[Point]:
     """Minimise the problem's energy from x. ``solving`` is entered around every linear solve, to time it."""
     clock = nullcontext() if solving is None else solving
     residual, decrement = np.inf, np.inf
@@ -171,14 +178,14 @@ def descent_direction(hessian: Array, gradient: Array) -> Array:
 
 
 def _line_search(
-    problem: Problem, x: Array, at: Linearisation, direction: Array, slope: float
-) -> Array | None:
+    problem: Problem[Point], x: Point, at: Linearisation, direction: Array, slope: float
+) -> Point | None:
     """The first point x + alpha v that satisfies Armijo's condition; None if none does.
 
-    alpha starts at 1; each next one is where the parabola through E(x), its slope and the last energy is
-    lowest, but at least a tenth and at most half of the last (Nocedal and Wright 2006, section 3.5).
+    alpha starts at 1, or at what the problem allows; each next one is where the parabola through E(x), its slope and
+    the last energy is lowest, but at least a tenth and at most half of the last (Nocedal and Wright 2006, section 3.5).
     """
-    step = 1.0
+    step = problem.longest(x, direction)
     for _ in range(_TRIALS):
         candidate = problem.retract(x, step * direction)
         energy = problem.energy(candidate)

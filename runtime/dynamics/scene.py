@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from runtime.arrays import Array
 from runtime.body.body import ReducedBody
-from runtime.colliders import KeyframedPath
+from runtime.colliders import Collider, KeyframedPath, RigidPose
 from runtime.colliders.build import build_collider
 from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.corrections.correction import Correction
 from runtime.dynamics.kinematic import KinematicHandle
 from runtime.dynamics.newton import NewtonSettings
+from runtime.dynamics.placed import PlacedCollider
 from runtime.dynamics.recorded_motion import read_recorded_motion
-from runtime.dynamics.simulator import DynamicsSettings, PlacedCollider, Simulator
+from runtime.dynamics.simulator import DynamicsSettings, Simulator
 from runtime.dynamics.springs import HandleSpring
 from runtime.errors import SoftprintError
+from runtime.rigid import free_collider
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment, KeyframeSpec, SceneSpec
-    from runtime.experiment.scene_schema import KinematicEntry
+    from runtime.experiment.scene_schema import KinematicEntry, SceneColliderSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +65,7 @@ def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
     dynamics, contact = experiment.dynamics, experiment.contact
     return SceneParts(
         colliders=tuple(
-            PlacedCollider(
-                entry.name,
-                build_collider(experiment.collider(entry.name), experiment.base_dir),
-                _path(entry.keyframes, experiment.dim),
-            )
+            _placed(entry, build_collider(experiment.collider(entry.name), experiment.base_dir))
             for entry in scene.colliders
         ),
         contact=PenaltyContact(contact.stiffness),
@@ -116,6 +114,27 @@ def _springs(experiment: Experiment, scene: SceneSpec) -> tuple[HandleSpring, ..
     return tuple(springs)
 
 
+def _placed(entry: SceneColliderSpec, collider: Collider) -> PlacedCollider:
+    """Led along its keyframes, or free from its start."""
+    dim = collider.dim
+    if not entry.free:
+        return PlacedCollider(entry.name, collider, _path(entry.keyframes, dim))
+    still = np.zeros(1 if dim == 2 else 3)
+    assert entry.position is not None  # `consistency.py` sees to it
+    pose = RigidPose.from_rotation_vector(
+        still if entry.rotation is None else entry.rotation, np.array(entry.position)
+    )
+    free = free_collider(
+        collider,
+        pose,
+        density=entry.density,
+        mass=entry.mass,
+        velocity=entry.velocity,
+        spin=None if entry.spin is None else np.atleast_1d(entry.spin),
+    )
+    return PlacedCollider(entry.name, collider, free=free)
+
+
 def _kinematic(entry: KinematicEntry, dim: int) -> KinematicHandle:
     """A handle that is held where only its name or number is given, or led along its keyframes."""
     if isinstance(entry, int | str):
@@ -139,10 +158,7 @@ def scene_simulator(
 ) -> Simulator:
     """The reduced simulator of a scene: the bare subspace, or with one correction for a collider."""
     by_collider = {correction.collider: correction for correction in corrections}
-    colliders = tuple(
-        PlacedCollider(placed.name, placed.collider, placed.path, by_collider.get(placed.name))
-        for placed in parts.colliders
-    )
+    colliders = tuple(replace(placed, correction=by_collider.get(placed.name)) for placed in parts.colliders)
     return Simulator(
         body,
         colliders,

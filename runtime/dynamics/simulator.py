@@ -17,21 +17,29 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.body.rotations import rotation_dofs
-from runtime.colliders.collider import Collider
-from runtime.colliders.path import KeyframedPath
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.correction import Correction, is_field
+from runtime.corrections.correction import is_field
 from runtime.corrections.internal_response import InternalResponse
+from runtime.dynamics.collider_contact import ColliderContact
 from runtime.dynamics.condensed_contact import CondensedContact
 from runtime.dynamics.corrected_nodes import CorrectedNodes
-from runtime.dynamics.corrected_points import CorrectedPoints, Poses
+from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.dynamics.elastic import Elastic, ElasticEnergy
 from runtime.dynamics.internal_elastic import InternalElasticEnergy
 from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
+from runtime.dynamics.movers import FreeStep, Movers
 from runtime.dynamics.newton import NewtonResult, NewtonSettings, Status, minimise
+from runtime.dynamics.placed import (
+    PlacedCollider,
+    check_colliders,
+    free_colliders,
+    poses_after,
+    poses_at,
+    starting_motions,
+)
 from runtime.dynamics.springs import HandleSpring, QuadraticForm, spring_form
-from runtime.dynamics.state import ContactForce, ReducedState, StepResult
+from runtime.dynamics.state import Configuration, ContactForce, ReducedState, StepResult
 from runtime.dynamics.step_contact import StepContact
 from runtime.dynamics.step_energy import StepEnergy
 from runtime.dynamics.surface import SurfaceEnergy
@@ -48,17 +56,6 @@ _REACH = 0.25
 # often than so many times: it converges fast, for the turn hardly matters where strain is small.
 _SAME_TURN = 1e-7
 _TURNS = 10
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedCollider:
-    """A collider in the scene. path: where it is over time, None where the caller gives its pose with every
-    step; correction: what was learned about its contact with this body."""
-
-    name: str
-    collider: Collider
-    path: KeyframedPath | None = None
-    correction: Correction | None = None
 
 
 @dataclass(frozen=True)
@@ -112,6 +109,7 @@ class Simulator:
         self._internal = internal
         acceleration = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
         self._check(acceleration)
+        self._gravity = acceleration
         self._free = free_dofs(body.handles, self._kinematic)
         self._weight = Weight(body, acceleration, internal)
         self._units = _units(body)[self._free]
@@ -140,6 +138,10 @@ class Simulator:
         self._nodes = CorrectedNodes(body, self._corrections, internal)
         self._samples = CorrectedNodes(body, self._corrections, internal, body.surface.nodes)
         self._friction = friction
+        free = free_colliders(self.colliders)
+        self._movers = Movers(
+            free, shapes, ColliderContact(free, shapes, contact, friction), body.basis[body.surface.nodes]
+        )
         self._last: tuple[ReducedState, Array, Array] | None = None  # the surface at the end of the last step
 
     def _check(self, gravity: Array) -> None:
@@ -158,43 +160,14 @@ class Simulator:
                     f"{gravity.tolist()}: train the correction for the gravity of the scene, or take "
                     "`InternalResponse.under` it"
                 )
-        names = [placed.name for placed in self.colliders]
-        if len(set(names)) != len(names):
-            raise SoftprintError(
-                f"two colliders of the scene have the same name; the names are {', '.join(names)}"
-            )
-        for placed in self.colliders:
-            if placed.collider.dim != dim or (placed.path is not None and placed.path.dim != dim):
-                raise SoftprintError(f"collider {placed.name!r} and its path must be {dim}D, as the body is")
-            correction = placed.correction
-            if correction is not None and correction.collider != placed.collider.name:
-                raise SoftprintError(
-                    f"correction {correction.name!r} was learned for collider {correction.collider!r}, "
-                    f"not for {placed.collider.name!r}"
-                )
-
-    def poses_at(self, time: float, poses: Mapping[str, RigidPose] | None = None) -> Poses:
-        """Where every collider is at ``time`` [s]: the given pose, or else that of its path."""
-        given = dict(poses or {})
-        placed = {}
-        for collider in self.colliders:
-            if collider.name in given:
-                placed[collider.name] = given.pop(collider.name)
-            elif collider.path is not None:
-                placed[collider.name] = collider.path.pose(time)
-            else:
-                raise SoftprintError(f"collider {collider.name!r} has no path: give its pose with every step")
-        if given:
-            raise SoftprintError(
-                f"a pose was given for {', '.join(given)}, which is no collider of this scene"
-            )
-        return placed
+        check_colliders(self.colliders, dim)
 
     def rest_state(self, time: float = 0.0, poses: Mapping[str, RigidPose] | None = None) -> ReducedState:
         """The undeformed body, not moving; kinematic handles where they are at ``time`` [s]."""
         rest = self.body.rest_rows
         rows = place_kinematic(rest, rest, self.body.handles, self._kinematic, time)
-        return ReducedState(time, rows, np.zeros_like(rows), self.poses_at(time, poses))
+        where = poses_at(self.colliders, time, poses)
+        return ReducedState(time, rows, np.zeros_like(rows), where, motions=starting_motions(self.colliders))
 
     def step(
         self, state: ReducedState, poses: Mapping[str, RigidPose] | None = None
@@ -203,7 +176,10 @@ class Simulator:
         timings = Timings()
         h = self.settings.time_step
         end = state.time + h
-        end_poses = self.poses_at(end, poses)
+        end_poses = poses_after(self.colliders, end, poses, state.poses)
+        free = (
+            self._movers.step(state, h, self._gravity, self._friction is not None) if self._movers else None
+        )
         inertia = _about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
         turn = self._turn(state.rows)
         contact = None
@@ -213,15 +189,19 @@ class Simulator:
             with timings.contact:
                 settled = self._condensed.settled(state.rows, state.poses, before)
             contact = StepContact(surface, state.poses, h, settled)
-        energy = self._energy(end, end_poses, turn, inertia, contact, timings)
+        energy = self._energy(end, turn, inertia, contact, timings, free)
         start = place_kinematic(
             self._carried_on(state), self.body.rest_rows, self.body.handles, self._kinematic, end
         )
-        solved = minimise(energy, start, self.settings.newton, timings.solve)
-        velocity = (solved.x - state.rows) / h
-        return self._result(
-            solved, ReducedState(end, solved.x, velocity, end_poses, turn), energy, inertia, timings
-        )
+        begin = Configuration(start, end_poses)
+        if free is not None:
+            begin = free.start(start, end_poses, energy.energy)
+        solved = minimise(energy, begin, self.settings.newton, timings.solve)
+        rows, end_poses = solved.x
+        velocity = (rows - state.rows) / h
+        motions = {} if free is None else free.motions(end_poses)
+        reached = ReducedState(end, rows, velocity, end_poses, turn, motions)
+        return self._result(solved, reached, energy, inertia, timings, free)
 
     def _carried_on(self, state: ReducedState) -> Array:
         """Rows after a step at constant velocity, frames kept rigid: where Newton starts."""
@@ -233,7 +213,8 @@ class Simulator:
         self, state: ReducedState | None = None, newton: NewtonSettings | None = None
     ) -> StepResult[ReducedState]:
         """Static equilibrium near ``state`` (the rest state by default) at its time, without friction: where
-        a scene starts. Something must hold the body: kinematic handles, springs or contact."""
+        a scene starts. Something must hold the body: kinematic handles, springs or contact. Colliders that move freely
+        stay where they are, and keep their motion."""
         begin = state or self.rest_state()
         settings = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
         timings = Timings()
@@ -241,8 +222,8 @@ class Simulator:
         for _ in range(_TURNS):
             turn = self._turn(rows)
             energy = self._static_energy(begin, turn, timings)
-            solved = minimise(energy, rows, settings, timings.solve)
-            rows, iterations = solved.x, iterations + solved.iterations
+            solved = minimise(energy, Configuration(rows, begin.poses), settings, timings.solve)
+            rows, iterations = solved.x.rows, iterations + solved.iterations
             if not solved.converged or np.abs(self._turn(rows) - turn).max() < _SAME_TURN:
                 break
         return self._static_result(replace(solved, iterations=iterations), begin, energy, timings)
@@ -250,7 +231,7 @@ class Simulator:
     def at_rest(self) -> StepResult[ReducedState]:
         """The rest state as the result of no step at all: its energies and contact forces."""
         state, timings = self.rest_state(), Timings()
-        solved = NewtonResult(state.rows, Status.CONVERGED, 0, 0.0, 0.0)
+        solved = NewtonResult(Configuration(state.rows, state.poses), Status.CONVERGED, 0, 0.0, 0.0)
         energy = self._static_energy(state, self._turn(state.rows), timings)
         return self._static_result(solved, state, energy, timings)
 
@@ -259,13 +240,14 @@ class Simulator:
         return np.eye(self.body.dim) if self._internal is None else self._internal.turn(rows)
 
     def _static_energy(self, state: ReducedState, turn: Array, timings: Timings) -> StepEnergy:
-        return self._energy(state.time, state.poses, turn, self._no_inertia, None, timings)
+        return self._energy(state.time, turn, self._no_inertia, None, timings, None)
 
     def _static_result(
-        self, solved: NewtonResult, begin: ReducedState, energy: StepEnergy, timings: Timings
+        self, solved: NewtonResult[Configuration], begin: ReducedState, energy: StepEnergy, timings: Timings
     ) -> StepResult[ReducedState]:
-        state = ReducedState(begin.time, solved.x, np.zeros_like(solved.x), begin.poses, energy.turn)
-        return self._result(solved, state, energy, self._no_inertia, timings)
+        rows = solved.x.rows
+        state = ReducedState(begin.time, rows, np.zeros_like(rows), begin.poses, energy.turn, begin.motions)
+        return self._result(solved, state, energy, self._no_inertia, timings, None)
 
     @cached_property
     def _no_inertia(self) -> QuadraticForm:
@@ -274,11 +256,11 @@ class Simulator:
     def _energy(
         self,
         time: float,
-        poses: Poses,
         turn: Array,
         inertia: QuadraticForm,
         contact: StepContact | None,
         timings: Timings,
+        free: FreeStep | None,
     ) -> StepEnergy:
         springs = spring_form(self._springs, self.body.handles, time)
         weight, height = self._weight.form(turn)
@@ -295,9 +277,9 @@ class Simulator:
             elastic=self._elastic,
             surface=self._surface,
             condensed=self._condensed,
-            poses=poses,
             turn=turn,
             step=contact,
+            free_colliders=free,
             friction_updates=self.settings.friction_updates,
             force_floor=self._force_floor,
             units=self._units,
@@ -306,14 +288,15 @@ class Simulator:
 
     def _result(
         self,
-        solved: NewtonResult,
+        solved: NewtonResult[Configuration],
         state: ReducedState,
         energy: StepEnergy,
         inertia: QuadraticForm,
         timings: Timings,
+        free: FreeStep | None,
     ) -> StepResult[ReducedState]:
         rows, velocity = state.rows, state.rows_velocity
-        found = energy.evaluate(rows)
+        found = energy.evaluate(solved.x)
         self._last = (state, energy.turn, found.surface)
         normal, friction, forces = energy.contacts(found)
         springs = spring_form(self._springs, self.body.handles, state.time)
@@ -327,6 +310,10 @@ class Simulator:
             "contact": normal,
             "friction": friction,
         }
+        if self._movers:
+            energies["inertia"] += 0.0 if free is None else free.inertia(state.poses)
+            energies["kinetic"] += self._movers.kinetic(state.poses, state.motions)
+            energies["gravity"] += self._movers.weight(state.poses, self._gravity)
         return StepResult(
             state,
             solved.status,

@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.colliders.pose import RigidPose
+from runtime.rigid.flight import RigidMotion
 
 State = TypeVar("State")
+
+
+class Configuration(NamedTuple):
+    """What a step solves for: handle rows (n_rows, dim) and where every collider is; of these only those move that move
+    freely."""
+
+    rows: Array
+    poses: Mapping[str, RigidPose]
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedState:
     """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: where each
     collider stands at this time; turn (dim, dim): the rotation that the internal response of the body followed in the
-    step that led here, None where no step did."""
+    step that led here, None where no step did; motions: how the colliders move that move freely."""
 
     time: float
     rows: Array
     rows_velocity: Array
     poses: Mapping[str, RigidPose]
     turn: Array | None = None
+    motions: Mapping[str, RigidMotion] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

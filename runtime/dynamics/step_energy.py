@@ -11,6 +11,9 @@ step. Newton's unknowns are the free minimal coordinates v of `Handles.retract`;
 rule is
 
     gradient = T^T dE/drows,    Hessian = T^T (d2E/drows2) T + curvature of the retraction.
+
+Colliders that move freely bring their twists as further unknowns, and their own inertia, weight and contacts
+(`movers.py`).
 """
 
 from __future__ import annotations
@@ -23,11 +26,12 @@ from runtime.arrays import Array, IntArray
 from runtime.body.handles import Handles
 from runtime.corrections.correction import CorrectionField
 from runtime.dynamics.condensed_contact import CondensedContact
-from runtime.dynamics.corrected_points import CorrectedPoints, Poses
+from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.dynamics.elastic import Elastic
+from runtime.dynamics.movers import FreeStep
 from runtime.dynamics.newton import Linearisation
 from runtime.dynamics.springs import QuadraticForm
-from runtime.dynamics.state import ContactForce
+from runtime.dynamics.state import Configuration, ContactForce
 from runtime.dynamics.step_contact import StepContact
 from runtime.dynamics.surface import SurfaceEnergy
 from runtime.dynamics.timings import Timings
@@ -39,18 +43,19 @@ _SINGLE_ROUND_OFF = 1e-8
 
 
 class Evaluation(NamedTuple):
-    """What the energy found at handle rows: corrected surface samples (s, dim) [m] and elastic energy [J]."""
+    """What the energy found at a configuration: corrected surface samples (s, dim) [m] and elastic energy [J]."""
 
-    rows: Array
+    at: Configuration
     surface: Array
     elastic: float
 
 
 class StepEnergy:
-    """A `newton.Problem` over handle rows, for one step.
+    """A `newton.Problem` over handle rows and poses, for one step.
 
     quadratic: inertia, gravity and springs; turn: (dim, dim), what the internal response is turned by; step: what
-    friction remembers, None where there is none;
+    friction remembers, None where there is none; free_colliders: those that are solved for, None where all of them
+    stand where they are told;
     friction_updates: how many linearisations take up new normal forces for friction before these are frozen
     so that Newton can converge. force_floor [N]: forces below it are nothing; units (n_free,): 1 for lengths,
     1/lever [1/m] for angles, so that all unknowns are metres and all gradients newtons.
@@ -66,9 +71,9 @@ class StepEnergy:
         elastic: Elastic,
         surface: SurfaceEnergy,
         condensed: CondensedContact,
-        poses: Poses,
         turn: Array,
         step: StepContact | None,
+        free_colliders: FreeStep | None = None,
         friction_updates: int,
         force_floor: float,
         units: Array,
@@ -81,7 +86,7 @@ class StepEnergy:
         self._elastic = elastic
         self._surface = surface
         self._condensed = condensed
-        self._poses = poses
+        self._colliders = free_colliders
         self.turn = turn
         self._step = step
         self._relags_left = friction_updates
@@ -91,66 +96,91 @@ class StepEnergy:
         self._latest: Evaluation | None = None
         self._blocks = _by_axis(quadratic.matrix, handles.dim)
 
-    def retract(self, rows: Array, v: Array) -> Array:
-        """Rows after the increment v (n_free,) of the free coordinates."""
-        increment = np.zeros(self._handles.n_dofs)
-        increment[self._free] = v * self._units
-        return self._handles.retract(rows, increment)
+    def retract(self, x: Configuration, v: Array) -> Configuration:
+        """After the increment v (n_free + twists,) of the free coordinates and of the free colliders."""
+        increment, own = np.zeros(self._handles.n_dofs), len(self._free)
+        increment[self._free] = v[:own] * self._units
+        rows = self._handles.retract(x.rows, increment)
+        if self._colliders is None:
+            return Configuration(rows, x.poses)
+        return Configuration(rows, self._colliders.movers.retract(x.poses, v[own:]))
 
-    def energy(self, rows: Array) -> float:
+    def longest(self, x: Configuration, v: Array) -> float:
+        """All of it, but that free colliders do not pass through anything."""
+        return 1.0 if self._colliders is None else self._colliders.longest(x, v[len(self._free) :])
+
+    def energy(self, x: Configuration) -> float:
         """E [J], friction lagged as at the last `linearise`."""
-        found = self.evaluate(rows)
+        found = self.evaluate(x)
         with self._timings.contact:
-            contact = self._surface.energy(found.surface, self._poses, self._step)
-            contact += self._condensed.energy(rows, self._poses, self.turn, self._step)
-        return self._quadratic.energy(rows) + found.elastic + contact
+            contact = self._surface.energy(found.surface, x.poses, self._step)
+            contact += self._condensed.energy(x.rows, x.poses, self.turn, self._step)
+            if self._colliders is not None:
+                contact += self._colliders.energy(x.poses)
+        return self._quadratic.energy(x.rows) + found.elastic + contact
 
-    def evaluate(self, rows: Array) -> Evaluation:
-        """The evaluation at rows, remembered if they are those of the last one.
+    def evaluate(self, x: Configuration) -> Evaluation:
+        """The evaluation at x, remembered if it is that of the last one.
 
-        A line search ends with the point it accepts, so the end of a step is not evaluated again.
+        A line search ends with the point it accepts, so the end of a step is not evaluated again. Where nothing is
+        corrected, other poses change nothing.
         """
-        if self._latest is None or self._latest.rows is not rows:
-            displacement = self._points.displacement(rows, self._poses, self._timings.correction)
+        latest, rows = self._latest, x.rows
+        if latest is not None and latest.at.rows is rows and not self._points.corrected:
+            self._latest = latest._replace(at=x)
+        elif latest is None or latest.at is not x:
+            displacement = self._points.displacement(rows, x.poses, self._timings.correction)
             with self._timings.positions:
                 surface = self._surface.positions(rows, self.turn, displacement)
             with self._timings.elastic:
                 elastic = self._elastic.energy(rows, self.turn, displacement)
-            self._latest = Evaluation(rows, surface, elastic)
+            self._latest = Evaluation(x, surface, elastic)
+        assert self._latest is not None
         return self._latest
 
-    def _surface_at(self, rows: Array, field: CorrectionField | None) -> Array:
+    def _surface_at(self, x: Configuration, field: CorrectionField | None) -> Array:
         """Not anew where an evaluation has just found it."""
-        if field is None and self._latest is not None and self._latest.rows is rows:
+        if field is None and self._latest is not None and self._latest.at is x:
             return self._latest.surface
-        return self._surface.positions(rows, self.turn, self._points.scatter(field))
+        return self._surface.positions(x.rows, self.turn, self._points.scatter(field))
 
     def contacts(self, at: Evaluation) -> tuple[float, float, dict[str, ContactForce]]:
-        """Contact energy, friction energy [J] and the force on each collider."""
+        """Contact energy and friction energy [J], those among colliders too; the force of the body on each
+        collider."""
         with self._timings.contact:
-            normal, friction, forces = self._surface.forces(at.surface, self._poses, self._step)
-            condensed = self._condensed.forces(at.rows, self._poses, self.turn, self._step)
-        return normal + condensed[0], friction + condensed[1], {**forces, **condensed[2]}
+            rows, poses = at.at
+            normal, friction, forces = self._surface.forces(at.surface, poses, self._step)
+            condensed = self._condensed.forces(rows, poses, self.turn, self._step)
+            among = (0.0, 0.0)
+            if self._colliders is not None:
+                among = self._colliders.among(poses)
+        return (
+            normal + condensed[0] + among[0],
+            friction + condensed[1] + among[1],
+            {**forces, **condensed[2]},
+        )
 
-    def linearise(self, rows: Array) -> Linearisation:
+    def linearise(self, x: Configuration) -> Linearisation:
         """E, gradient [N] and Hessian [N/m]; the scale is the largest of the forces that balance one
         another."""
-        field = self._points.linearise(rows, self._poses, self._timings.correction)
+        rows, poses = x
+        field = self._points.linearise(rows, poses, self._timings.correction)
         with self._timings.positions:
-            surface = self._surface_at(rows, field)
+            surface = self._surface_at(x, field)
         with self._timings.elastic:
             elastic, elastic_gradient, elastic_hessian = self._elastic.linearise(rows, self.turn, field)
         with self._timings.contact:
             relag = self._relags_left > 0
-            contact, contact_gradient, contact_hessian = self._surface.linearise(
-                surface, self.turn, field, self._poses, self._step, relag
+            centres = {} if self._colliders is None else self._colliders.movers.centres(poses)
+            contact, contact_gradient, contact_hessian, couplings = self._surface.linearise(
+                surface, self.turn, field, poses, self._step, relag, centres
             )
             condensed, condensed_gradient, condensed_hessians = self._condensed.linearise(
-                rows, self._poses, self.turn, self._step, relag
+                rows, poses, self.turn, self._step, relag
             )
+            more, links = self._condensed.couplings(rows, poses, self.turn, centres, self._step)
             contact, contact_gradient = contact + condensed, contact_gradient + condensed_gradient
-        self._relags_left -= 1
-        self._latest = Evaluation(rows, surface, elastic)
+        self._latest = Evaluation(x, surface, elastic)
         with self._timings.solve:
             quadratic_gradient = self._quadratic.gradient(rows)
             tangent = self._handles.tangent(rows)[:, self._free] * self._units
@@ -172,7 +202,7 @@ class StepEnergy:
                 return tangent.T @ by_rows @ tangent + self._units[:, None] * curvature * self._units
 
         quadratic = self._quadratic.energy(rows)
-        return Linearisation(
+        found = Linearisation(
             energy=quadratic + elastic + contact,
             noise=_ROUND_OFF * (abs(self._quadratic.constant) + abs(quadratic))
             + (_SINGLE_ROUND_OFF if self._points.corrected or self._surface.settled else _ROUND_OFF)
@@ -181,6 +211,12 @@ class StepEnergy:
             second_derivative=hessian,
             scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),
         )
+        if self._colliders is not None:
+            found = self._colliders.joined(
+                found, poses, [*couplings, *more], links, tangent, relag, self._timings
+            )
+        self._relags_left -= 1
+        return found
 
 
 def _by_axis(matrix: Array, dim: int) -> Array:

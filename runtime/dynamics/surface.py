@@ -11,6 +11,9 @@ Kronecker-shaped sum_i U_i U_i^T (x) H_i: one small product.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from types import MappingProxyType
+
 import numpy as np
 
 from runtime.arrays import Array, IntArray
@@ -21,6 +24,7 @@ from runtime.corrections.correction import CorrectionField
 from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.chain_rule import through_basis, through_jacobian
 from runtime.dynamics.corrected_points import CorrectedPoints, Poses
+from runtime.dynamics.coupling import Centres, Coupling, point_coupling
 from runtime.dynamics.state import ContactForce, SurfaceLoads, resultant
 from runtime.dynamics.step_contact import StepContact
 
@@ -63,12 +67,12 @@ class SurfaceEnergy:
         return x if displacement is None else x + displacement[self._samples]
 
     def energy(self, x: Array, poses: Poses, step: StepContact | None) -> float:
-        """Contact and (lagged) friction energy [J]."""
+        """Contact and (lagged) friction energy [J]; none of friction before it was lagged."""
         total = 0.0
         for name, collider in self._colliders.items():
             total += self._contact.energy(x, self._areas, collider, poses[name])
-            if self._friction is not None and step is not None:
-                total += self._friction.terms(x, step.lagged[name], step.time_step).energy
+            if self._friction is not None and step is not None and name in step.lagged:
+                total += self._friction.terms(x, step.lagged[name].at(poses[name]), step.time_step).energy
         return total
 
     def linearise(
@@ -79,39 +83,52 @@ class SurfaceEnergy:
         poses: Poses,
         step: StepContact | None,
         relag: bool,
-    ) -> tuple[float, Array, Array | None]:
-        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; no
-        Hessian where nothing touches. ``relag``: let friction take up the normal forces found here."""
-        energy, index, gradient, hessian = self._at_points(x, poses, step, relag)
+        centres: Centres = MappingProxyType({}),
+    ) -> tuple[float, Array, Array | None, list[Coupling]]:
+        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows, no
+        Hessian where nothing touches; and what the colliders feel that move freely about their centres. ``relag``: let
+        friction take up the normal forces found here."""
+        terms = {name: self._terms(name, x, poses, step, relag) for name in self._colliders}
+        everything = [term for of_one in terms.values() for term in of_one]
+        energy = sum(term.energy for term in everything)
+        index, gradient, hessian = _summed(everything, x.shape[1])
         if not len(index):
-            return energy, np.zeros((self._basis.shape[1], x.shape[1])), None
+            return energy, np.zeros((self._basis.shape[1], x.shape[1])), None, []
+        couplings = [
+            self._coupling(name, terms[name], x, turn, field, centre)
+            for name, centre in centres.items()
+            if any(len(term.index) for term in terms.get(name, ()))
+        ]
         if field is None and self._internal is None:
-            return energy, *through_basis(self._basis[index], gradient, hessian)
-        return energy, *through_jacobian(self._jacobian(index, turn, field), gradient, hessian)
+            by_rows = through_basis(self._basis[index], gradient, hessian)
+        else:
+            by_rows = through_jacobian(self._jacobian(index, turn, field), gradient, hessian)
+        return energy, *by_rows, couplings
 
-    def _at_points(
-        self, x: Array, poses: Poses, step: StepContact | None, relag: bool
-    ) -> tuple[float, IntArray, Array, Array]:
-        """Energy, and of the points that touch anything: index (m,), gradient (m, dim), Hessian (m, dim,
-        dim)."""
-        terms: list[ContactTerms | FrictionTerms] = []
-        for name, collider in self._colliders.items():
-            contact = self._contact.terms(x, self._areas, collider, poses[name])
-            terms.append(contact)
-            if self._friction is not None and step is not None:
-                if relag:
-                    step.lagged[name] = self._friction.lag(
-                        contact, step.surface, step.poses[name], poses[name]
-                    )
-                terms.append(self._friction.terms(x, step.lagged[name], step.time_step))
-        dim = x.shape[1]
-        index = np.unique(np.concatenate([term.index for term in terms] or [np.empty(0, dtype=np.int64)]))
-        gradient, hessian = np.zeros((len(index), dim)), np.zeros((len(index), dim, dim))
-        for term in terms:
-            at = np.searchsorted(index, term.index)
-            gradient[at] += term.gradient
-            hessian[at] += term.hessian
-        return sum(term.energy for term in terms), index, gradient, hessian
+    def _terms(
+        self, name: str, x: Array, poses: Poses, step: StepContact | None, relag: bool
+    ) -> list[ContactTerms | FrictionTerms]:
+        """Contact and friction with one collider."""
+        contact = self._contact.terms(x, self._areas, self._colliders[name], poses[name])
+        if self._friction is None or step is None:
+            return [contact]
+        if relag:
+            step.lagged[name] = self._friction.lag(contact, step.surface, step.poses[name], poses[name])
+        return [contact, self._friction.terms(x, step.lagged[name].at(poses[name]), step.time_step)]
+
+    def _coupling(
+        self,
+        name: str,
+        terms: Sequence[ContactTerms | FrictionTerms],
+        x: Array,
+        turn: Array,
+        field: CorrectionField | None,
+        centre: Array,
+    ) -> Coupling:
+        """What one collider feels."""
+        index, gradient, hessian = _summed(terms, x.shape[1])
+        motion = self._jacobian(index, turn, field).reshape(*gradient.shape, -1)
+        return point_coupling(name, x[index] - centre, gradient, hessian, motion)
 
     def _jacobian(self, index: IntArray, turn: Array, field: CorrectionField | None) -> Array:
         """J (m*dim, n_rows*dim) of the surface samples ``index``."""
@@ -138,7 +155,7 @@ class SurfaceEnergy:
             index = contact.index
             loads = [SurfaceLoads(self._nodes, index, x[index], contact.gradient)]
             if self._friction is not None and step is not None:
-                friction = self._friction.terms(x, step.lagged[name], step.time_step)
+                friction = self._friction.terms(x, step.lagged[name].at(poses[name]), step.time_step)
                 friction_energy += friction.energy
                 index = friction.index
                 loads.append(SurfaceLoads(self._nodes, index, x[index], friction.gradient, tangential=True))
@@ -147,3 +164,14 @@ class SurfaceEnergy:
                 force, torque, float(contact.depth.max(initial=0.0)), len(contact.index), loads
             )
         return normal_energy, friction_energy, forces
+
+
+def _summed(terms: Sequence[ContactTerms | FrictionTerms], dim: int) -> tuple[IntArray, Array, Array]:
+    """Of the points that touch anything: index (m,), gradient (m, dim), Hessian (m, dim, dim)."""
+    index = np.unique(np.concatenate([term.index for term in terms] or [np.empty(0, dtype=np.int64)]))
+    gradient, hessian = np.zeros((len(index), dim)), np.zeros((len(index), dim, dim))
+    for term in terms:
+        at = np.searchsorted(index, term.index)
+        gradient[at] += term.gradient
+        hessian[at] += term.hessian
+    return index, gradient, hessian

@@ -8,7 +8,13 @@ from pathlib import Path
 
 from runtime.experiment.experiment import LIBRARY, Experiment
 from runtime.experiment.problems import Problem
-from runtime.experiment.scene_schema import KeyframeSpec, KinematicEntry, KinematicSpec, SceneSpec
+from runtime.experiment.scene_schema import (
+    KeyframeSpec,
+    KinematicEntry,
+    KinematicSpec,
+    SceneColliderSpec,
+    SceneSpec,
+)
 from runtime.shapes import SHAPES
 
 _NAMED = 12  # how many names a refusal lists at most
@@ -134,7 +140,7 @@ def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Pr
     yield from _kinematic(experiment, f"{here}.kinematic", scene.kinematic)
     for index, collider in enumerate(scene.colliders):
         yield from _known(f"{here}.colliders[{index}].name", collider.name, names, "collider")
-        yield from _keyframes(experiment, f"{here}.colliders[{index}].keyframes", collider.keyframes)
+        yield from _scene_collider(experiment, f"{here}.colliders[{index}]", collider)
     for index, spring in enumerate(scene.springs):
         key = f"{here}.springs[{index}]"
         yield from _handle(experiment, f"{key}.handle", spring.handle)
@@ -152,6 +158,37 @@ def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Pr
             yield from _keyframes(experiment, f"{key}.keyframes", spring.keyframes)
     if scene.tracking is not None:
         yield from _file(experiment, f"{here}.tracking.file", scene.tracking.file)
+
+
+def _scene_collider(experiment: Experiment, key: str, collider: SceneColliderSpec) -> Iterator[Problem]:
+    """Led or free, and not something of both."""
+    start = ("position", "rotation", "velocity", "spin")
+    if not collider.free:
+        if collider.keyframes is None:
+            remedy = "or give a density or a mass, and it moves freely from its position"
+            yield Problem(f"{key}.keyframes", "is missing", remedy)
+            return
+        yield from _keyframes(experiment, f"{key}.keyframes", collider.keyframes)
+        for name in start:
+            if getattr(collider, name) is not None:
+                yield Problem(f"{key}.{name}", "is of colliders that move freely", "give a density or a mass")
+        return
+    if collider.keyframes is not None:
+        yield Problem(f"{key}.keyframes", "leads a collider that moves freely", "give keyframes or a density")
+    if collider.density is not None and collider.mass is not None:
+        yield Problem(f"{key}.mass", "is given beside a density", "give one of the two")
+    if any(spec.name == collider.name and spec.shape == "plane" for spec in experiment.colliders):
+        yield Problem(
+            f"{key}.name", "is a plane, which has no mass", "lead it along keyframes", collider.name
+        )
+    if collider.position is None:
+        yield Problem(f"{key}.position", "is missing", "a collider that moves freely starts somewhere")
+    for name in ("position", "velocity"):
+        vector = getattr(collider, name)
+        if vector is not None:
+            yield from _vector(experiment, f"{key}.{name}", vector)
+    for name in ("rotation", "spin"):
+        yield from _rotation(experiment, f"{key}.{name}", getattr(collider, name))
 
 
 def _kinematic(experiment: Experiment, key: str, entries: Iterable[KinematicEntry]) -> Iterator[Problem]:
@@ -192,19 +229,24 @@ def _handle(experiment: Experiment, key: str, handle: int | str) -> Iterator[Pro
 
 
 def _keyframes(experiment: Experiment, key: str, keyframes: Iterable[KeyframeSpec]) -> Iterator[Problem]:
-    angles = 1 if experiment.dim == 2 else 3
     before: float | None = None
     for number, keyframe in enumerate(keyframes):
         yield from _vector(experiment, f"{key}[{number}].position", keyframe.position)
-        rotation = keyframe.rotation
-        if rotation is not None and (1 if isinstance(rotation, float) else len(rotation)) != angles:
-            remedy = "one angle in 2D" if angles == 1 else "axis times angle, three numbers, in 3D"
-            yield Problem(f"{key}[{number}].rotation", "has the wrong number of entries", remedy, rotation)
+        yield from _rotation(experiment, f"{key}[{number}].rotation", keyframe.rotation)
         if before is not None and keyframe.time <= before:
             yield Problem(
                 f"{key}[{number}].time", f"must be later than {before:g} s before it", got=keyframe.time
             )
         before = keyframe.time
+
+
+def _rotation(
+    experiment: Experiment, key: str, rotation: float | tuple[float, ...] | None
+) -> Iterator[Problem]:
+    angles = 1 if experiment.dim == 2 else 3
+    if rotation is not None and (1 if isinstance(rotation, float) else len(rotation)) != angles:
+        remedy = "one angle in 2D" if angles == 1 else "axis times angle, three numbers, in 3D"
+        yield Problem(key, "has the wrong number of entries", remedy, rotation)
 
 
 def _vector(experiment: Experiment, key: str, vector: Iterable[float]) -> Iterator[Problem]:

@@ -24,10 +24,25 @@ Keyframes = Annotated[tuple[KeyframeSpec, ...], Field(min_length=1)]
 
 
 class SceneColliderSpec(Section):
-    """A collider on its way through a scene."""
+    """A collider in a scene: led along `keyframes`, or, with a density or a mass, free to move."""
 
     name: str = Field(description="one of [[colliders]]")
-    keyframes: Keyframes = Field(description="poses over time, times increasing")
+    keyframes: Keyframes | None = Field(None, description="poses over time, times increasing")
+    density: Positive | None = Field(None, description="moves freely, with this density [kg/m^3]")
+    mass: Positive | None = Field(None, description="moves freely, with this mass [kg]")
+    position: Vector | None = Field(None, description="where one that moves freely starts [m]")
+    rotation: float | Rotation | None = Field(
+        None, description="how it is turned there: angle in 2D, axis times angle in 3D [rad]"
+    )
+    velocity: Vector | None = Field(None, description="of its centre of mass at the start [m/s]")
+    spin: float | Rotation | None = Field(
+        None, description="angular velocity at the start: one number in 2D, three in 3D [rad/s]"
+    )
+
+    @property
+    def free(self) -> bool:
+        """Whether it moves as forces have it."""
+        return self.density is not None or self.mass is not None
 
 
 class KinematicSpec(Section):

@@ -86,8 +86,8 @@ def test_derivatives_of_the_energy_of_a_step(jelly_body, dim, correction, monkey
     """The friction is that of a ball that has moved on by 1 mm; eps = slip_velocity h is 1 mm as well."""
     problems = []
 
-    def keep(problem, rows, settings, solving):
-        problems.append(problem)
+    def keep(problem, start, settings, solving):
+        problems.extend([problem, start])
         raise StopIteration
 
     monkeypatch.setattr(simulator_module, "minimise", keep)
@@ -96,18 +96,19 @@ def test_derivatives_of_the_energy_of_a_step(jelly_body, dim, correction, monkey
     state = simulator.rest_state(poses={"ball": ball_at(dim, 0.004)})
     with pytest.raises(StopIteration):
         simulator.step(state, poses={"ball": ball_at(dim, 0.005, 0.001)})
-    problem = problems[0]
+    problem, start = problems
     rng = np.random.default_rng(dim)
-    rows = problem.retract(state.rows, 1e-3 * rng.normal(size=jelly_body.handles.n_points * dim))
-    at = problem.linearise(rows)
+    x = start._replace(rows=state.rows)
+    x = problem.retract(x, 1e-3 * rng.normal(size=jelly_body.handles.n_points * dim))
+    at = problem.linearise(x)
     problem._relags_left = 0
-    contact, friction, _ = problem.contacts(problem.evaluate(rows))
+    contact, friction, _ = problem.contacts(problem.evaluate(x))
     assert contact > 0
     assert friction > 0
-    assert at.energy == pytest.approx(problem.energy(rows), rel=1e-12)  # the same sums in another order
+    assert at.energy == pytest.approx(problem.energy(x), rel=1e-12)  # the same sums in another order
     for _ in range(4):
         way, h = rng.normal(size=len(at.gradient)), 1e-7
-        ahead, behind = problem.retract(rows, h * way), problem.retract(rows, -h * way)
+        ahead, behind = problem.retract(x, h * way), problem.retract(x, -h * way)
         slope = (problem.energy(ahead) - problem.energy(behind)) / (2 * h)
         # Central differences over 1e-7 m: a part in a million.
         assert slope == pytest.approx(at.gradient @ way, rel=1e-5, abs=1e-6 * at.scale)
@@ -122,10 +123,12 @@ def test_friction_alone_has_exact_derivatives(jelly_body, dim, correction, slip_
     """eps = slip_velocity h is 0.1 mm and 10 mm, for a ball that moved on by 1 mm."""
     rows, turn, law = strained(jelly_body), np.eye(dim), CoulombFriction(0.4, slip_velocity)
     begin, end = ball_at(dim, 0.005), ball_at(dim, 0.006, 0.001)
-    contact, _, step, _ = lag_at(correction, law, begin, end, rows, jelly_body.rest_rows, turn)
+    contact, poses, step, _ = lag_at(correction, law, begin, end, rows, jelly_body.rest_rows, turn)
     friction = contact._friction
     way, h = np.random.default_rng(0).normal(size=rows.shape), 1e-7
-    at, ahead, behind = (friction.linearise("ball", rows + side * h * way, step) for side in (0, 1, -1))
+    at, ahead, behind = (
+        friction.linearise("ball", rows + side * h * way, poses, step) for side in (0, 1, -1)
+    )
     # No solve inside: round-off of 1e-16 of the energy over 1e-7 of a feature of 1e-3 m.
     assert (ahead[0] - behind[0]) / (2 * h) == pytest.approx(np.vdot(at[1], way), rel=1e-6)
     change = (ahead[1] - behind[1]) / (2 * h)
@@ -161,8 +164,8 @@ def test_moving_along_with_the_collider_is_no_slip(jelly_body, dim, correction):
     rows = start @ motion.rotation.T
     rows[[*range(jelly_body.handles.n_points), -1]] += motion.translation
     law = CoulombFriction(0.4)
-    contact, _, step, _ = lag_at(correction, law, begin, motion.compose(begin), rows, start, np.eye(dim))
-    terms = contact._friction.terms("ball", rows, step)
+    contact, poses, step, _ = lag_at(correction, law, begin, motion.compose(begin), rows, start, np.eye(dim))
+    terms = contact._friction.terms("ball", rows, poses, step)
     assert len(terms.index) >= 3
     weight = 0.4 * step.sliding["ball"].lagged.force
     # The press is solved to 1e-8 of the depth, 6e-11 m; a load that slips so far feels 2e-11/eps of mu N.

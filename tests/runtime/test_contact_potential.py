@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from runtime.colliders import RigidPose, Sphere
+from runtime.colliders import Placed, RigidPose, SmoothUnion, Sphere
 from runtime.contact import PenaltyContact
 from runtime.corrections import load_solve
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.load_press import LoadProbe
+from runtime.corrections.potential_group import SinglePotential, grouped
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.dynamics.condensed_contact import CondensedContact
 
@@ -74,7 +75,7 @@ def test_the_force_on_the_collider_is_the_slope_of_the_energy_along_its_path(pre
 
 def test_giving_way_costs_less_than_standing_firm(pressed, jelly_body):
     potential, rows, pose, turn = pressed
-    probe = potential._probe
+    probe = potential.probe
     rigid = PenaltyContact(STIFFNESS).energy(
         probe.positions(rows, turn), probe._stiffness / STIFFNESS, probe.collider, pose
     )
@@ -108,3 +109,44 @@ def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim):
     # The modes are rounded to float32, and so annihilate translations to 1e-7.
     assert again == pytest.approx(energy, rel=2e-6)
     assert np.abs(turned - gradient @ motion.rotation.T).max() < 2e-5 * np.abs(gradient).max()
+
+
+def test_colliders_near_each_other_are_pressed_together(jelly_body, dim):
+    """Two balls are one collider of two balls: energy, gradient and forces; alone, each would say something else."""
+    mechanics = doubled(compute_rest_mechanics(jelly_body, 400, internal=False))
+    balls = [Sphere(0.015, dim, name) for name in ("left", "right", "away")]
+    places = [np.append([x, 0.01][: dim - 1], z) for x, z in ((-0.017, 0.071), (0.017, 0.07), (0.0, 0.2))]
+    poses = {ball.name: RigidPose(np.eye(dim), place) for ball, place in zip(balls, places, strict=True)}
+    potentials = {
+        ball.name: ContactPotential(LoadProbe(jelly_body, ball, mechanics, STIFFNESS)) for ball in balls
+    }
+    (joint,) = grouped(potentials)
+    two = SmoothUnion([Placed(ball, poses[ball.name]) for ball in balls[:2]], 1e-9, "two")
+    one = ContactPotential(LoadProbe(jelly_body, two, mechanics, STIFFNESS))
+    rows, turn, at_rest = jelly_body.rest_rows, np.eye(dim), RigidPose.identity(dim)
+    energy, gradient, hessian = joint.linearise(rows, poses, turn)
+    expected = one.linearise(rows, at_rest, turn)
+    # Balanced to 1e-6 of the depth each.
+    assert energy == pytest.approx(expected[0], rel=1e-5)
+    np.testing.assert_allclose(gradient, expected[1], atol=1e-5 * np.abs(gradient).max())
+    stiffness = expected[2]()
+    np.testing.assert_allclose(hessian(), stiffness, atol=1e-5 * np.abs(stiffness).max())
+    pressed = joint.pressed(rows, poses, turn)
+    assert len(pressed["away"].index) == 0
+    together = sum(loads.pressure @ loads.normal for loads in pressed.values())
+    alone = one.pressed(rows, at_rest, turn)
+    np.testing.assert_allclose(together, alone.pressure @ alone.normal, atol=1e-5 * alone.pressure.sum())
+    separately = sum(potential.energy(rows, poses[name], turn) for name, potential in potentials.items())
+    assert abs(separately - energy) > 0.01 * energy
+
+
+def test_what_shares_no_compliance_is_left_alone(jelly_body, dim):
+    potentials = {
+        name: ContactPotential(
+            LoadProbe(
+                jelly_body, Sphere(0.02, dim, name), compute_rest_mechanics(jelly_body, 50, False), STIFFNESS
+            )
+        )
+        for name in ("one", "other")
+    }
+    assert [type(group) for group in grouped(potentials)] == [SinglePotential] * 2

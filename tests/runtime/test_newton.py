@@ -23,6 +23,9 @@ class Smooth:
     def retract(self, x, v):
         return x + v
 
+    def longest(self, x, v):
+        return 1.0
+
 
 def quadratic(x):
     matrix, force = np.diag([1.0, 4.0, 100.0]), np.array([1.0, -2.0, 3.0])

@@ -363,12 +363,26 @@ def test_what_does_not_fit_together_is_refused():
         HandleSpring(0, 1.0, KeyframedPath([0.0], [[0.0, 0.0, 0.0]]), rotation_stiffness=1.0)
 
 
-def test_the_control_loop_of_the_examples_holds_its_force(tmp_path):
+@pytest.fixture
+def block_file(tmp_path):
+    """A body file of a block on a slab "base"."""
     mesh = box_mesh([-0.05, -0.05, 0.0], [0.05, 0.05, 0.06], [8, 8, 5])
     handles = place_handles(mesh, 8, [frame_in_box(mesh, "base", [[-1, -1, -1], [1, 1, 0.013]])])
     body = assemble_body(mesh, handles, make_material("stable_neo_hookean", 2e4, 0.4), 1000.0, name="block")
     save_body(tmp_path / "body.h5", body)
-    example = Path(__file__).parents[2] / "examples" / "control_loop.py"
-    loop = runpy.run_path(str(example))
+    return str(tmp_path / "body.h5")
+
+
+def example(name):
+    return runpy.run_path(str(Path(__file__).parents[2] / "examples" / name))
+
+
+def test_the_control_loop_of_the_examples_holds_its_force(block_file):
+    loop = example("control_loop.py")
     # The loop integrates the error away; what is left is the tolerance of two Newton iterations.
-    assert loop["press"](str(tmp_path / "body.h5"), steps=150) == pytest.approx(loop["WANTED"], rel=0.02)
+    assert loop["press"](block_file, steps=150) == pytest.approx(loop["WANTED"], rel=0.02)
+
+
+def test_the_drop_loop_of_the_examples_kicks_its_ball(block_file):
+    # It comes to rest in half a second, and flies for a sixth of one after a kick.
+    assert example("drop_loop.py")["bounce"](block_file, steps=90) >= 1

@@ -80,8 +80,8 @@ def internal_response(body, gravity):
 
 
 def step_energy(dim, corrected, internal, monkeypatch, kinematic=()):
-    """The `StepEnergy` of a step of a turned, strained, moving body that a ball slides along; and rows near
-    it."""
+    """The `StepEnergy` of a step of a turned, strained, moving body that a ball slides along; and a configuration
+    near it."""
     body = make_body(dim)
     gravity = [0.0] * (dim - 1) + [-9.81]
     rng = np.random.default_rng(dim)
@@ -105,8 +105,8 @@ def step_energy(dim, corrected, internal, monkeypatch, kinematic=()):
     )
     problems = []
 
-    def keep(problem, rows, settings, solving):
-        problems.append(problem)
+    def keep(problem, start, settings, solving):
+        problems.extend([problem, start])
         raise StopIteration
 
     monkeypatch.setattr(simulator_module, "minimise", keep)
@@ -116,15 +116,14 @@ def step_energy(dim, corrected, internal, monkeypatch, kinematic=()):
     state = replace(state, rows=body.handles.retract(state.rows, 5e-3 * rng.normal(size=body.n_dofs)))
     with pytest.raises(StopIteration):
         simulator.step(state, poses={"ball": end, "other": below})
-    return problems[0], rows, rng
+    return problems[0], problems[1]._replace(rows=rows), rng
 
 
-def differences(problem, rows, function, directions, step):
+def differences(problem, x, function, directions, step):
     """Central differences of `function` along the tangent directions (k, n)."""
     return np.array(
         [
-            (function(problem.retract(rows, step * d)) - function(problem.retract(rows, -step * d)))
-            / (2 * step)
+            (function(problem.retract(x, step * d)) - function(problem.retract(x, -step * d))) / (2 * step)
             for d in directions
         ]
     )
@@ -134,25 +133,25 @@ def differences(problem, rows, function, directions, step):
 @kinds
 @internals
 def test_gradient_is_the_derivative_of_the_energy(dim, corrected, internal, monkeypatch):
-    problem, rows, rng = step_energy(dim, corrected, internal, monkeypatch)
-    at = problem.linearise(rows)  # lags friction at these very rows, where it slips by up to 2 mm
+    problem, x, rng = step_energy(dim, corrected, internal, monkeypatch)
+    at = problem.linearise(x)  # lags friction here, where it slips by up to 2 mm
     problem._relags_left = 0
-    contact, friction, _ = problem.contacts(problem.evaluate(rows))
+    contact, friction, _ = problem.contacts(problem.evaluate(x))
     assert contact > 0
     assert friction > 0  # all terms take part
-    assert at.energy == pytest.approx(problem.energy(rows), rel=1e-12)  # the same sums in another order
+    assert at.energy == pytest.approx(problem.energy(x), rel=1e-12)  # the same sums in another order
     directions = rng.normal(size=(12, len(at.gradient)))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     # Step 1e-6 m on features of 1e-3 m (slip, depth): truncation (1e-3)^2; measured 1e-7 at most.
-    numeric = differences(problem, rows, problem.energy, directions, 1e-6)
+    numeric = differences(problem, x, problem.energy, directions, 1e-6)
     np.testing.assert_allclose(directions @ at.gradient, numeric, rtol=1e-5, atol=1e-6 * at.scale)
 
 
 @dims
 @internals
 def test_hessian_without_corrections_is_the_derivative_of_the_gradient(dim, internal, monkeypatch):
-    problem, rows, rng = step_energy(dim, False, internal, monkeypatch)
-    at = problem.linearise(rows)
+    problem, x, rng = step_energy(dim, False, internal, monkeypatch)
+    at = problem.linearise(x)
     problem._relags_left = 0
     # With the internal response the elastic part is in single precision.
     symmetric = 1e-6 if internal else 1e-10
@@ -164,21 +163,21 @@ def test_hessian_without_corrections_is_the_derivative_of_the_gradient(dim, inte
     for _ in range(8):
         d = rng.normal(size=len(at.gradient))
         d /= np.linalg.norm(d)
-        e = [problem.energy(problem.retract(rows, k * step * d)) for k in (-2, -1, 0, 1, 2)]
+        e = [problem.energy(problem.retract(x, k * step * d)) for k in (-2, -1, 0, 1, 2)]
         numeric = (-e[0] + 16 * e[1] - 30 * e[2] + 16 * e[3] - e[4]) / (12 * step**2)
         assert d @ at.hessian @ d == pytest.approx(numeric, rel=1e-4)
 
 
 @dims
 def test_kinematic_handles_are_no_unknowns(dim, monkeypatch):
-    problem, rows, _ = step_energy(
+    problem, x, _ = step_energy(
         dim, True, False, monkeypatch, kinematic=[KinematicHandle("base"), KinematicHandle(1)]
     )
-    at = problem.linearise(rows)
+    at = problem.linearise(x)
     assert at.gradient.shape == (4 * dim,)
-    moved = problem.retract(rows, np.ones(4 * dim))
-    np.testing.assert_array_equal(moved[5:], rows[5:])
-    np.testing.assert_array_equal(moved[1], rows[1])
+    moved = problem.retract(x, np.ones(4 * dim)).rows
+    np.testing.assert_array_equal(moved[5:], x.rows[5:])
+    np.testing.assert_array_equal(moved[1], x.rows[1])
 
 
 @dims

@@ -1,0 +1,131 @@
+"""Several colliders pressed into one body at once: one compliance, and every load meets the collider it is nearest to.
+
+Dents are felt far: on the small Jelly two balls pressed in 3 contact radii apart push back 11 % more than each alone
+says, because what one pushes aside the other has to push too, and 20 % less where their dents overlap. So the loads of
+all colliders in contact are balanced together (`load_solve.py`); nothing else changes. Where one collider alone is in
+contact this is its own press.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.arrays import Array, BoolArray, IntArray
+from runtime.colliders.collider import SdfDerivatives
+from runtime.colliders.pose import RigidPose
+from runtime.corrections.load_press import LoadPress, LoadProbe, LoadsAround, PosedDistance
+
+Poses = Mapping[str, RigidPose]
+
+
+@dataclass(frozen=True, eq=False)
+class NearestDistance:
+    """The signed distances that loads (m,) have of the colliders they meet; owner: (m,) which of them."""
+
+    colliders: tuple[PosedDistance, ...]
+    owner: IntArray
+
+    def __call__(self, x: Array) -> SdfDerivatives:
+        m, dim = x.shape
+        found = SdfDerivatives(np.empty(m), np.empty((m, dim)), np.empty((m, dim, dim)))
+        for number, distance in enumerate(self.colliders):
+            mine = self.owner == number
+            for column, own in zip(found, distance(x[mine]), strict=True):
+                column[mine] = own
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class JointPress:
+    """press: of all loads together; owner: (m,) which of the colliders `names`, at poses, each could press on."""
+
+    press: LoadPress
+    names: tuple[str, ...]
+    poses: Poses
+    owner: IntArray
+
+    def borne_by(self, name: str) -> BoolArray:
+        """Which of the k loads that bear pressure press on the collider."""
+        if name not in self.names:
+            return np.zeros(self.press.bearing.size, dtype=bool)
+        return np.equal(self.owner[self.press.bearing], self.names.index(name))
+
+    def predict(self, rows: Array, poses: Poses, index: IntArray) -> tuple[Array, Array] | None:
+        """See `LoadPress.predict`."""
+        if not self.press.bearing.size:
+            return None
+        y = self.press.displaced
+        follows, turns = np.zeros_like(y), np.empty((*y.shape, y.shape[1]))
+        for name in self.names:
+            mine, before, after = self.borne_by(name), self.poses[name], poses[name]
+            follows[mine] = after.apply(before.apply_inverse(y[mine])) - y[mine]
+            turns[mine] = after.rotation @ before.rotation.T
+        return self.press.nearby(rows, index, follows, turns)
+
+
+class JointProbe:
+    """Presses the loads of one body against several colliders: probes by name, all of one compliance."""
+
+    def __init__(self, probes: Mapping[str, LoadProbe]) -> None:
+        self.probes = dict(probes)
+        self._any = next(iter(self.probes.values()))
+        self._last: tuple[Array, Poses, Array, JointPress | None] | None = None
+
+    def press(self, rows: Array, poses: Poses, turn: Array) -> JointPress | None:
+        """The loads in balance at handle rows (n_rows, dim), or None where none is inside a collider. The last answer
+        is kept."""
+        near = None
+        if self._last is not None:
+            last_rows, last_poses, last_turn, near = self._last
+            same = all(last_poses[name] is poses[name] for name in self.probes)
+            if same and last_turn is turn and np.array_equal(last_rows, rows):
+                return near
+        press = self._press(rows, poses, turn, near)
+        self._last = (rows.copy(), dict(poses), turn, press)
+        return press
+
+    def _press(self, rows: Array, poses: Poses, turn: Array, near: JointPress | None) -> JointPress | None:
+        found = {name: probe.around(rows, poses[name], turn) for name, probe in self.probes.items()}
+        touching = {name: around for name, around in found.items() if around is not None}
+        if not touching:
+            return None
+        names = tuple(touching)
+        around, owner = _nearest(list(touching.values()))
+        distances = tuple(PosedDistance(self.probes[name].collider, poses[name]) for name in names)
+        problem, F = self._any.problem(rows, around, NearestDistance(distances, owner))
+        start = None if near is None else near.predict(rows, poses, around.index)
+        solution = problem.solve(start)
+        motion = self._any.motion(around.index[solution.bearing], turn)
+        press = LoadPress(
+            rows.copy(),
+            poses[names[0]],
+            around.index,
+            around.position,
+            around.index,
+            F,
+            motion,
+            problem,
+            solution,
+        )
+        return JointPress(press, names, dict(poses), owner)
+
+    def settled(self, rows: Array, poses: Poses, turn: Array) -> Callable[[IntArray], Array]:
+        """See `LoadProbe.settled`."""
+        joint = self.press(rows, poses, turn)
+        return self._any.settled_by(None if joint is None else joint.press, rows, turn)
+
+
+def _nearest(parts: list[LoadsAround]) -> tuple[LoadsAround, IntArray]:
+    """Every load that could bear pressure once, and the number of the part in which it is deepest."""
+    index = np.concatenate([part.index[part.could_bear] for part in parts])
+    distance = np.concatenate([part.distance[part.could_bear] for part in parts])
+    position = np.concatenate([part.position[part.could_bear] for part in parts])
+    owner = np.repeat(np.arange(len(parts)), [int(part.could_bear.sum()) for part in parts])
+    order = np.lexsort((distance, index))
+    first = order[np.r_[True, np.diff(index[order]) > 0]]
+    depth = max(part.depth for part in parts)
+    everywhere = np.ones(len(first), dtype=bool)
+    return LoadsAround(index[first], distance[first], position[first], depth, everywhere), owner[first]
