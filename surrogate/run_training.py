@@ -22,8 +22,9 @@ from runtime.colliders.collider import Collider
 from runtime.corrections.compliance import n_columns
 from runtime.corrections.correction_file import ANY_COLLIDER, read_header, save_correction
 from runtime.corrections.load_model import LoadModelOptions
-from runtime.corrections.options import load_model_options, model_options
+from runtime.corrections.options import descriptor_model_options, load_model_options, model_options
 from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mechanics
+from runtime.descriptors import handle_spacing
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
 from runtime.experiment.experiment import LIBRARY
@@ -31,6 +32,8 @@ from runtime.experiment.training_schema import ModelSpec, TrainingSpec
 from runtime.files import atomic_path
 from runtime.truth_file import TruthData, load_truth
 from surrogate.dataset import ContactDataset, PoolSize, load_dataset
+from surrogate.descriptor_data import DescriptorData, Drawing, join_descriptor_data, load_descriptor_data
+from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
 from surrogate.joined_loads import join_load_data
 from surrogate.load_task import LoadData, LoadMetric, LoadTask, load_load_data
 from surrogate.splits import Split, split_by_shape, split_by_state
@@ -42,7 +45,7 @@ log = logging.getLogger(__name__)
 
 def training_settings(spec: TrainingSpec, form: str, seed: int) -> TrainingSettings:
     """The settings of a [training] table for models of one form."""
-    chosen = spec.field if form == "field" else spec
+    chosen = {"field": spec.field, "descriptor": spec.descriptor}.get(form, spec)
     return TrainingSettings(
         steps=chosen.steps,
         batch=chosen.batch,
@@ -150,6 +153,25 @@ class Lessons:
             ]
         )
 
+    def descriptor_task(self, spec: ModelSpec) -> DescriptorTask:
+        """The learning task of a [[training.models]] table of form "descriptor"."""
+        options = descriptor_model_options(spec, handle_spacing(self.body))
+        settings = self._spec.descriptor
+        drawing = Drawing(settings.points, settings.frames, np.random.default_rng(self._context.seed))
+        count = len(self.split.train) + len(self.held_out)
+        with self._context.progress(count, "sample", "computing descriptors") as bar:
+
+            def read(samples: IntArray, drawing: Drawing | None) -> DescriptorData:
+                parts = [
+                    load_descriptor_data(self.truth, self.body, collider, options, part, drawing, bar.update)
+                    for collider, part in self._by_collider(samples)
+                ]
+                return join_descriptor_data(parts).to(self._device)
+
+            training, validation = read(self.split.train, drawing), read(self.held_out, None)
+        loss = DescriptorLoss(settings.consistency, settings.input_gain)
+        return DescriptorTask(options, loss, training, validation)
+
     def _by_collider(self, samples: IntArray) -> Iterator[tuple[Collider, IntArray]]:
         """Each collider with those of the samples that are its own."""
         number = self.truth.contacts["collider"][self.truth.samples["contact"][samples]]
@@ -198,6 +220,8 @@ def _train_one(context: Context, spec: ModelSpec, lessons: Lessons) -> None:
     stiffness = context.experiment.contact.stiffness
     if spec.form == "field":
         _learn(context, spec, lessons, lessons.field_task(spec), None)
+    elif spec.form == "descriptor":
+        _learn(context, spec, lessons, lessons.descriptor_task(spec), None)
     else:
         _learn(context, spec, lessons, lessons.load_task(spec, stiffness), lessons.mechanics(spec))
 

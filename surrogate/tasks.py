@@ -11,12 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from runtime.corrections.descriptor_model import DescriptorModel
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.model import ContactModel, ModelOptions
 from surrogate.dataset import ContactDataset
 from surrogate.losses import FieldError, contact_loss, field_error
 
-ModelT = TypeVar("ModelT", ContactModel, LoadModel)
+ModelT = TypeVar("ModelT", ContactModel, LoadModel, DescriptorModel)
 
 # Samples from which the normalisation of inputs and outputs is measured.
 NORMALISATION_SAMPLES = 512

@@ -61,6 +61,12 @@ class SplineGrid:
         spline_kernels.values(*self._given(z), result)
         return result
 
+    def gradients(self, z: Array) -> tuple[Array, Array]:
+        """Value (n,) and gradient (n, dim) at points z (n, dim)."""
+        result = np.empty(len(z)), np.empty(z.shape)
+        spline_kernels.gradients(*self._given(z), *result)
+        return result
+
     def derivatives(self, z: Array) -> SdfDerivatives:
         """Value (n,), gradient (n, dim) and Hessian (n, dim, dim) at points z (n, dim)."""
         n, dim = z.shape

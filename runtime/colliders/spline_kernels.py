@@ -56,6 +56,17 @@ def _plane(c: Array, at: int, stride: int, b: Array) -> tuple[float, float, floa
 
 
 @compiled
+def _flat(c: Array, at: int, stride: int, b: Array) -> tuple[float, float, float]:
+    """s, s_x, s_y of the 4 x 4 coefficients from `at`; b (2, 3, 4): of the axes x and y."""
+    s = s_x = s_y = 0.0
+    for i in range(4):
+        along = at + i * stride
+        t = _line(c, along, b[1, 0])
+        s, s_x, s_y = s + b[0, 0, i] * t, s_x + b[0, 1, i] * t, s_y + b[0, 0, i] * _line(c, along, b[1, 1])
+    return s, s_x, s_y
+
+
+@compiled
 def values(
     z: Array, origin: Array, spacing: float, last: Array, strides: IntArray, c: Array, value: Array
 ) -> None:
@@ -73,6 +84,36 @@ def values(
                 for j in range(4):
                     total += b[0, 0, i] * b[1, 0, j] * _line(c, along + j * strides[1], b[2, 0])
         value[point] = total
+
+
+@compiled
+def gradients(
+    z: Array,
+    origin: Array,
+    spacing: float,
+    last: Array,
+    strides: IntArray,
+    c: Array,
+    value: Array,
+    gradient: Array,
+) -> None:
+    """Fills in value (n,) and gradient (n, dim)."""
+    n, dim = z.shape
+    b = np.empty((dim, 3, 4))
+    for point in range(n):
+        first = _locate(z[point], origin, spacing, last, strides, b)
+        s = s_x = s_y = s_z = 0.0
+        if dim == 2:
+            s, s_x, s_y = _flat(c, first, strides[0], b)
+        else:
+            for i in range(4):
+                t, t_y, t_z = _flat(c, first + i * strides[0], strides[1], b[1:])
+                s, s_x = s + b[0, 0, i] * t, s_x + b[0, 1, i] * t
+                s_y, s_z = s_y + b[0, 0, i] * t_y, s_z + b[0, 0, i] * t_z
+        value[point] = s
+        gradient[point, 0], gradient[point, 1] = s_x / spacing, s_y / spacing
+        if dim == 3:
+            gradient[point, 2] = s_z / spacing
 
 
 @compiled

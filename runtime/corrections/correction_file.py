@@ -18,6 +18,8 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.corrections.compliance_tensors import compliance_tensors, take_compliance
 from runtime.corrections.contact_centric import ContactCentric
+from runtime.corrections.descriptor_contact import DescriptorContact
+from runtime.corrections.descriptor_model import DescriptorModel, DescriptorModelOptions
 from runtime.corrections.elastic_contact import ElasticContact
 from runtime.corrections.internal_response import internal_arrays, take_internal
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
@@ -33,7 +35,10 @@ if TYPE_CHECKING:
 KIND, VERSION = "correction", 5
 REMEDY = "train it again"
 ANY_COLLIDER = "any"  # as the collider of a correction that was learned for all of them
-FIELD, LOADS = "field", "loads"  # forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`
+# Forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`, a `DescriptorModel`.
+FIELD, LOADS, DESCRIPTOR = "field", "loads", "descriptor"
+AnyCorrection = ContactCentric | ElasticContact | DescriptorContact
+_FORM_OF = {ContactModel: FIELD, LoadModel: LOADS, DescriptorModel: DESCRIPTOR}
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ class CorrectionHeader:
 def save_correction(
     path: Path,
     name: str,
-    model: ContactModel | LoadModel,
+    model: ContactModel | LoadModel | DescriptorModel,
     body: ReducedBody,
     collider: str,
     truth_hash: str,
@@ -76,7 +81,7 @@ def save_correction(
         truth_hash=truth_hash,
         dim=model.dim,
         n_rows=model.n_rows,
-        form=FIELD if isinstance(model, ContactModel) else LOADS,
+        form=_FORM_OF[type(model)],
         options=model.options.to_json(),
         held_out_rms=held_out_rms,
         training=dict(training),
@@ -98,7 +103,7 @@ def read_header(path: Path) -> CorrectionHeader:
     return _read(path)[0]
 
 
-def load_correction(path: Path, body: ReducedBody, collider: Collider) -> ContactCentric | ElasticContact:
+def load_correction(path: Path, body: ReducedBody, collider: Collider) -> AnyCorrection:
     """The correction of a file on a collider, the one that it was trained for if it is not for any.
 
     Raises SoftprintError as :func:`read_header` does, and where body or collider are not those of the file.
@@ -106,7 +111,7 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> Contac
     return correction_maker(path, body)(collider)
 
 
-def correction_maker(path: Path, body: ReducedBody) -> Callable[[Collider], ContactCentric | ElasticContact]:
+def correction_maker(path: Path, body: ReducedBody) -> Callable[[Collider], AnyCorrection]:
     """`load_correction` for many colliders: the file is read once."""
     header, tensors = _read(path)
     if header.body_hash != body.content_hash:
@@ -127,6 +132,11 @@ def correction_maker(path: Path, body: ReducedBody) -> Callable[[Collider], Cont
             field_model = ContactModel(ModelOptions.from_json(header.options), header.dim, header.n_rows)
             field_model.load_state_dict(tensors)
             return lambda collider: ContactCentric(header.name, field_model, body, check(collider))
+        if header.form == DESCRIPTOR:
+            options = DescriptorModelOptions.from_json(header.options)
+            descriptor_model = DescriptorModel(options, header.dim, header.n_rows)
+            descriptor_model.load_state_dict(tensors)
+            return lambda collider: DescriptorContact(header.name, descriptor_model, body, check(collider))
         mechanics = RestMechanics(take_compliance(tensors), take_internal(tensors))
         load_model = LoadModel(LoadModelOptions.from_json(header.options), header.dim, header.n_rows)
         load_model.load_state_dict(tensors)

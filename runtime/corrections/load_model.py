@@ -30,7 +30,7 @@ class LoadModelOptions:
     outside the collider loads take part; stiffness: of the penalty contact [N/m^4]."""
 
     widths: tuple[int, ...]
-    activation: Literal["tanh", "silu", "softplus"]
+    activation: Literal["tanh", "silu", "softplus", "elu"]
     fade_depth: float
     band: float
     stiffness: float

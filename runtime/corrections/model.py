@@ -34,7 +34,7 @@ class ModelOptions:
     encoding: Literal["weighted_rows", "local_geometry"]
     patch_inputs: bool
     widths: tuple[int, ...]
-    activation: Literal["tanh", "silu", "softplus"]
+    activation: Literal["tanh", "silu", "softplus", "elu"]
     fade: Literal["saturating", "proportional"]
     fade_depth: float
 

@@ -41,6 +41,7 @@ ACTIVATIONS = {
     "tanh": Activation(torch.tanh, lambda x, y: 1.0 - y * y),
     "silu": Activation(nn.functional.silu, _silu_slope),
     "softplus": Activation(nn.functional.softplus, lambda x, y: torch.sigmoid(x)),
+    "elu": Activation(nn.functional.elu, lambda x, y: torch.where(x > 0.0, 1.0, y + 1.0)),
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from runtime.corrections.descriptor_model import DescriptorModelOptions
 from runtime.corrections.load_model import LoadModelOptions
 from runtime.corrections.model import ModelOptions
 from runtime.experiment.training_schema import ModelSpec
@@ -28,4 +29,16 @@ def load_model_options(spec: ModelSpec, stiffness: float) -> LoadModelOptions:
         fade_depth=spec.fade_depth,
         band=spec.band,
         stiffness=stiffness,
+    )
+
+
+def descriptor_model_options(spec: ModelSpec, radius: float) -> DescriptorModelOptions:
+    """The architecture that a [[training.models]] table of form "descriptor" asks for; radius: d [m]."""
+    return DescriptorModelOptions(
+        widths=spec.hidden,
+        activation=spec.activation,
+        radius=radius,
+        sets=spec.differences,
+        samples=spec.samples,
+        fade_depth=spec.fade_depth,
     )

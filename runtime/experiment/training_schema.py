@@ -16,15 +16,16 @@ class ModelSpec(Section):
     """
 
     name: Name = Field(description="file name of the correction and its name in simulations and reports")
-    form: Literal["loads", "field"] = Field(
+    form: Literal["loads", "field", "descriptor"] = Field(
         "loads",
         description="loads: a network corrects the contact forces of the body's linear compliance; field: a "
-        "network is the displacement field (thesis, eq. 5.4)",
+        "network is the displacement field (thesis, eq. 5.4); descriptor: the displacement from a local descriptor of "
+        "any collider (thesis, eq. 6.5)",
     )
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
         (96, 96), description="neurons of each hidden layer"
     )
-    activation: Literal["tanh", "silu", "softplus"] = Field("silu", description="of every hidden layer")
+    activation: Literal["tanh", "silu", "softplus", "elu"] = Field("silu", description="of every hidden layer")
     fade_depth: Positive = Field(
         5e-4, description="depth of contact below which what is learned fades out [m]"
     )
@@ -49,6 +50,13 @@ class ModelSpec(Section):
         "saturating",
         description="form field: the field only vanishes as contact opens, or grows with its depth",
     )
+    differences: Annotated[int, Field(ge=0)] = Field(
+        16, description="form descriptor: sets of finite differences that smooth the normal; 0: not smoothed"
+    )
+    samples: Literal["all", "half", "one"] = Field(
+        "all",
+        description="form descriptor: points of the descriptor; half: those towards the collider, one: the centre",
+    )
 
 
 class FieldTrainingSpec(Section):
@@ -70,8 +78,25 @@ class FieldTrainingSpec(Section):
     )
 
 
+class DescriptorTrainingSpec(Section):
+    """`[training.descriptor]`: how models of form descriptor are trained."""
+
+    steps: Count = Field(20_000, description="optimiser steps for each model")
+    batch: Count = Field(512, description="points of one optimiser step")
+    learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")
+    weight_decay: NotNegative = Field(1e-4, description="decoupled weight decay (AdamW)")
+    validations: Count = Field(20, description="how often along a run the held-out error is measured")
+    points: Count = Field(96, description="points of interest drawn from a sample")
+    frames: Count = Field(2, description="random tangent frames of each point")
+    consistency: NotNegative = Field(
+        1.0, description="weight of what the frames of a point disagree about, beside their mean squared error"
+    )
+    input_gain: Positive = Field(3.0, description="initial weights of all inputs, relative to torch's")
+
+
 class TrainingSpec(Section):
-    """`[training]`: settings of all models; what `[training.field]` has too is for models of form loads."""
+    """`[training]`: settings of all models; what `[training.field]` or `[training.descriptor]` has too is for
+    models of form loads."""
 
     collider: str = Field(
         "",
@@ -90,4 +115,5 @@ class TrainingSpec(Section):
     validation_samples: Count = Field(200, description="at most so many held-out samples, drawn evenly")
     device: Literal["cpu", "cuda"] = Field("cpu", description="where the networks are trained")
     field: FieldTrainingSpec = FieldTrainingSpec()
+    descriptor: DescriptorTrainingSpec = DescriptorTrainingSpec()
     models: tuple[ModelSpec, ...] = Field((), description="the corrections to train")

@@ -5,11 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from runtime.corrections.correction_file import FIELD, read_header
+from runtime.corrections.correction_file import DESCRIPTOR, FIELD, LOADS, read_header
 from runtime.corrections.correction_file import KIND as CORRECTION
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.summary import Summary, versions
+
+
+_FORMS = {
+    FIELD: "displacement field",
+    LOADS: "loads on the mechanics of the body at rest",
+    DESCRIPTOR: "displacement from a local descriptor of the collider",
+}
 
 
 def recognise(head: FileHead) -> bool:
@@ -22,9 +29,7 @@ def summarise(path: Path, part: Part) -> Summary:
     sections: dict[str, dict[str, Any]] = {
         "correction": {
             "name": header.name,
-            "form": "displacement field"
-            if header.form == FIELD
-            else "loads on the mechanics of the body at rest",
+            "form": _FORMS.get(header.form, header.form),
             "collider": header.collider,
             "dimension, rows of the body": [header.dim, header.n_rows],
             "error on held-out states": header.held_out_rms,

@@ -17,6 +17,8 @@ from runtime.colliders import Box, RigidPose, Sphere
 from runtime.corrections.contact_centric import ContactCentric
 from runtime.corrections.contact_patch import ContactProbe
 from runtime.corrections.correction_file import load_correction, save_correction
+from runtime.corrections.descriptor_contact import DescriptorContact
+from runtime.corrections.descriptor_model import DescriptorModel, DescriptorModelOptions
 from runtime.corrections.elastic_contact import ElasticContact
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.model import ContactModel, ModelOptions
@@ -29,8 +31,8 @@ STIFFNESS = 1e9
 # 1e-16 / 1e-6 of round-off: 1e-6 relative covers both.
 DIFFERENCES = 1e-6
 
-FORMS = ("thesis", "geometry", "loads", "internal")
-FIELDS = ("thesis", "geometry")
+FORMS = ("thesis", "geometry", "descriptor", "loads", "internal")
+FIELDS = ("thesis", "geometry", "descriptor")
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +48,7 @@ def random_weights(model: torch.nn.Module, seed: int) -> None:
 
 def make_correction(
     form: str, body: ReducedBody, mechanics: dict[str, RestMechanics], double: bool = True
-) -> ContactCentric | ElasticContact:
+) -> ContactCentric | ElasticContact | DescriptorContact:
     """A correction with random weights and a displacement of about a millimetre."""
     dim, collider = body.dim, Sphere(0.02, body.dim, name="ball")
     if form in ("loads", "internal"):
@@ -64,6 +66,14 @@ def make_correction(
         load_model = load_model.double() if double else load_model
         own = RestMechanics(compliance, internal if form == "internal" else None)
         return ElasticContact(form, load_model, body, collider, own)
+    if form == "descriptor":
+        descriptor_options = DescriptorModelOptions((16, 12), "elu", 0.03, 4, "all", 5e-4)
+        descriptor_model = DescriptorModel(descriptor_options, dim, body.n_rows)
+        random_weights(descriptor_model, 3)
+        descriptor_model.scale.fill_(0.03)
+        descriptor_model.output_scale.fill_(1e-3)
+        descriptor_model = descriptor_model.double() if double else descriptor_model
+        return DescriptorContact(form, descriptor_model, body, collider)
     thesis = form == "thesis"
     field_options = ModelOptions(
         encoding="weighted_rows" if thesis else "local_geometry",

@@ -1,0 +1,184 @@
+"""Points of interest with what a descriptor model is told about them: training data of form "descriptor" (thesis 6.2.4).
+
+Points of interest are the nodes whose reduced position is inside the collider, and with density exp(-phi^2 / (2 d^2))
+those outside, to the distance d. They are drawn where there is something to learn, by the size of the displacement, with
+weights that make sums over what is drawn unbiased estimates of sums over all nodes times that density.
+
+Descriptors in random frames are computed once and not in every step: they cost more than the network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from runtime.arrays import Array, IntArray
+from runtime.body.body import ReducedBody
+from runtime.colliders.collider import Collider
+from runtime.corrections.contact_patch import ContactProbe
+from runtime.corrections.descriptor_model import DescriptorModelOptions, relative_rows
+from runtime.corrections.fade import Fade
+from runtime.descriptors import DirectGeometry, LocalDescriptor, biased_frames, random_frames
+from runtime.descriptors.attenuation import attenuation
+from runtime.errors import SoftprintError
+from runtime.truth_file import TruthData
+
+# Share of the points that is spread evenly over all points of interest.
+_EVEN = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class DescriptorData:
+    """n points of s samples, each in k frames.
+
+    descriptor: (n, k, m) [m]; relative: W(X) T^-1 (q - x) (n, n_rows, dim) [m]; rotation: R (n, k, dim, dim);
+    share: (n, k) what each frame counts; factor: attenuation times fade (n,); target: (n, dim) [m] in collider
+    coordinates; weight: (n,), shares of the body's volume; sample: (n,) into the samples. Of the samples: whole, the
+    mean square of the displacement over the body (s,) [m^2], and beyond, the part of it where no descriptor reaches.
+    """
+
+    descriptor: Tensor
+    relative: Tensor
+    rotation: Tensor
+    share: Tensor
+    factor: Tensor
+    target: Tensor
+    weight: Tensor
+    sample: Tensor
+    whole: Tensor
+    beyond: Tensor
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.factor)
+
+    def inputs(self, index: Tensor) -> Tensor:
+        """What the network is told (b, k, n_inputs) about points `index` (b,)."""
+        turned = self.relative[index][:, None] @ self.rotation[index]
+        return torch.cat([self.descriptor[index], turned.flatten(-2)], dim=-1)
+
+    def to(self, device: torch.device) -> DescriptorData:
+        """The same data on a device."""
+        return DescriptorData(*(getattr(self, field.name).to(device) for field in fields(self)))
+
+
+def join_descriptor_data(parts: Sequence[DescriptorData]) -> DescriptorData:
+    """The points and samples of all parts, one after the other. Raises SoftprintError where there are none."""
+    if not sum(map(len, parts)):
+        raise SoftprintError("none of the samples asked for touches the reduced body")
+    firsts = np.cumsum([0, *(len(part.whole) for part in parts)])
+    columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(DescriptorData)}
+    columns["sample"] = [part.sample + int(first) for part, first in zip(parts, firsts, strict=False)]
+    return DescriptorData(**{name: torch.cat(column) for name, column in columns.items()})
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """points: of a sample; frames: random ones of each point; rng."""
+
+    points: int
+    frames: int
+    rng: np.random.Generator
+
+
+def load_descriptor_data(
+    truth: TruthData,
+    body: ReducedBody,
+    collider: Collider,
+    options: DescriptorModelOptions,
+    samples: IntArray,
+    drawing: Drawing | None,
+    progress: Callable[[int], None] | None = None,
+) -> DescriptorData:
+    """The given rows of a truth file, all of one collider.
+
+    With a drawing: its points, random frames, targets attenuated. Without: all nodes within d in the frames of run
+    time, and displacements as they are, for measuring errors. Samples in which the reduced body does not touch are
+    dropped.
+    """
+    probe, geometry = ContactProbe(body, collider), DirectGeometry(collider, options.radius, options.sets)
+    descriptor = LocalDescriptor(body.dim, options.radius, options.samples)
+    fade, volume = Fade("saturating", options.fade_depth), body.mesh.node_volumes / body.mesh.node_volumes.sum()
+    columns: list[tuple[NDArray[np.generic], ...]] = []
+    for sample in samples:
+        if progress is not None:
+            progress(1)
+        rows, pose = truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample))
+        patch = probe.measure(rows, pose)
+        if patch is None:
+            continue
+        local_rows = probe.collider_rows(rows, pose)
+        u = pose.rotate_inverse(truth.displacement(int(sample)).astype(np.float64))
+        z = body.basis @ local_rows
+        near, distance = collider.closer(z, options.radius)
+        whole = float(volume @ np.square(u).sum(axis=1))
+        beyond = whole - float(volume[near] @ np.square(u[near]).sum(axis=1))
+        a = attenuation(distance, options.radius)
+        weight = volume[near]
+        if drawing is not None:
+            u = u.copy()
+            u[near] *= a[:, None]
+            chosen, weight = _draw(drawing, weight * _density(distance, options.radius), u[near])
+            near, a = near[chosen], a[chosen]
+        z = z[near]
+        normal = geometry.normal(z)
+        if drawing is not None:
+            rotation = np.stack([random_frames(normal, drawing.rng) for _ in range(drawing.frames)], axis=1)
+            share = np.full(rotation.shape[:2], 1.0 / drawing.frames)
+        else:
+            rotation, share = _frames_of_run_time(normal)
+        phi = [descriptor.values(geometry, z, rotation[:, k]) for k in range(rotation.shape[1])]
+        relative = relative_rows(body.basis[near], local_rows, probe.affine_part, z)
+        numbers = (np.stack(phi, axis=1), relative, rotation, share, fade.value(patch.depth) * a, u[near], weight)
+        single = [np.asarray(part, dtype=np.float32) for part in numbers]
+        columns.append((*single, np.full(len(near), len(columns)), np.array([whole]), np.array([beyond])))
+    if not columns:
+        return _nothing(body, len(descriptor), 2 if drawing is None else drawing.frames)
+    tensors = [torch.from_numpy(np.concatenate(column)) for column in zip(*columns, strict=True)]
+    return DescriptorData(*tensors)
+
+
+def _nothing(body: ReducedBody, values: int, frames: int) -> DescriptorData:
+    dim, empty = body.dim, torch.zeros(0)
+    return DescriptorData(
+        torch.zeros(0, frames, values),
+        torch.zeros(0, body.n_rows, dim),
+        torch.zeros(0, frames, dim, dim),
+        torch.zeros(0, frames),
+        empty,
+        torch.zeros(0, dim),
+        empty,
+        empty.long(),
+        empty.double(),
+        empty.double(),
+    )
+
+
+def _density(distance: Array, radius: float) -> Array:
+    """Of points of interest: one inside the collider, a bell curve of width d outside (thesis 6.2.4)."""
+    return np.exp(-0.5 * np.square(np.maximum(distance, 0.0) / radius))
+
+
+def _draw(drawing: Drawing, measure: Array, target: Array) -> tuple[IntArray, Array]:
+    """Numbers of points drawn, and their weights, whose sums stand for sums over all points times `measure`."""
+    size = measure * np.linalg.norm(target, axis=1)
+    p = _EVEN * measure / measure.sum()
+    p += (1.0 - _EVEN) * (size / size.sum() if size.sum() > 0.0 else measure / measure.sum())
+    chosen = drawing.rng.choice(len(p), size=drawing.points, p=p / p.sum())
+    return chosen, measure[chosen] / (drawing.points * p[chosen])
+
+
+def _frames_of_run_time(normal: Array) -> tuple[Array, Array]:
+    """R (n, 2, dim, dim) and what each of both frames counts (n, 2)."""
+    n, dim = normal.shape
+    rotation, share = np.tile(np.eye(dim), (n, 2, 1, 1)), np.zeros((n, 2))
+    for frames in biased_frames(normal):
+        slot = (share[frames.index, 0] > 0.0).astype(int)
+        rotation[frames.index, slot] = frames.rotation
+        share[frames.index, slot] = frames.weight
+    return rotation, share
