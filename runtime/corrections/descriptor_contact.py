@@ -86,15 +86,21 @@ class BoundDescriptorContact:
         contact = self._contact(rows, pose)
         if contact is not None and len(contact.index):
             relative = relative_rows(self._basis[contact.index], contact.rows, self._affine, contact.z)
-            u = np.zeros_like(contact.z)
-            for frames in biased_frames(self._geometry.normal(contact.z)):
-                at, R = frames.index, frames.rotation
-                phi = self._model.descriptor.values(self._geometry, contact.z[at], R)
-                r = self._model.evaluate(inputs_in_frame(phi, relative[at], R))
-                u[at] += frames.weight[:, None] * np.einsum("nab,nb->na", R, r)
+            u = self.predict(contact.z, relative)
             u *= attenuation(self._geometry.distance(contact.z), self._radius)[:, None]
             displacement[contact.index] = self._model.fade.value(contact.patch.depth) * pose.rotate(u)
         return displacement
+
+    def predict(self, z: Array, relative: Array) -> Array:
+        """R r (n, dim) [m] at points z (n, dim), in collider coordinates and before it is attenuated; relative: see
+        `relative_rows`."""
+        u = np.zeros_like(z)
+        for frames in biased_frames(self._geometry.normal(z)):
+            at, R = frames.index, frames.rotation
+            phi = self._model.descriptor.values(self._geometry, z[at], R)
+            r = self._model.evaluate(inputs_in_frame(phi, relative[at], R))
+            u[at] += frames.weight[:, None] * np.einsum("nab,nb->na", R, r)
+        return u
 
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
         """u and du/drows of the points within d and within reach; none where the reduced body does not touch."""
