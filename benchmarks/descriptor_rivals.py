@@ -19,7 +19,9 @@ from runtime.descriptors import random_frames
 class RandomTangents(BoundDescriptorContact):
     """Tangents drawn anew at every evaluation (thesis, figure 6.5)."""
 
-    def __init__(self, correction: DescriptorContact, points: MaterialPoints, rng: np.random.Generator) -> None:
+    def __init__(
+        self, correction: DescriptorContact, points: MaterialPoints, rng: np.random.Generator
+    ) -> None:
         super().__init__(correction, points, np.inf)
         self._rng = rng
 
@@ -73,7 +75,9 @@ class GridOfDescriptors:
 class CornerDeformations(BoundDescriptorContact):
     """The thesis's way: the network at the eight corners of a cell, their deformations interpolated (6.3.2)."""
 
-    def __init__(self, correction: DescriptorContact, points: MaterialPoints, grid: GridOfDescriptors) -> None:
+    def __init__(
+        self, correction: DescriptorContact, points: MaterialPoints, grid: GridOfDescriptors
+    ) -> None:
         super().__init__(correction, points, np.inf)
         self._grid = grid
 

@@ -167,9 +167,7 @@ def main() -> None:
     experiment, body = context.experiment, body_of_run(context)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         known = [name for name in options.colliders if _has_samples(truth, name)]
-        colliders = [
-            (name, build_collider(experiment.collider(name), experiment.base_dir)) for name in known
-        ]
+        colliders = [(name, build_collider(experiment.collider(name), experiment.base_dir)) for name in known]
         if not colliders:
             raise SoftprintError(f"{truth.path}: has no usable samples of {', '.join(options.colliders)}")
         loaded = load_correction(correction_path(context.out_dir, options.model), body, colliders[0][1])

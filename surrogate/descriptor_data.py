@@ -1,8 +1,8 @@
-"""Points of interest with what a descriptor model is told about them: training data of form "descriptor" (thesis 6.2.4).
+"""Points of interest with what a descriptor model is told about them (thesis 6.2.4).
 
 Points of interest are the nodes whose reduced position is inside the collider, and with density exp(-phi^2 / (2 d^2))
-those outside, to the distance d. They are drawn where there is something to learn, by the size of the displacement, with
-weights that make sums over what is drawn unbiased estimates of sums over all nodes times that density.
+those outside, to the distance d. They are drawn where there is something to learn, by the size of the displacement,
+with weights that make sums over what is drawn unbiased estimates of sums over all nodes times that density.
 
 Descriptors in random frames are computed once and not in every step: they cost more than the network.
 """
@@ -103,7 +103,10 @@ def load_descriptor_data(
     """
     probe, geometry = ContactProbe(body, collider), DirectGeometry(collider, options.radius, options.sets)
     descriptor = LocalDescriptor(body.dim, options.radius, options.samples)
-    fade, volume = Fade("saturating", options.fade_depth), body.mesh.node_volumes / body.mesh.node_volumes.sum()
+    fade, volume = (
+        Fade("saturating", options.fade_depth),
+        body.mesh.node_volumes / body.mesh.node_volumes.sum(),
+    )
     columns: list[tuple[NDArray[np.generic], ...]] = []
     for sample in samples:
         if progress is not None:
@@ -134,7 +137,15 @@ def load_descriptor_data(
             rotation, share = _frames_of_run_time(normal)
         phi = [descriptor.values(geometry, z, rotation[:, k]) for k in range(rotation.shape[1])]
         relative = relative_rows(body.basis[near], local_rows, probe.affine_part, z)
-        numbers = (np.stack(phi, axis=1), relative, rotation, share, fade.value(patch.depth) * a, u[near], weight)
+        numbers = (
+            np.stack(phi, axis=1),
+            relative,
+            rotation,
+            share,
+            fade.value(patch.depth) * a,
+            u[near],
+            weight,
+        )
         single = [np.asarray(part, dtype=np.float32) for part in numbers]
         columns.append((*single, np.full(len(near), len(columns)), np.array([whole]), np.array([beyond])))
     if not columns:
@@ -178,7 +189,7 @@ def _frames_of_run_time(normal: Array) -> tuple[Array, Array]:
     n, dim = normal.shape
     rotation, share = np.tile(np.eye(dim), (n, 2, 1, 1)), np.zeros((n, 2))
     for frames in biased_frames(normal):
-        slot = (share[frames.index, 0] > 0.0).astype(int)
-        rotation[frames.index, slot] = frames.rotation
-        share[frames.index, slot] = frames.weight
+        slot = (share[frames.at, 0] > 0.0).astype(int)
+        rotation[frames.at, slot] = frames.rotation
+        share[frames.at, slot] = frames.weight
     return rotation, share

@@ -33,7 +33,7 @@ class DescriptorLoss:
 
 
 class DescriptorTask:
-    """A `DescriptorModel`, learned from points of interest; a sample of the task is a point."""
+    """A `DescriptorModel`, learned from points of interest; a sample of the task is a point. weights: of the loss."""
 
     def __init__(
         self,
@@ -42,27 +42,29 @@ class DescriptorTask:
         data: DescriptorData,
         validation: DescriptorData,
     ) -> None:
-        self._options, self._loss, self._data, self._validation = options, loss, data, validation
+        self._options, self.weights, self.data, self.validation = options, loss, data, validation
         square = data.weight * data.target.square().sum(1)
         self._scale = square.double().mean().float()
         # RMS of what the network has to say, over the points of interest of all samples.
-        self._output_scale = (square.double().sum() / data.weight.double().sum() / data.target.shape[1]).sqrt()
+        self._output_scale = (
+            square.double().sum() / data.weight.double().sum() / data.target.shape[1]
+        ).sqrt()
 
     @property
     def n_samples(self) -> int:
-        return len(self._data)
+        return len(self.data)
 
     @property
     def device(self) -> torch.device:
-        return self._data.factor.device
+        return self.data.factor.device
 
     @property
     def identity(self) -> dict[str, Any]:
-        return {"form": "descriptor", **self._options.to_json(), **asdict(self._loss)}
+        return {"form": "descriptor", **self._options.to_json(), **asdict(self.weights)}
 
     def fresh_model(self, seed: int) -> DescriptorModel:
         """Initial weights from the seed, normalisation from the data."""
-        data = self._data
+        data = self.data
         dim, n_rows = data.target.shape[1], data.relative.shape[1]
         model = seeded(lambda: DescriptorModel(self._options, dim, n_rows), seed).to(self.device)
         generator = torch.Generator().manual_seed(seed)
@@ -70,22 +72,24 @@ class DescriptorTask:
         model.normalise(data.inputs(some).flatten(0, 1), self._output_scale)
         with torch.no_grad():
             for weights in (model.network.local.weight, model.network.local.bias):
-                weights *= self._loss.input_gain
+                weights *= self.weights.input_gain
         return model
 
     def loss(self, model: DescriptorModel, index: Tensor) -> Tensor:
         """See the module."""
-        data = self._data
+        data = self.data
         r = model(data.inputs(index))
         u = data.factor[index, None, None] * (data.rotation[index] @ r[..., None])[..., 0]
         missed = (u - data.target[index, None]).square().sum(-1).mean(1)
-        if self._loss.consistency:
-            missed = missed + self._loss.consistency * (u - u.mean(1, keepdim=True)).square().sum(-1).mean(1)
+        if self.weights.consistency:
+            missed = missed + self.weights.consistency * (u - u.mean(1, keepdim=True)).square().sum(-1).mean(
+                1
+            )
         return (data.weight[index] * missed).mean() / self._scale
 
     def held_out_error(self, model: DescriptorModel) -> FieldError:
         """Over the volume of the validation samples, in the frames of run time; what is beyond d counts as missed."""
-        missed, whole = sample_errors(model, self._validation)
+        missed, whole = sample_errors(model, self.validation)
         return FieldError(
             float((missed.sum() / whole.sum()).sqrt()), float((missed / whole).max().sqrt()), len(whole)
         )

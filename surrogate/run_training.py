@@ -21,6 +21,7 @@ from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.corrections.compliance import n_columns
 from runtime.corrections.correction_file import ANY_COLLIDER, read_header, save_correction
+from runtime.corrections.descriptor_model import DescriptorModelOptions
 from runtime.corrections.load_model import LoadModelOptions
 from runtime.corrections.options import descriptor_model_options, load_model_options, model_options
 from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mechanics
@@ -28,7 +29,12 @@ from runtime.descriptors import handle_spacing
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
 from runtime.experiment.experiment import LIBRARY
-from runtime.experiment.training_schema import ModelSpec, TrainingSpec
+from runtime.experiment.training_schema import (
+    DescriptorTrainingSpec,
+    FieldTrainingSpec,
+    ModelSpec,
+    TrainingSpec,
+)
 from runtime.files import atomic_path
 from runtime.truth_file import TruthData, load_truth
 from surrogate.dataset import ContactDataset, PoolSize, load_dataset
@@ -45,7 +51,9 @@ log = logging.getLogger(__name__)
 
 def training_settings(spec: TrainingSpec, form: str, seed: int) -> TrainingSettings:
     """The settings of a [training] table for models of one form."""
-    chosen = {"field": spec.field, "descriptor": spec.descriptor}.get(form, spec)
+    own: dict[str, FieldTrainingSpec | DescriptorTrainingSpec | TrainingSpec]
+    own = {"field": spec.field, "descriptor": spec.descriptor}
+    chosen = own.get(form, spec)
     return TrainingSettings(
         steps=chosen.steps,
         batch=chosen.batch,
@@ -157,20 +165,26 @@ class Lessons:
         """The learning task of a [[training.models]] table of form "descriptor"."""
         options = descriptor_model_options(spec, handle_spacing(self.body))
         settings = self._spec.descriptor
-        drawing = Drawing(settings.points, settings.frames, np.random.default_rng(self._context.seed))
-        count = len(self.split.train) + len(self.held_out)
-        with self._context.progress(count, "sample", "computing descriptors") as bar:
-
-            def read(samples: IntArray, drawing: Drawing | None) -> DescriptorData:
-                parts = [
-                    load_descriptor_data(self.truth, self.body, collider, options, part, drawing, bar.update)
-                    for collider, part in self._by_collider(samples)
-                ]
-                return join_descriptor_data(parts).to(self._device)
-
-            training, validation = read(self.split.train, drawing), read(self.held_out, None)
+        training = self.descriptors(options, self.split.train, self.drawing())
+        validation = self.descriptors(options, self.held_out, None)
         loss = DescriptorLoss(settings.consistency, settings.input_gain)
         return DescriptorTask(options, loss, training, validation)
+
+    def drawing(self) -> Drawing:
+        """How points of interest are drawn for training."""
+        settings = self._spec.descriptor
+        return Drawing(settings.points, settings.frames, np.random.default_rng(self._context.seed))
+
+    def descriptors(
+        self, options: DescriptorModelOptions, samples: IntArray, drawing: Drawing | None
+    ) -> DescriptorData:
+        """See `load_descriptor_data`; of many colliders."""
+        with self._context.progress(len(samples), "sample", "computing descriptors") as bar:
+            parts = [
+                load_descriptor_data(self.truth, self.body, collider, options, part, drawing, bar.update)
+                for collider, part in self._by_collider(samples)
+            ]
+        return join_descriptor_data(parts).to(self._device)
 
     def _by_collider(self, samples: IntArray) -> Iterator[tuple[Collider, IntArray]]:
         """Each collider with those of the samples that are its own."""

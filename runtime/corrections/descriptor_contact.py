@@ -16,7 +16,7 @@ from runtime.corrections.correction import CorrectionField, Potential
 from runtime.corrections.descriptor_model import DescriptorModel, inputs_in_frame, relative_rows
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.reach import Reach
-from runtime.descriptors import Frames, Geometry, GridGeometry, biased_frames
+from runtime.descriptors import Geometry, GridGeometry, MovingFrames, biased_frames, moving_frames
 from runtime.descriptors.attenuation import attenuation, attenuation_slope
 from runtime.errors import SoftprintError
 
@@ -96,7 +96,7 @@ class BoundDescriptorContact:
         `relative_rows`."""
         u = np.zeros_like(z)
         for frames in biased_frames(self._geometry.normal(z)):
-            at, R = frames.index, frames.rotation
+            at, R = frames.at, frames.rotation
             phi = self._model.descriptor.values(self._geometry, z[at], R)
             r = self._model.evaluate(inputs_in_frame(phi, relative[at], R))
             u[at] += frames.weight[:, None] * np.einsum("nab,nb->na", R, r)
@@ -111,12 +111,14 @@ class BoundDescriptorContact:
         relative = relative_rows(basis, contact.rows, self._affine, z)
         u, to_z = np.zeros_like(z), np.zeros((*z.shape, z.shape[1]))
         to_rows = np.zeros((*z.shape, *contact.rows.shape))
-        for frames in biased_frames(*self._geometry.normal_derivatives(z)):
-            at = frames.index
+        for frames in moving_frames(*self._geometry.normal_derivatives(z)):
+            at = frames.at
             part = self._in_frames(frames, z[at], relative[at], basis[at])
             weight = frames.weight
             u[at] += weight[:, None] * part[0]
-            to_z[at] += weight[:, None, None] * part[1] + part[0][:, :, None] * frames.weight_slope[:, None, :]
+            to_z[at] += (
+                weight[:, None, None] * part[1] + part[0][:, :, None] * frames.weight_slope[:, None, :]
+            )
             to_rows[at] += weight[:, None, None, None] * part[2]
         distance, gradient = self._geometry.distance_gradient(z)
         a = attenuation(distance, self._radius)
@@ -133,7 +135,9 @@ class BoundDescriptorContact:
         jacobian += fade.slope(depth) * u[:, :, None, None] * depth_slope
         return CorrectionField(contact.index, fade.value(depth) * u, jacobian)
 
-    def _in_frames(self, frames: Frames, z: Array, relative: Array, basis: Array) -> tuple[Array, Array, Array]:
+    def _in_frames(
+        self, frames: MovingFrames, z: Array, relative: Array, basis: Array
+    ) -> tuple[Array, Array, Array]:
         """R r (n, dim) with its derivatives through z (n, dim, dim) and through the rows (n, dim, n_rows, dim), in
         collider coordinates, for points with one frame each."""
         n, dim = z.shape
@@ -150,7 +154,9 @@ class BoundDescriptorContact:
         r_slope -= (self._affine @ weighted) @ R.transpose(0, 2, 1)
         u = np.einsum("nab,nb->na", R, r)
         to_z = np.einsum("nabc,nb->nac", R_slope, r) + R @ r_slope
-        to_rows = (R @ (weighted @ R.transpose(0, 2, 1)[:, None]).reshape(n, dim, -1)).reshape(n, dim, -1, dim)
+        to_rows = (R @ (weighted @ R.transpose(0, 2, 1)[:, None]).reshape(n, dim, -1)).reshape(
+            n, dim, -1, dim
+        )
         return u, to_z, to_rows
 
     def _contact(self, rows: Array, pose: RigidPose) -> _Contact | None:

@@ -1,7 +1,13 @@
 """What the neighbourhood of a point looks like: local collider descriptors (thesis 6.2), in collider coordinates."""
 
 from runtime.descriptors.ball_rule import ball_rule, sample_pattern
-from runtime.descriptors.contact_frame import Frames, biased_frames, random_frames
+from runtime.descriptors.contact_frame import (
+    Frames,
+    MovingFrames,
+    biased_frames,
+    moving_frames,
+    random_frames,
+)
 from runtime.descriptors.geometry import DirectGeometry, Geometry, GridGeometry
 from runtime.descriptors.local_descriptor import LocalDescriptor
 from runtime.descriptors.radius import handle_spacing
@@ -13,10 +19,12 @@ __all__ = [
     "Geometry",
     "GridGeometry",
     "LocalDescriptor",
+    "MovingFrames",
     "SmoothedGradient",
     "ball_rule",
     "biased_frames",
     "handle_spacing",
+    "moving_frames",
     "random_frames",
     "sample_pattern",
 ]

@@ -3,8 +3,8 @@
 
     a(phi) = 1 - S((phi / d - h) / (1 - h)),    S(s) = s^2 (3 - 2 s) on [0, 1],
 
-one to the distance h d, zero from d on, C1. What it takes away nothing can learn: with h = 0 it was 10 % of the square of
-the displacement of a jelly under the library's shapes, with h = 1/2 it is 4 %.
+one to the distance h d, zero from d on, C1. What it takes away nothing can learn: with h = 0 it was 10 % of the
+square of the displacement of a jelly under the library's shapes, with h = 1/2 it is 4 %.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from runtime.arrays import Array
-
 
 HOLD = 0.5  # h
 

@@ -45,7 +45,7 @@ def _radii(dim: int) -> tuple[Array, Array]:
     With s = r^2 and moments m_k = 1 / (2k + dim): the roots of the quadratic that is orthogonal to 1 and s.
     """
     m = 1.0 / (2.0 * np.arange(4) + dim)
-    low = np.linalg.solve([[m[0], m[1]], [m[1], m[2]]], -m[2:])
+    low = np.linalg.solve(np.array([[m[0], m[1]], [m[1], m[2]]]), -m[2:])
     s = np.sort(np.roots([1.0, low[1], low[0]]).real)
-    weight = np.linalg.solve([[1.0, 1.0], s], m[:2])
+    weight = np.linalg.solve(np.vstack([np.ones(2), s]), m[:2])
     return np.sqrt(s), weight

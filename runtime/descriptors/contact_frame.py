@@ -19,80 +19,107 @@ from runtime.arrays import Array, IntArray
 
 # Between these squares of the first component of n, the frames of both biases count: 23 % of all normals.
 LOW, HIGH = 0.5, 0.9
+_QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # turn, from n to t in the plane
 
 
 class Frames(NamedTuple):
     """Frames of m of the points, all of them those of one bias.
 
-    index: (m,) which points; rotation: R (m, dim, dim), its columns n, t1, t2; weight: (m,) what results in this frame
-    count; slope, weight_slope: dR_ab/dz_c (m, dim, dim, dim) and dw/dz (m, dim) [1/m] where they were asked for.
+    at: (m,) which points; rotation: R (m, dim, dim), its columns n, t1, t2; weight: (m,) w, what results in this
+    frame count; bias: the number of the axis e.
     """
 
-    index: IntArray
+    at: IntArray
     rotation: Array
     weight: Array
-    slope: Array | None = None
-    weight_slope: Array | None = None
+    bias: int
 
 
-def biased_frames(normal: Array, normal_slope: Array | None = None) -> list[Frames]:
-    """The frames of run time for unit normals (n, dim), the weights of a point summing to one; normal_slope: dn/dz
-    (n, dim, dim)."""
+class MovingFrames(NamedTuple):
+    """Frames with their derivatives: slope: dR_ab/dz_c (m, dim, dim, dim), weight_slope: dw/dz (m, dim) [1/m]."""
+
+    at: IntArray
+    rotation: Array
+    weight: Array
+    bias: int
+    slope: Array
+    weight_slope: Array
+
+
+def biased_frames(normal: Array) -> list[Frames]:
+    """The frames of run time for unit normals (n, dim), the weights of a point summing to one."""
     n, dim = normal.shape
     if dim == 2:
-        everything, one = np.arange(n), np.ones(n)
-        flat, slope = _flat(normal, normal_slope)
-        return [Frames(everything, flat, one, slope, None if slope is None else np.zeros((n, 2)))]
-    share = (normal[:, 0] ** 2 - LOW) / (HIGH - LOW)
-    s = np.clip(share, 0.0, 1.0)
-    second = s**3 * (6 * s**2 - 15 * s + 10)
-    second_slope = None
-    if normal_slope is not None:
-        steep = 30 * s**2 * (1 - s) ** 2 * 2.0 * normal[:, 0] / (HIGH - LOW)
-        second_slope = steep[:, None] * normal_slope[:, 0]
-    frames = []
-    for axis, weight, sign in ((0, 1.0 - second, -1.0), (1, second, 1.0)):
-        index = np.flatnonzero(weight > 0.0)
-        own_slope = None if normal_slope is None else normal_slope[index]
-        rotation, slope = _biased(normal[index], own_slope, axis)
-        weight_slope = None if second_slope is None else sign * second_slope[index]
-        frames.append(Frames(index, rotation, weight[index], slope, weight_slope))
-    return [part for part in frames if len(part.index)]
+        return [Frames(np.arange(n), _flat(normal), np.ones(n), 0)]
+    second = _smooth(_towards_second(normal))
+    choices = [
+        (axis, np.flatnonzero(weight > 0.0), weight) for axis, weight in enumerate((1.0 - second, second))
+    ]
+    return [
+        Frames(index, _biased(normal[index], axis), weight[index], axis)
+        for axis, index, weight in choices
+        if len(index)
+    ]
+
+
+def moving_frames(normal: Array, normal_slope: Array) -> list[MovingFrames]:
+    """The same with derivatives, from dn/dz (n, dim, dim)."""
+    dim = normal.shape[1]
+    s = _towards_second(normal) if dim == 3 else np.zeros(len(normal))
+    steep = 30 * s**2 * (1 - s) ** 2 * 2.0 * normal[:, 0] / (HIGH - LOW)
+    second_slope = steep[:, None] * normal_slope[:, 0]
+    found = []
+    for frames in biased_frames(normal):
+        index = frames.at
+        if dim == 2:
+            slope, sign = np.stack([normal_slope, _QUARTER @ normal_slope], axis=2), 0.0
+        else:
+            slope = _biased_slope(normal[index], normal_slope[index], frames.rotation, frames.bias)
+            sign = (-1.0, 1.0)[frames.bias]
+        found.append(MovingFrames(*frames, slope, sign * second_slope[index]))
+    return found
 
 
 def random_frames(normal: Array, rng: np.random.Generator) -> Array:
     """R (n, dim, dim) with tangents in any direction about unit normals (n, dim); in 2D there is one choice."""
     n, dim = normal.shape
     if dim == 2:
-        return _flat(normal, None)[0]
+        return _flat(normal)
     some = rng.standard_normal((n, 3))
     some -= (some * normal).sum(axis=1, keepdims=True) * normal
     first = some / np.linalg.norm(some, axis=1, keepdims=True)
     return np.stack([normal, first, np.cross(normal, first)], axis=-1)
 
 
-def _flat(normal: Array, normal_slope: Array | None) -> tuple[Array, Array | None]:
-    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
-    rotation = np.stack([normal, normal @ quarter.T], axis=-1)
-    if normal_slope is None:
-        return rotation, None
-    return rotation, np.stack([normal_slope, quarter @ normal_slope], axis=2)
+def _towards_second(normal: Array) -> Array:
+    """s (n,) in [0, 1]: how far the frames have changed from the first bias to the second."""
+    return np.clip((normal[:, 0] ** 2 - LOW) / (HIGH - LOW), 0.0, 1.0)
 
 
-def _biased(normal: Array, normal_slope: Array | None, axis: int) -> tuple[Array, Array | None]:
-    """R (m, 3, 3), and dR/dz (m, 3, 3, 3)."""
-    bias = np.eye(3)[axis]
-    across = np.cross(normal, bias)
-    length = np.linalg.norm(across, axis=1)[:, None]
-    first = across / length
-    rotation = np.stack([normal, first, np.cross(normal, first)], axis=-1)
-    if normal_slope is None:
-        return rotation, None
+def _smooth(s: Array) -> Array:
+    return s**3 * (6 * s**2 - 15 * s + 10)
+
+
+def _flat(normal: Array) -> Array:
+    return np.stack([normal, normal @ _QUARTER.T], axis=-1)
+
+
+def _biased(normal: Array, axis: int) -> Array:
+    """R (m, 3, 3)."""
+    across = np.cross(normal, np.eye(3)[axis])
+    first = across / np.linalg.norm(across, axis=1)[:, None]
+    return np.stack([normal, first, np.cross(normal, first)], axis=-1)
+
+
+def _biased_slope(normal: Array, normal_slope: Array, rotation: Array, axis: int) -> Array:
+    """dR/dz (m, 3, 3, 3)."""
+    bias, first = np.eye(3)[axis], rotation[:, :, 1]
+    length = np.linalg.norm(np.cross(normal, bias), axis=1)[:, None, None]
     across_slope = _cross_columns(normal_slope, bias)
     along = np.einsum("na,nac->nc", first, across_slope)
-    first_slope = (across_slope - first[:, :, None] * along[:, None, :]) / length[:, :, None]
+    first_slope = (across_slope - first[:, :, None] * along[:, None, :]) / length
     second_slope = _cross_columns(normal_slope, first) - _cross_columns(first_slope, normal)
-    return rotation, np.stack([normal_slope, first_slope, second_slope], axis=2)
+    return np.stack([normal_slope, first_slope, second_slope], axis=2)
 
 
 def _cross_columns(slope: Array, vector: Array) -> Array:

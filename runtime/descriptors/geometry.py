@@ -13,7 +13,7 @@ import numpy as np
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider
 from runtime.colliders.spline import SplineGrid
-from runtime.descriptors.smoothed_gradient import SmoothedGradient, unit_normal
+from runtime.descriptors.smoothed_gradient import SmoothedGradient, unit_normal, unit_normal_slope
 
 # Cells along the largest side of a collider enlarged by d: of the smoothed gradient, which varies over d, and of the
 # distance, whose edges are within one of its cells.
@@ -49,13 +49,11 @@ class DirectGeometry:
 
     def normal(self, z: Array) -> Array:
         """See `Geometry`."""
-        return unit_normal(self._smoothed.value(z))[0]
+        return unit_normal(self._smoothed.value(z))
 
     def normal_derivatives(self, z: Array) -> tuple[Array, Array]:
         """See `Geometry`."""
-        normal, slope = unit_normal(*self._smoothed.derivatives(z))
-        assert slope is not None
-        return normal, slope
+        return unit_normal_slope(*self._smoothed.derivatives(z))
 
     def distance(self, z: Array) -> Array:
         """See `Geometry`."""
@@ -89,14 +87,12 @@ class GridGeometry:
 
     def normal(self, z: Array) -> Array:
         """See `Geometry`."""
-        return unit_normal(np.column_stack([grid.value(z) for grid in self._gradient]))[0]
+        return unit_normal(np.column_stack([grid.value(z) for grid in self._gradient]))
 
     def normal_derivatives(self, z: Array) -> tuple[Array, Array]:
         """See `Geometry`."""
         values, slopes = zip(*(grid.gradients(z) for grid in self._gradient), strict=True)
-        normal, slope = unit_normal(np.column_stack(values), np.stack(slopes, axis=1))
-        assert slope is not None
-        return normal, slope
+        return unit_normal_slope(np.column_stack(values), np.stack(slopes, axis=1))
 
     def distance(self, z: Array) -> Array:
         """See `Geometry`."""

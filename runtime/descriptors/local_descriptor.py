@@ -23,8 +23,8 @@ class LocalDescriptor:
 
     def __init__(self, dim: int, radius: float, samples: Samples = "all") -> None:
         pattern = sample_pattern(dim)
-        kept = {"all": slice(None), "half": pattern[:, 0] <= 0.0, "one": slice(1)}[samples]
-        self.radius, self._offsets = radius, radius * pattern[kept]
+        kept = {"all": pattern, "half": pattern[pattern[:, 0] <= 0.0], "one": pattern[:1]}
+        self.radius, self._offsets = radius, radius * kept[samples]
 
     def __len__(self) -> int:
         """Number of values."""

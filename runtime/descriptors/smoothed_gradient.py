@@ -78,16 +78,15 @@ def _in_chunks(function: Callable[[Array], Array], z: Array) -> Array:
     return np.concatenate([function(part) for part in parts])
 
 
-def unit_normal(gradient: Array, slope: Array | None = None) -> tuple[Array, Array | None]:
-    """n = g / |g| (n, dim) and, from dg/dz, dn/dz (n, dim, dim). Where g vanishes: the first axis, and no slope."""
+def unit_normal(gradient: Array) -> Array:
+    """n = g / |g| (n, dim); the first axis where g vanishes."""
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
-    lost = length[:, 0] == 0.0
-    length[lost] = 1.0
-    n = gradient / length
-    n[lost, 0] = 1.0
-    if slope is None:
-        return n, None
+    somewhere = np.eye(gradient.shape[1])[0]
+    return np.where(length > 0.0, gradient / np.where(length > 0.0, length, 1.0), somewhere)
+
+
+def unit_normal_slope(gradient: Array, slope: Array) -> tuple[Array, Array]:
+    """n, and dn/dz (n, dim, dim) [1/m] from dg/dz: (I - n n^T) dg/dz / |g|; zero where g vanishes."""
+    n, length = unit_normal(gradient), np.linalg.norm(gradient, axis=1)[:, None, None]
     turned = slope - n[:, :, None] * np.einsum("na,nac->nc", n, slope)[:, None, :]
-    turned /= length[:, :, None]
-    turned[lost] = 0.0
-    return n, turned
+    return n, np.where(length > 0.0, turned / np.where(length > 0.0, length, 1.0), 0.0)

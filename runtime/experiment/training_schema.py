@@ -25,7 +25,9 @@ class ModelSpec(Section):
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
         (96, 96), description="neurons of each hidden layer"
     )
-    activation: Literal["tanh", "silu", "softplus", "elu"] = Field("silu", description="of every hidden layer")
+    activation: Literal["tanh", "silu", "softplus", "elu"] = Field(
+        "silu", description="of every hidden layer"
+    )
     fade_depth: Positive = Field(
         5e-4, description="depth of contact below which what is learned fades out [m]"
     )
@@ -83,13 +85,14 @@ class DescriptorTrainingSpec(Section):
 
     steps: Count = Field(20_000, description="optimiser steps for each model")
     batch: Count = Field(512, description="points of one optimiser step")
-    learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")
+    learning_rate: Positive = Field(6e-3, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(1e-4, description="decoupled weight decay (AdamW)")
     validations: Count = Field(20, description="how often along a run the held-out error is measured")
     points: Count = Field(96, description="points of interest drawn from a sample")
     frames: Count = Field(2, description="random tangent frames of each point")
     consistency: NotNegative = Field(
-        1.0, description="weight of what the frames of a point disagree about, beside their mean squared error"
+        1.0,
+        description="weight of what the frames of a point disagree about, beside their mean squared error",
     )
     input_gain: Positive = Field(3.0, description="initial weights of all inputs, relative to torch's")
 

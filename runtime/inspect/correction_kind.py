@@ -11,7 +11,6 @@ from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.summary import Summary, versions
 
-
 _FORMS = {
     FIELD: "displacement field",
     LOADS: "loads on the mechanics of the body at rest",

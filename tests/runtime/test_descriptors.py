@@ -22,6 +22,7 @@ from runtime.descriptors import (
     ball_rule,
     biased_frames,
     handle_spacing,
+    moving_frames,
     random_frames,
     sample_pattern,
 )
@@ -116,15 +117,15 @@ def test_frames_and_descriptors_have_their_derivatives(dim, kind):
 
     def at(points):
         return [
-            (frames, descriptor.derivatives(geometry, points[frames.index], frames.rotation, frames.slope))
-            for frames in biased_frames(*geometry.normal_derivatives(points))
+            (frames, descriptor.derivatives(geometry, points[frames.at], frames.rotation, frames.slope))
+            for frames in moving_frames(*geometry.normal_derivatives(points))
         ]
 
     for (frames, (_, slope)), (up, (above, _)), (down, (below, _)) in zip(
         at(z), at(z + step * along), at(z - step * along), strict=True
     ):
-        assert np.array_equal(up.index, down.index)
-        v = along[frames.index]
+        assert np.array_equal(up.at, down.at)
+        v = along[frames.at]
         # Normals turn by up to 1/|g| per d, a few hundred radians a metre.
         for change, by_hand in (
             (up.rotation - down.rotation, np.einsum("nabc,nc->nab", frames.slope, v)),
@@ -141,8 +142,8 @@ def test_frames_are_rotations_and_blend_without_a_jump(dim):
         R = frames.rotation
         assert np.allclose(R.transpose(0, 2, 1) @ R, np.eye(dim), atol=1e-14)
         assert np.allclose(np.linalg.det(R), 1.0)
-        assert np.allclose(R[:, :, 0], n[frames.index])
-        total[frames.index] += frames.weight
+        assert np.allclose(R[:, :, 0], n[frames.at])
+        total[frames.at] += frames.weight
     assert np.allclose(total, 1.0, atol=1e-15)
     assert np.allclose(random_frames(n, np.random.default_rng(0))[:, :, 0], n)
 
@@ -154,7 +155,7 @@ def test_tangents_do_not_flicker_where_a_bias_fails():
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     blended = np.zeros((len(n), 3))
     for frames in biased_frames(n):
-        blended[frames.index] += frames.weight[:, None] * frames.rotation[:, :, 1]
+        blended[frames.at] += frames.weight[:, None] * frames.rotation[:, :, 1]
     # A step is 1.2e-3 rad, and weights turn over in some tenths of a radian; the first bias alone flips t1 by 2.
     assert np.abs(np.diff(blended, axis=0)).max() < 0.02
 
@@ -164,7 +165,7 @@ def test_descriptors_of_planes_balls_and_boxes_are_their_distances(dim):
     for collider in (Plane(directions(dim, 1)[0], "plane"), Sphere(0.02, dim), box(dim)):
         geometry = DirectGeometry(collider, RADIUS, SETS)
         R = biased_frames(geometry.normal(z))[0]
-        there = z[R.index]
+        there = z[R.at]
         found = LocalDescriptor(dim, RADIUS).values(geometry, there, R.rotation)
         for sample, w in enumerate(pattern):
             exact = collider.sdf(there + RADIUS * np.einsum("nab,b->na", R.rotation, w))
@@ -173,9 +174,9 @@ def test_descriptors_of_planes_balls_and_boxes_are_their_distances(dim):
     ground = Plane(np.eye(dim)[-1], "ground")
     geometry = DirectGeometry(ground, RADIUS, SETS)
     frames = biased_frames(geometry.normal(z))[0]
-    found = LocalDescriptor(dim, RADIUS).values(geometry, z[frames.index], frames.rotation)
+    found = LocalDescriptor(dim, RADIUS).values(geometry, z[frames.at], frames.rotation)
     # The normal is exact up to round-off, see above.
-    assert np.allclose(found, z[frames.index, -1:] + RADIUS * pattern[:, 0], atol=1e-12)
+    assert np.allclose(found, z[frames.at, -1:] + RADIUS * pattern[:, 0], atol=1e-12)
 
 
 def test_samples_are_those_of_the_thesis():
@@ -208,7 +209,8 @@ def test_grids_answer_as_the_collider_does(dim):
 def test_attenuation_is_continuous_at_d():
     s = np.linspace(-0.01, 2 * RADIUS, 2001)
     a, slope = attenuation(s, RADIUS), attenuation_slope(s, RADIUS)
-    assert (a[s <= 0] == 1.0).all() and (a[s >= RADIUS] == 0.0).all()
+    assert (a[s <= 0] == 1.0).all()
+    assert (a[s >= RADIUS] == 0.0).all()
     # A step of 35 um; over the outer half of d the slope is at most 3 / d, and that turns over with 24 / d^2.
     assert np.abs(np.diff(a)).max() < 36e-6 * 3 / RADIUS
     assert np.abs(np.diff(slope)).max() < 36e-6 * 24 / RADIUS**2
@@ -234,7 +236,8 @@ def test_displacement_ends_smoothly_at_d(jelly_body):
     distance = box(body.dim).sdf(pose.apply_inverse(body.reduced_positions(rows)))
     assert u[distance > radius].max() == 0.0
     edge = (distance > 0.9 * radius) & (distance < radius)
-    assert edge.any() and u.max() > 0.0
+    assert edge.any()
+    assert u.max() > 0.0
     # 0.9 d is four fifths of the way down: 10 % of what is there without attenuation.
     assert u[edge].max() < 0.1 * u.max()
 
