@@ -62,13 +62,15 @@ def test_from_mesh_to_report(softprint, tmp_path, dim):
 @pytest.mark.slow
 def test_from_a_library_to_a_shape_never_seen(softprint, tmp_path):
     experiment, run = write_library_experiment(tmp_path), tmp_path / "run"
-    played = ("simulate", "--model=full", "--model=bare", "--model=ours")
+    played = ("simulate", "--model=full", "--model=bare", "--model=ours", "--model=thesis6")
     for verb, *options in (("body",), ("generate",), ("train",), played, ("report", "--no-pictures")):
         done = softprint(verb, experiment, "--out", run, "--quiet", *options, ranks=1 + (verb == "generate"))
         assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
     assert read_header(run / "corrections" / "ours.safetensors").collider == ANY_COLLIDER
     shapes = json.loads((run / "report.json").read_text())["shapes"]
-    assert set(shapes["sides"]["ours"]) == {"learned", "validation", "testing"}
+    for model in ("ours", "thesis6"):
+        assert set(shapes["sides"][model]) == {"learned", "validation", "testing"}
+        assert (run / "motions" / f"held_out_{model}.h5").is_file()
     assert [row["shape"] for row in shapes["worst"]] == ["torus"] == shapes["testing"]
     # Mechanics of the body leave some per cent on a round shape never seen, on any mesh.
     assert shapes["sides"]["mechanics"]["testing"]["squared"] < 0.05

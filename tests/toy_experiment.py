@@ -111,6 +111,19 @@ def write_library_experiment(folder: Path) -> Path:
     text = recorded + 'name = "held_out"' + held_out
     before, rest = text.split('[[training.models]]\nname = "thesis5"')
     text = before + rest[rest.index("[[training.models]]") :]
+    text += """
+[[training.models]]
+name = "thesis6"
+form = "descriptor"
+hidden = [16, 10]
+activation = "elu"
+differences = 4
+fade_depth = 2e-3
+[training.descriptor]
+steps = 50
+points = 16
+validations = 2
+"""
     text = text.replace("places = 3", "places = 2\ntest_places = 1")
     experiment.write_text(text)
     return experiment

@@ -129,7 +129,7 @@ def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
                 yield Problem(
                     f"training.models[{number}].form",
                     "is the displacement field of one collider, but training is for any",
-                    'take form = "loads"',
+                    'take form = "loads" or "descriptor"',
                     model.form,
                 )
 

@@ -12,15 +12,21 @@ import torch
 from runtime.body import ReducedBody
 from runtime.colliders import RigidPose, Sphere
 from runtime.corrections.contact_loads import ContactLoadsProbe
+from runtime.corrections.descriptor_contact import DescriptorContact
+from runtime.corrections.descriptor_model import DescriptorModelOptions
 from runtime.corrections.elastic_contact import ElasticContact
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.model import ModelOptions
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.descriptors import DirectGeometry
+from runtime.descriptors.attenuation import attenuation
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData, TruthHeader, create_truth, load_truth
 from runtime.truth_schema import TABLES
 from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from surrogate.dataset import PoolSize, load_dataset
+from surrogate.descriptor_data import Drawing, join_descriptor_data, load_descriptor_data
+from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
 from surrogate.load_task import LoadMetric, LoadTask, load_load_data
 from surrogate.splits import split_by_state
 from surrogate.tasks import FieldTask, InputGains
@@ -29,6 +35,7 @@ from surrogate.train import TrainingSettings, train
 BALL = Sphere(0.02, 2, name="ball")
 OPTIONS = LoadModelOptions((12, 12), "silu", 5e-4, 3e-3, 1e9)
 FIELD = ModelOptions("local_geometry", True, (24, 24), "silu", "proportional", 5e-4)
+DESCRIPTOR = DescriptorModelOptions((24, 24), "elu", 0.02, 8, "all", 5e-4)
 STATES, CONTACTS, DEPTHS = 3, 8, 2
 
 
@@ -125,6 +132,19 @@ def field_task(truth: TruthData, body: ReducedBody, gains: InputGains | None = N
     training = load_dataset(truth, body, BALL, split.train, PoolSize(4, 16, 4), rng)
     validation = load_dataset(truth, body, BALL, split.validation, None, rng)
     return FieldTask(FIELD, training, validation, 0.3, gains or InputGains(1.0, 3.0))
+
+
+def descriptor_task(truth: TruthData, body: ReducedBody) -> DescriptorTask:
+    split = split_by_state(truth, "ball", 1)
+    drawing = Drawing(48, 2, np.random.default_rng(0))
+    # As of several colliders: in two parts, one of them empty.
+    parts = [
+        load_descriptor_data(truth, body, BALL, DESCRIPTOR, samples, drawing)
+        for samples in (split.train, split.train[:0])
+    ]
+    training = join_descriptor_data(parts)
+    validation = load_descriptor_data(truth, body, BALL, DESCRIPTOR, split.validation, None)
+    return DescriptorTask(DESCRIPTOR, DescriptorLoss(1.0, 3.0), training, validation)
 
 
 def test_split_holds_out_states_and_counts_what_is_left_out(truth):
@@ -241,6 +261,47 @@ def test_fields_are_learned(truth, jelly2d_body):
     settings = TrainingSettings(1000, 8, 5e-3, 0.0, 1, 0)
     after = float(task.loss(train(task, settings).model, everything))
     assert after < 0.25 * before
+
+
+def test_descriptors_are_learned(truth, jelly2d_body):
+    """As for fields: it must be able to fit what it is shown."""
+    task = descriptor_task(truth, jelly2d_body)
+    everything = torch.arange(task.n_samples)
+    before = float(task.loss(task.fresh_model(0), everything))
+    after = float(task.loss(train(task, TrainingSettings(600, 256, 6e-3, 0.0, 1, 0)).model, everything))
+    assert after < 0.25 * before
+
+
+def test_trained_descriptors_err_alike_at_run_time(truth, jelly2d_body):
+    """The error of training is that of the correction itself over the volume, what lies beyond d included."""
+    body, task = jelly2d_body, descriptor_task(truth, jelly2d_body)
+    model = train(task, TrainingSettings(50, 256, 6e-3, 0.0, 1, 0)).model
+    geometry = DirectGeometry(BALL, DESCRIPTOR.radius, DESCRIPTOR.sets)
+    bound = DescriptorContact("x", model, body, BALL, geometry).bind(body.node_points())
+    missed = whole = 0.0
+    volumes = body.mesh.node_volumes
+    for sample in split_by_state(truth, "ball", 1).validation:
+        u = truth.displacement(int(sample))
+        found = bound.displacement(truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample)))
+        missed += volumes @ ((found - u) ** 2).sum(1)
+        whole += volumes @ (u**2).sum(1)
+    # Training data are float32.
+    assert task.held_out_error(model).rms == pytest.approx(np.sqrt(missed / whole), rel=1e-4)
+
+
+def test_points_of_interest_stand_for_all_nodes(truth, jelly2d_body):
+    """Drawn with weights, they give the sum over all nodes times the density of the thesis."""
+    body, sample = jelly2d_body, split_by_state(truth, "ball", 1).train[-1:]
+    drawing = Drawing(20_000, 1, np.random.default_rng(0))
+    drawn = load_descriptor_data(truth, body, BALL, DESCRIPTOR, sample, drawing)
+    everywhere = load_descriptor_data(truth, body, BALL, DESCRIPTOR, sample, None)
+    distance = everywhere.descriptor[:, 0, 0].double().numpy()  # the first of a descriptor is its centre
+    u = everywhere.target.double().numpy() * attenuation(distance, DESCRIPTOR.radius)[:, None]
+    density = np.exp(-0.5 * (np.maximum(distance, 0.0) / DESCRIPTOR.radius) ** 2)
+    exact = (everywhere.weight.double().numpy() * density) @ (u**2).sum(axis=1)
+    estimated = float((drawn.weight * drawn.target.square().sum(1)).double().sum())
+    # 20,000 points drawn by the size of u leave about a hundredth of the spread of |u| w.
+    assert estimated == pytest.approx(exact, rel=0.03)
 
 
 @pytest.mark.parametrize("form", ["loads", "field"])
