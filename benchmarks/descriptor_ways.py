@@ -4,8 +4,8 @@
     python -m benchmarks.descriptor_ways EXPERIMENT [--out RUN] [--model thesis6] [--colliders NAME ...]
 
 Needs the truth file and the trained model of the run. For each collider, validation shapes by default, it takes up
-contacts of the truth at their deepest and moves the collider on slowly, 20 um and 0.1 degrees a step, for 100 steps of
-each of three contacts, the body's state kept. Of the displacement u of all surface samples it prints, for each way,
+contacts of the truth at their deepest and moves the collider on slowly, 20 um and 0.1 degrees a step, for 50 steps of
+each of two contacts, the body's state kept. Of the displacement u of all surface samples it prints, for each way,
 
     off      sqrt(<|u - u_direct|^2> / <|u_direct|^2>)
     flicker  sqrt(<|u_(t+1) - 2 u_t + u_(t-1)|^2> / <|u_direct,(t+1) - u_direct,t|^2>): second differences in time,
@@ -46,7 +46,7 @@ from runtime.errors import SoftprintError
 from runtime.shapes import validation_names
 from runtime.truth_file import TruthData, load_truth
 
-STEPS, CONTACTS = 100, 3
+STEPS, CONTACTS = 50, 2
 SHIFT, TURN = 2e-5, np.deg2rad(0.1)
 CORNER_CELLS = 50  # of the thesis, for small colliders
 
