@@ -16,8 +16,9 @@ from runtime.colliders.spline import SplineGrid
 from runtime.descriptors.smoothed_gradient import SmoothedGradient, unit_normal, unit_normal_slope
 
 # Cells along the largest side of a collider enlarged by d: of the smoothed gradient, which varies over d, and of the
-# distance, whose edges are within one of its cells.
-GRADIENT_CELLS, DISTANCE_CELLS = 40, 96
+# distance. Of a torus, d being 0.6 of its size: 7 um and 0.6 degrees RMS from the collider's own, in 2.5 s; with 40 and
+# 96 cells 1 um and 0.4 degrees in 10 s.
+GRADIENT_CELLS, DISTANCE_CELLS = 24, 64
 
 
 class Geometry(Protocol):
