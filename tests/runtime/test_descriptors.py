@@ -200,8 +200,8 @@ def test_raw_frames_turn_with_the_collider(dim):
 def test_grids_answer_as_the_collider_does(dim):
     direct, grid = DirectGeometry(box(dim), RADIUS, SETS), GridGeometry(box(dim), RADIUS, SETS)
     z = around(dim, 400)
-    # Cells of 1.6 mm round the kinks of the medial axis by a share of their width; the normal is that of a field smoothed
-    # over 30 mm, on cells of 4.
+    # Cells of 1.6 mm round the kinks of the medial axis by a share of their width; the normal is that of a field
+    # smoothed over 30 mm, on cells of 4.
     assert np.abs(grid.distance(z) - direct.distance(z)).max() < 4e-4
     strong = np.linalg.norm(SmoothedGradient(box(dim), RADIUS, SETS).value(z), axis=1) > 0.1
     assert (grid.normal(z) * direct.normal(z)).sum(axis=1)[strong].min() > 0.995
