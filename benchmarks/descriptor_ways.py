@@ -99,8 +99,8 @@ def ways(model: DescriptorModel, body: ReducedBody, collider: Collider) -> dict[
         "corner deformations (thesis)": lambda: CornerDeformations(direct(), points, grid()),
         "interpolated descriptors": lambda: CornerDescriptors(direct(), points, grid()),
         "fields on grids (ships)": lambda: DescriptorContact("fields", model, body, collider).bind(points),
-        "fields, 64 cells": lambda: fields(64),
-        "fields, 144 cells": lambda: fields(144),
+        "fields, 48 and 96 cells": lambda: fields(96),
+        "fields, 72 and 144 cells": lambda: fields(144),
     }
 
 
