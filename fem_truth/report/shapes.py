@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,7 +65,7 @@ def judge_shapes(
         name: remembered(
             files.folder / "shapes" / f"{name}.json",
             {"truth": truth.content_hash, "correction": file_hash(paths[name])},
-            lambda model=model, name=name: _measured(context, truth, body, model, name),  # type: ignore[misc]
+            partial(_measured, context, truth, body, model, name),
         )
         for name, model in models.items()
     }
@@ -79,7 +81,7 @@ def judge_shapes(
 class _OnAny:
     """A correction for any collider, bound to one after the other."""
 
-    def __init__(self, path: Any, body: ReducedBody, collider: Any) -> None:
+    def __init__(self, path: Path, body: ReducedBody, collider: Callable[[str], Collider]) -> None:
         self._make, self._body, self._collider = correction_maker(path, body), body, collider
 
     def __call__(self, name: str) -> Corrected:
