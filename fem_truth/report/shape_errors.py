@@ -24,6 +24,9 @@ from runtime.errors import SoftprintError
 from runtime.files import atomic_path
 from runtime.truth_file import TruthData
 
+# Samples with less than this share of the mean squared displacement hardly touch, and say nothing of the worst case.
+_TELLING = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class SampleErrors:
@@ -41,18 +44,19 @@ class SampleErrors:
         return SampleErrors(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
     def row(self) -> dict[str, float]:
-        """The line of a table: the formula above, its root, and the worst sample (of contact alone)."""
+        """The line of a table: the formula above, its root, and of contact alone the median and the worst sample, each
+        relative to its own displacement; among the worst are only samples in which there is something to miss."""
         squared = float(self.missed_contact.sum() / self.contact.sum())
         whole = float(self.missed_whole.sum() / self.whole.sum())
-        worst = float(np.sqrt((self.missed_contact / self.contact).max()))
-        median = float(np.sqrt(np.median(self.missed_contact / self.contact)))
+        relative = np.sqrt(self.missed_contact / self.contact)
+        tells = self.contact >= _TELLING * self.contact.mean()
         return {
             "squared": squared,
             "rms": squared**0.5,
             "whole_squared": whole,
             "whole_rms": whole**0.5,
-            "median": median,
-            "worst": worst,
+            "median": float(np.median(relative)),
+            "worst": float(relative[tells].max()),
             "samples": len(self.sample),
         }
 
