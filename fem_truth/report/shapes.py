@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +51,8 @@ def judge_shapes(
 ) -> ShapeSection | None:
     """Every correction for any collider, at every usable sample of a library's truth; None where there is none."""
 
-    @lru_cache(maxsize=1)
+    # All of them are kept for the next model: making one takes a second, and keeping it ten megabytes.
+    @cache
     def collider(name: str) -> Collider:
         return build_collider(context.experiment.collider(name), context.experiment.base_dir)
 
