@@ -25,9 +25,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--collider",
+        action="append",
         metavar="FILE",
         help="another shape for the scene's collider: a mesh (STL, OBJ, PLY), a shape of the library by its name, or "
-        "COLLIDER=FILE where the scene has several; made as large as the one it stands in for",
+        "COLLIDER=FILE where the scene has several, and then again for the next; made as large as the one it stands "
+        "in for",
     )
     parser.add_argument(
         "--collider-scale",
@@ -38,9 +40,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0 < value < float("inf"):
-        raise ValueError(text)
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of metres, such as 0.001")
     return value
 
 
@@ -58,19 +63,18 @@ def run(args: argparse.Namespace, context: Context) -> int:
         raise SoftprintError(f'{experiment.path}: no scene has role = "test"; name one with --scene')
     scenes = [find_scene(experiment, name) for name in names]
     body = body_of_run(context)
-    experiments = {scene.name: experiment for scene in scenes}
+    played_in = [(experiment, scene) for scene in scenes]
     if args.collider:
         from runtime.dynamics.stand_in import with_stand_in
 
-        changed = [with_stand_in(experiment, scene, args.collider, args.collider_scale) for scene in scenes]
-        scenes = [scene for _, scene in changed]
-        experiments = {scene.name: other for other, scene in changed}
+        for asked in args.collider:
+            played_in = [with_stand_in(*pair, asked, args.collider_scale) for pair in played_in]
     elif args.collider_scale is not None:
         raise SoftprintError("--collider-scale belongs to --collider FILE")
     models = args.model or [BARE, *trained_models(context.out_dir)]
-    for scene in scenes:
+    for changed, scene in played_in:
         for model in models:
-            played = simulate_scene(context, body, scene, model, experiments[scene.name])
+            played = simulate_scene(context, body, scene, model, changed)
             what = "kept" if played.kept else f"{played.steps_per_second:.1f} steps/s"
             context.say(f"{scene.name} with {model}: {played.path} ({what})")
     return 0

@@ -13,7 +13,7 @@ from runtime.colliders.mesh_collider import SUFFIXES, read_surface
 from runtime.colliders.polygon import load_polygon
 from runtime.errors import SoftprintError
 from runtime.experiment.colliders_schema import ColliderSpec, LibrarySpec, MeshSpec, PolygonSpec
-from runtime.shapes import SHAPES
+from runtime.shapes import SCENE_SHAPES, SHAPES
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment, SceneSpec
@@ -51,13 +51,13 @@ def with_stand_in(
         for entry in scene.colliders
     )
     changed = scene.model_copy(update={"name": f"{scene.name}_with_{spec.name}", "colliders": entries})
-    return experiment.model_copy(update={"colliders": (*others, spec)}), changed
+    return experiment.with_colliders((*others, spec), f"--collider {asked}"), changed
 
 
 def _spec(dim: int, asked: str, source: str, size: float, scale: float | None) -> ColliderSpec:
     """The table that describes the new shape."""
     path = Path(source)
-    if dim == 3 and source in SHAPES:
+    if dim == 3 and source in {**SHAPES, **SCENE_SHAPES}:
         return LibrarySpec(shape="library", name=source, entry=source, size=scale or size)
     if dim == 3 and path.suffix.lower() in SUFFIXES:
         vertices, _ = read_surface(path)

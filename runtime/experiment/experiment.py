@@ -71,6 +71,12 @@ class Experiment(Section):
         """The text of the file with the overrides as comments below, for the metadata of what comes of it."""
         return self._text
 
+    def with_colliders(self, colliders: tuple[ColliderSpec, ...], note: str) -> Experiment:
+        """The same experiment with other [[colliders]]; the note says so below its text."""
+        changed = self.model_copy(update={"colliders": colliders})
+        changed._text = f"{self._text}\n# {note}"
+        return changed
+
     @property
     def collider_names(self) -> list[str]:
         """All that `collider` knows: those of the file, and the library's where there is a [library] table."""

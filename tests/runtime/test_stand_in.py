@@ -63,6 +63,25 @@ def test_what_cannot_stand_in_is_refused(tmp_path, asked, words):
     assert all(word in str(caught.value) for word in words), caught.value
 
 
+def test_a_shape_for_scenes_alone_and_two_colliders_one_after_the_other(tmp_path):
+    experiment, scene = scene_of(
+        tmp_path,
+        3,
+        "colliders=[{name='ball', shape='sphere', radius=0.02}, {name='die', shape='box', half_extents=[0.01, 0.01, "
+        "0.01]}]",
+        "sampling.collider='ball'",
+        "training.collider='ball'",
+        "scenes.held_out.colliders=[{name='ball', keyframes=[{time=0.0, position=[0, 0, 0.2]}]}, "
+        "{name='die', keyframes=[{time=0.0, position=[0, 0, 0.3]}]}]",
+    )
+    other, changed = with_stand_in(*with_stand_in(experiment, scene, "ball=hat"), "die=mug")
+    assert [entry.name for entry in changed.colliders] == ["hat", "mug"]
+    assert changed.name == "held_out_with_hat_with_mug"
+    assert [other.collider(name).size for name in ("hat", "mug")] == pytest.approx([0.02, 0.01])
+    # What is kept with the motion says what was changed, and still reads as the experiment.
+    assert other.text == f"{experiment.text}\n# --collider ball=hat\n# --collider die=mug"
+
+
 def test_a_half_space_has_no_size_to_take(tmp_path):
     experiment, scene = scene_of(
         tmp_path,
