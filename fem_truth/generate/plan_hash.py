@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from runtime.body.body import ReducedBody
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path, file_hash
+from runtime.experiment.sources import collider_files, formulas_hash, scene_files
+from runtime.files import atomic_path
 from runtime.truth_schema import VERSION
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.json"
 _ABSENT = "(absent)"
+_HASH = " hash"  # how the keys of contents end, which truths of before may not have recorded
 
 
 def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
@@ -37,9 +39,14 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
     flat["truth version"] = str(VERSION)
     flat["body hash"] = body.content_hash
     for name in experiment.sampled_colliders:
-        file = getattr(experiment.collider(name), "file", None)
-        if file is not None:
-            flat["collider file hash"] = file_hash(experiment.base_dir / file)
+        for where, digest in collider_files(experiment.collider(name), experiment.base_dir).items():
+            flat[f"collider {where} file hash" if where else "collider file hash"] = digest
+    for scene in experiment.scenes_of_role("record"):
+        for file, digest in scene_files(experiment, scene).items():
+            flat[f"scenes.{scene.name}.{file}{_HASH}"] = digest
+    formulas = formulas_hash(experiment, experiment.sampled_colliders)
+    if formulas is not None:
+        flat[f"library formulas{_HASH}"] = formulas
     return flat
 
 
@@ -76,7 +83,7 @@ def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str,
     changes = [
         f"{key}: {before.get(key, _ABSENT)} -> {present.get(key, _ABSENT)}"
         for key in sorted({*before, *present})
-        if before.get(key) != present.get(key)
+        if before.get(key) != present.get(key) and (key in before or not key.endswith(_HASH))
     ]
     if changes:
         shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")

@@ -18,6 +18,7 @@ from runtime.dynamics.motion_file import (
 )
 from runtime.dynamics.scene import scene_steps
 from runtime.errors import SoftprintError
+from runtime.experiment.sources import scene_files
 from runtime.files import content_hash, file_hash
 
 if TYPE_CHECKING:
@@ -44,9 +45,7 @@ def motion_path(out: Path, scene: str, model: str) -> Path:
 
 
 def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, model: str) -> str:
-    """Everything that decides a motion: body, cubature, scene, colliders and their files, dynamics,
-    correction."""
-    colliders = [experiment.collider(entry.name) for entry in scene.colliders]
+    """Everything that decides a motion: body, cubature, scene, colliders, all their files, dynamics, correction."""
     content: dict[str, object] = {
         "model": model,
         "body": body.content_hash,
@@ -57,11 +56,9 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         "contact": experiment.contact.model_dump_json(),
         "dynamics": experiment.dynamics.model_dump_json(),
     }
-    for spec in colliders:
-        content[f"collider_{spec.name}"] = spec.model_dump_json()
-        file = getattr(spec, "file", None)
-        if file is not None:
-            content[f"collider_file_{spec.name}"] = file_hash(experiment.base_dir / file)
+    for entry in scene.colliders:
+        content[f"collider_{entry.name}"] = experiment.collider(entry.name).model_dump_json()
+    content |= scene_files(experiment, scene)
     correction = correction_path(out, model)
     if model != BARE and correction.is_file():
         content["correction"] = file_hash(correction)

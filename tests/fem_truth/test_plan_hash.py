@@ -1,0 +1,67 @@
+"""What finished truth depends on: a change of any of it is found, and named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from fem_truth.generate.plan_hash import fingerprint, refuse_changes
+from runtime.errors import SoftprintError
+from runtime.experiment import load_experiment
+from runtime.shapes import find_shape
+from tests.toy_experiment import write_experiment, write_library_experiment
+
+BODY = SimpleNamespace(content_hash="the body")
+MOTION = "frame,time,x,y,z,rx,ry,rz\nbase,0,0,0,{},0,0,0\n"
+
+
+def changes(before: dict[str, str], after: dict[str, str]) -> list[str]:
+    return [key for key in sorted({*before, *after}) if before.get(key) != after.get(key)]
+
+
+def test_every_file_behind_a_truth_is_in_its_fingerprint(tmp_path):
+    parts = "parts=[{shape='sphere', radius=0.01}, {shape='mesh', file='ball.stl'}]"
+    union = f"{{name='union', shape='union', blend=0.001, {parts}}}"
+    overrides = [
+        f"colliders=[{union}, {{name='ball', shape='mesh', file='ball.stl'}}]",
+        "sampling.collider='union'",
+        "training.collider='union'",
+        "scenes.press.tracking={file='motion.csv', stiffness=1.0, rotation_stiffness=1.0}",
+    ]
+    (tmp_path / "motion.csv").write_text(MOTION.format(0.0))
+    path = write_experiment(tmp_path, 3)
+    before = fingerprint(load_experiment(path, overrides), BODY)
+    assert not changes(before, fingerprint(load_experiment(path, overrides), BODY))
+    (tmp_path / "motion.csv").write_text(MOTION.format(0.01))
+    moved = fingerprint(load_experiment(path, overrides), BODY)
+    assert changes(before, moved) == ["scenes.press.tracking_file hash"]
+    (tmp_path / "ball.stl").write_bytes((tmp_path / "ball.stl").read_bytes() + b"\0")
+    # The part of the union that is sampled, and the ball that the states were recorded with.
+    assert changes(moved, fingerprint(load_experiment(path, overrides), BODY)) == [
+        "collider parts[1] file hash",
+        "scenes.press.collider_file_ball hash",
+    ]
+
+
+def test_a_shape_with_another_formula_is_another_truth(tmp_path, monkeypatch):
+    experiment = load_experiment(write_library_experiment(tmp_path))
+    before = fingerprint(experiment, BODY)
+    pear = find_shape("pear")
+    thicker = replace(pear, field=lambda p: pear.field(p) - 0.01)
+    monkeypatch.setattr(
+        "runtime.experiment.sources.find_shape", lambda name: thicker if name == "pear" else find_shape(name)
+    )
+    after = fingerprint(experiment, BODY)
+    assert changes(before, after) == ["library formulas hash"]
+    with pytest.raises(SoftprintError, match="library formulas hash"):
+        refuse_changes(tmp_path, before, after)
+    # One that is not sampled does not count; nor does what an older truth has not recorded.
+    monkeypatch.setattr(
+        "runtime.experiment.sources.find_shape", lambda name: find_shape("pear" if name == "mug" else name)
+    )
+    assert fingerprint(experiment, BODY) == before
+    refuse_changes(tmp_path, {key: text for key, text in before.items() if "formulas" not in key}, after)

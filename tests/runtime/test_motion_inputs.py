@@ -1,0 +1,45 @@
+"""What a motion depends on: a change of a file that its scene names makes it another motion."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from runtime.dynamics.scene import find_scene
+from runtime.dynamics.simulate import inputs_hash
+from runtime.experiment import load_experiment
+from tests.toy_experiment import write_experiment
+
+MOTION = "frame,time,x,y,z,rx,ry,rz\nbase,0,0,0,{},0,0,0\n"
+BODY = SimpleNamespace(
+    content_hash="the body",
+    cubature=SimpleNamespace(weights=np.ones(1), cells=np.zeros(1, dtype=np.int64)),
+    surface=SimpleNamespace(nodes=np.zeros(1, dtype=np.int64)),
+)
+
+
+def test_files_of_a_scene_decide_its_motions(tmp_path):
+    parts = "[{shape='mesh', file='ball.stl'}, {shape='sphere', radius=0.01}]"
+    experiment = load_experiment(
+        write_experiment(tmp_path, 3),
+        [
+            f"colliders=[{{name='ball', shape='union', blend=0.001, parts={parts}}}]",
+            "scenes.held_out.tracking={file='toy.toml', stiffness=1.0, rotation_stiffness=1.0}",
+        ],
+    )
+    scene = find_scene(experiment, "held_out")
+    other = scene.model_copy(update={"tracking": None})
+
+    def digest(of=scene) -> str:
+        return inputs_hash(experiment, BODY, of, tmp_path, "bare")
+
+    before, untracked = digest(), digest(other)
+    assert digest() == before
+    (tmp_path / "toy.toml").write_text(MOTION.format(0.01))
+    assert digest() != before
+    assert digest(other) == untracked
+    before = digest()
+    (tmp_path / "ball.stl").write_bytes((tmp_path / "ball.stl").read_bytes() + b"\0")
+    assert digest() != before
+    assert digest(other) != untracked
