@@ -36,6 +36,7 @@ from runtime.experiment.training_schema import (
     TrainingSpec,
 )
 from runtime.files import atomic_path
+from runtime.truth_colliders import require_same_colliders
 from runtime.truth_file import TruthData, load_truth
 from surrogate.dataset import ContactDataset, PoolSize, load_dataset
 from surrogate.descriptor_data import DescriptorData, Drawing, join_descriptor_data, load_descriptor_data
@@ -220,6 +221,7 @@ def train_models(context: Context, only: str | None) -> None:
         if not wanted:
             context.say("all corrections are up to date.")
             return
+        require_same_colliders(truth, experiment)
         lessons = Lessons(truth, body, context)
         context.say(
             f"{len(lessons.split.train)} samples to learn from, {len(lessons.held_out)} of held-out states; "

@@ -10,12 +10,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from runtime.body.body import ReducedBody
 from runtime.errors import SoftprintError
-from runtime.experiment.sources import collider_files, formulas_hash, scene_files
+from runtime.experiment.sources import formulas_hash, scene_files
 from runtime.files import atomic_path
+from runtime.truth_colliders import flat_table, sampled_file_hashes
 from runtime.truth_schema import VERSION
 
 if TYPE_CHECKING:
@@ -35,12 +36,11 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
         deciding["library"] = content["library"]
     deciding["scenes"] = {scene["name"]: scene for scene in content["scenes"] if scene["role"] == "record"}
     deciding["experiment"] = {"seed": content["experiment"]["seed"]}
-    flat = dict(_flatten(deciding, ""))
+    flat = flat_table(deciding, "")
     flat["truth version"] = str(VERSION)
     flat["body hash"] = body.content_hash
     for name in experiment.sampled_colliders:
-        for where, digest in collider_files(experiment.collider(name), experiment.base_dir).items():
-            flat[f"collider {where} file hash" if where else "collider file hash"] = digest
+        flat |= sampled_file_hashes(experiment, name)
     for scene in experiment.scenes_of_role("record"):
         for file, digest in scene_files(experiment, scene).items():
             flat[f"scenes.{scene.name}.{file}{_HASH}"] = digest
@@ -48,16 +48,6 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
     if formulas is not None:
         flat[f"library formulas{_HASH}"] = formulas
     return flat
-
-
-def _flatten(value: Any, prefix: str) -> list[tuple[str, str]]:
-    if isinstance(value, dict):
-        return [
-            pair
-            for key, item in value.items()
-            for pair in _flatten(item, f"{prefix}.{key}" if prefix else key)
-        ]
-    return [(prefix, json.dumps(value))]
 
 
 def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:

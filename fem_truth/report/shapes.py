@@ -28,6 +28,7 @@ from runtime.colliders.collider import Collider
 from runtime.corrections.correction_file import ANY_COLLIDER, correction_maker, read_header
 from runtime.files import file_hash
 from runtime.shapes import names, validation_names
+from runtime.truth_colliders import require_same_colliders
 from runtime.truth_file import TruthData
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def judge_shapes(
     }
     if not paths or not truth.usable.any():
         return None
+    require_same_colliders(truth, context.experiment)
     models = {name: _OnAny(path, body, collider) for name, path in paths.items()}
     errors = {
         name: remembered(

@@ -52,6 +52,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from runtime.dynamics.motion_file import load_motion
     from runtime.errors import SoftprintError
     from runtime.fields.sources import deformed_frames, deformed_samples
+    from runtime.truth_colliders import require_same_colliders
     from runtime.truth_file import load_truth
 
     if args.motion is None and args.frame is not None:
@@ -67,6 +68,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
         frames = args.frame if args.frame is not None else list(range(motion.n_frames))
         return _write(context, body, args.motion, len(frames), deformed_frames(motion, colliders, frames))
     with load_truth(context.out_dir / "truth.h5", body) as truth:
+        require_same_colliders(truth, context.experiment)
         samples = _samples(truth, args)
         contacts = [int(truth.samples["contact"][k]) for k in samples if 0 <= k < truth.n_samples]
         names = {truth.header.colliders[truth.contacts["collider"][contact]] for contact in contacts}

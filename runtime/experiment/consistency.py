@@ -77,8 +77,23 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
     if experiment.library is not None and experiment.dim == 2:
         yield Problem("library", "holds solids", "an experiment in the plane names its own [[colliders]]")
     if experiment.library is not None:
-        for number, name in enumerate(experiment.library.shapes):
+        shapes = experiment.library.shapes
+        for number, name in enumerate(shapes):
             yield from _known(f"library.shapes[{number}]", name, list(SHAPES), "shape of the library")
+            if name in shapes[:number]:
+                yield Problem(f"library.shapes[{number}]", "is there twice", "name each shape once", name)
+        for number, spec in enumerate(experiment.colliders):
+            if spec.name == LIBRARY:
+                yield Problem(
+                    f"colliders[{number}].name",
+                    "stands for all shapes of [library]",
+                    "give it another",
+                    spec.name,
+                )
+    elif experiment.sampling.test_places is not None:
+        yield Problem(
+            "sampling.test_places", "is for the testing shapes of a [library]", "leave it out, or add one"
+        )
     for number, spec in enumerate(experiment.colliders):
         if not spec.name:
             yield Problem(

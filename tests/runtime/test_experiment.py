@@ -267,6 +267,12 @@ def test_a_library_makes_colliders_of_all_its_shapes(file):
     [
         (["library.size=0.03", "library.shapes=['torsu']"], ["[library.shapes[0]]", "did you mean 'torus'"]),
         (["library.size=-1.0"], ["[library.size]", "greater than 0"]),
+        (["library={size=0.03, shapes=['mug', 'mug']}"], ["[library.shapes[1]]", "twice"]),
+        (
+            ["library.size=0.03", "colliders=[{name='library', shape='sphere', radius=0.1}]"],
+            ["[colliders[0].name]", "all shapes of [library]"],
+        ),
+        (["sampling.test_places=2"], ["[sampling.test_places]", "[library]"]),
         (["library.size=0.1", "sampling.collider='ball'"], ["[training.collider]", "sampling.collider"]),
         (["training.collider='library'"], ["[training.collider]", "not the name of a collider"]),
         (

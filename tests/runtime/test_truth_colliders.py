@@ -1,0 +1,53 @@
+"""A truth is read with the colliders that it was made with, or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from runtime.errors import SoftprintError
+from runtime.experiment import load_experiment
+from runtime.truth_colliders import flat_table, require_same_colliders, sampled_file_hashes
+from tests.toy_experiment import write_experiment, write_library_experiment
+
+
+def truth_of(experiment):
+    """What counts of a truth that was made with this experiment."""
+    tables = {"colliders": {spec.name: spec.model_dump(mode="json") for spec in experiment.colliders}}
+    if experiment.library is not None:
+        tables["library"] = experiment.library.model_dump(mode="json")
+    made_from = flat_table(tables, "")
+    for name in experiment.sampled_colliders:
+        made_from |= sampled_file_hashes(experiment, name)
+    header = SimpleNamespace(colliders=experiment.sampled_colliders, made_from=made_from)
+    return SimpleNamespace(path=Path("truth.h5"), header=header)
+
+
+def test_shapes_of_another_size_are_refused(tmp_path):
+    path = write_library_experiment(tmp_path)
+    truth = truth_of(load_experiment(path))
+    require_same_colliders(truth, load_experiment(path))
+    # Which shapes are sampled next, and what else is in the file, says nothing of those that were.
+    require_same_colliders(truth, load_experiment(path, ["library.shapes=['mug']", "sampling.places=5"]))
+    with pytest.raises(SoftprintError, match=r"library.size: 0.02 -> 0.03.*generate --no-resume"):
+        require_same_colliders(truth, load_experiment(path, ["library.size=0.03"]))
+
+
+def test_another_mesh_is_refused(tmp_path):
+    path = write_experiment(tmp_path, 3)
+    truth = truth_of(load_experiment(path))
+    (tmp_path / "same.stl").write_bytes((tmp_path / "ball.stl").read_bytes())
+    require_same_colliders(truth, load_experiment(path, ["colliders.ball.file='same.stl'"]))
+    with pytest.raises(SoftprintError, match=r"colliders\.ball\.resolution: 16 -> 24"):
+        require_same_colliders(truth, load_experiment(path, ["colliders.ball.resolution=24"]))
+    (tmp_path / "ball.stl").write_bytes((tmp_path / "ball.stl").read_bytes() + b"\0")
+    with pytest.raises(SoftprintError, match="collider file hash"):
+        require_same_colliders(truth, load_experiment(path))
+
+
+def test_a_truth_from_elsewhere_says_nothing_of_its_collider(tmp_path):
+    experiment = load_experiment(write_experiment(tmp_path, 3))
+    header = SimpleNamespace(colliders=("ball", "another"), made_from={"published q and z": "0123"})
+    require_same_colliders(SimpleNamespace(path=Path("truth.h5"), header=header), experiment)
