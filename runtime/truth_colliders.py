@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from runtime.errors import SoftprintError
@@ -23,6 +24,19 @@ def flat_table(value: Any, prefix: str) -> dict[str, str]:
     return flat
 
 
+def without_absent(flat: Mapping[str, str]) -> dict[str, str]:
+    """A flat table without what is null in it, so that keys that there were not yet do not count as changes."""
+    return {key: _without_nulls(text) for key, text in flat.items() if text != "null"}
+
+
+def _without_nulls(text: str) -> str:
+    if "null" not in text:
+        return text
+    return json.dumps(
+        json.loads(text, object_hook=lambda table: {k: v for k, v in table.items() if v is not None})
+    )
+
+
 def sampled_file_hashes(experiment: Experiment, name: str) -> dict[str, str]:
     """The files of a collider that a truth is made with, as `TruthHeader.made_from` calls them."""
     files = collider_files(experiment.collider(name), experiment.base_dir)
@@ -41,7 +55,7 @@ def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
         elif experiment.library is not None:
             size = experiment.library.model_dump(mode="json", include={"size", "resolution"})
             present |= flat_table(size, "library")
-    before = truth.header.made_from
+    before, present = without_absent(truth.header.made_from), without_absent(present)
     changed = [
         f"{key}: {before[key]} -> {now}"
         for key, now in present.items()

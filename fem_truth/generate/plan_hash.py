@@ -16,7 +16,7 @@ from runtime.body.body import ReducedBody
 from runtime.errors import SoftprintError
 from runtime.experiment.sources import formulas_hash, scene_files
 from runtime.files import atomic_path
-from runtime.truth_colliders import flat_table, sampled_file_hashes
+from runtime.truth_colliders import flat_table, sampled_file_hashes, without_absent
 from runtime.truth_schema import VERSION
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
 def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str, str]) -> None:
     """Raise SoftprintError naming each difference between what ``where`` was made from and the present
     experiment."""
+    before, present = without_absent(before), without_absent(present)
     changes = [
         f"{key}: {before.get(key, _ABSENT)} -> {present.get(key, _ABSENT)}"
         for key in sorted({*before, *present})

@@ -22,7 +22,15 @@ from fem_truth.report.page import render_page
 from fem_truth.report.picture import Renderer
 from fem_truth.report.renderings import make_renderer
 from fem_truth.report.report_json import json_text, write_text
-from fem_truth.report.run_files import FULL, RunFiles, find_run_files, load_motions, missing_notes, used_paths
+from fem_truth.report.run_files import (
+    FULL,
+    RunFiles,
+    find_run_files,
+    judged_scenes,
+    load_motions,
+    missing_notes,
+    used_paths,
+)
 from fem_truth.report.shapes import judge_shapes
 from fem_truth.report.solves import FrameSolves, SolveStore, solve_frame
 from runtime.body.body import ReducedBody
@@ -31,7 +39,6 @@ from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
 from runtime.corrections.correction_file import load_correction
 from runtime.dynamics.scene import scene_parts
-from runtime.errors import SoftprintError
 from runtime.files import content_hash
 from runtime.truth_file import load_truth
 
@@ -50,11 +57,11 @@ class Made:
 
 
 def make_report(context: Context, pictures: bool = True) -> Made:
-    """Judge every scene of role `test` and write report.html and report.json into the run directory."""
+    """Judge every scene of role `test` that can be, and write report.html and report.json into the run directory."""
     experiment, folder = context.experiment, context.out_dir
     files = find_run_files(folder, experiment)
     body = body_of_run(context)
-    scenes = [_judge(context, files, body, scene) for scene in experiment.scenes_of_role("test")]
+    scenes = [_judge(context, files, body, scene) for scene in judged_scenes(experiment)]
     with ExitStack() as stack:
         truth = None if files.truth is None else stack.enter_context(load_truth(files.truth, body))
         model = _judged_model(experiment, files)
@@ -66,7 +73,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
             learning=load_learning(files.corrections, folder),
             model=model,
             folder=folder,
-            files=used_paths(files, experiment.scenes_of_role("test")),
+            files=used_paths(files, judged_scenes(experiment)),
             notes=[*missing_notes(files, experiment), *_contact_notes(scenes)],
             shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
         )
@@ -125,14 +132,7 @@ def _judge(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpe
 
 def _collider(experiment: Experiment, scene: SceneSpec) -> Collider:
     """The one collider of a test scene."""
-    placed = scene_parts(experiment, scene).colliders
-    if len(placed) != 1:
-        names = ", ".join(entry.name for entry in placed) or "none"
-        raise SoftprintError(
-            f"{experiment.path}: scene {scene.name!r} has the colliders {names}; a report compares "
-            'the contact of exactly one: give the scene another role than "test", or one collider'
-        )
-    return placed[0].collider
+    return scene_parts(experiment, scene).colliders[0].collider
 
 
 def _corrections(files: RunFiles, body: ReducedBody, collider: Collider) -> dict[str, Corrected]:

@@ -28,6 +28,16 @@ class RunFiles:
         return [FULL, BARE, *self.corrections]
 
 
+def judged_scenes(experiment: Experiment) -> list[SceneSpec]:
+    """The test scenes that a report is about: those with one collider, which is led, as full space has to play them and
+    contact is compared under one."""
+    return [scene for scene in experiment.scenes_of_role("test") if _can_be_judged(scene)]
+
+
+def _can_be_judged(scene: SceneSpec) -> bool:
+    return len(scene.colliders) == 1 and not scene.colliders[0].free
+
+
 def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
     """Look through the run directory. Raises SoftprintError where a report makes no sense yet: without a
     body, without a test scene, or without a full-space motion of every test scene."""
@@ -37,10 +47,11 @@ def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
         raise SoftprintError(
             f"{body} is not there, so there is nothing to report on: run {verb('body')} first"
         )
-    scenes = experiment.scenes_of_role("test")
+    scenes = judged_scenes(experiment)
     if not scenes:
         raise SoftprintError(
-            f'{experiment.path}: a report needs a held-out motion; add a [[scenes]] table with role = "test"'
+            f'{experiment.path}: a report needs a held-out motion; add a [[scenes]] table with role = "test" and one '
+            "collider that is led along keyframes"
         )
     for scene in scenes:
         path = motion_path(folder, scene.name, FULL)
@@ -57,12 +68,17 @@ def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
 def missing_notes(files: RunFiles, experiment: Experiment) -> list[str]:
     """Sentences on what the report has to do without, and which verb makes it."""
     verb = _Commands(experiment, files.folder)
-    notes = []
+    notes = [
+        f"The scene \u201c{scene.name}\u201d is not judged: a report compares the contact of one collider that is led "
+        "along keyframes."
+        for scene in experiment.scenes_of_role("test")
+        if not _can_be_judged(scene)
+    ]
     if files.truth is None:
         notes.append(f"There is no ground truth ({files.folder / 'truth.h5'}) yet: run {verb('generate')}.")
     if not files.corrections:
         notes.append(f"No correction has been trained yet: run {verb('train')}.")
-    for scene in experiment.scenes_of_role("test"):
+    for scene in judged_scenes(experiment):
         absent = [name for name in files.models if not motion_path(files.folder, scene.name, name).is_file()]
         if absent:
             which = " ".join(f"--model {name}" for name in absent)

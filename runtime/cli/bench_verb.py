@@ -21,7 +21,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model",
         action="append",
         metavar="NAME",
-        help="may be given again (default: bare, every trained correction, and full where DOLFINx is)",
+        help="may be given again (default: bare, every trained correction, and full where DOLFINx is and no "
+        "collider moves freely)",
     )
     parser.add_argument(
         "--iterations",
@@ -51,7 +52,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     scene = find_scene(context.experiment, args.scene or tests[0].name)
     experiment = with_iterations(context.experiment, args.iterations)
     body = body_of_run(context)
-    full = ["full"] if find_spec("dolfinx") is not None else []
+    led = not any(collider.free for collider in scene.colliders)  # full space plays no others
+    full = ["full"] if led and find_spec("dolfinx") is not None else []
     speeds = []
     for name in args.model or [BARE, *trained_models(context.out_dir), *full]:
         model = build_model(experiment, body, scene, context.out_dir, name)

@@ -26,9 +26,11 @@ Keyframes = Annotated[tuple[KeyframeSpec, ...], Field(min_length=1)]
 class SceneColliderSpec(Section):
     """A collider in a scene: led along `keyframes`, or, with a density or a mass, free to move."""
 
-    name: str = Field(description="one of [[colliders]]")
+    name: str = Field(description="one of [[colliders]], or a shape where there is a [library]")
     keyframes: Keyframes | None = Field(None, description="poses over time, times increasing")
-    density: Positive | None = Field(None, description="moves freely, with this density [kg/m^3]")
+    density: Positive | None = Field(
+        None, description="moves freely, with this density [kg/m^3] (kg/m^2 in 2D)"
+    )
     mass: Positive | None = Field(None, description="moves freely, with this mass [kg]")
     position: Vector | None = Field(None, description="where one that moves freely starts [m]")
     rotation: float | Rotation | None = Field(

@@ -47,6 +47,19 @@ def test_every_file_behind_a_truth_is_in_its_fingerprint(tmp_path):
     ]
 
 
+def test_a_key_that_there_was_not_yet_is_no_change(tmp_path):
+    now = fingerprint(load_experiment(write_experiment(tmp_path, 3)), BODY)
+    frame = '[{"name": "base", "box": [[-1.0, -1.0, -1.0], [1.0, 1.0, 0.016]]}]'
+    before = {
+        key: text for key, text in now.items() if key not in ("sampling.test_places", "scenes.press.tracking")
+    }
+    refuse_changes(tmp_path, {**before, "body.handles.frames": frame}, now)
+    with pytest.raises(SoftprintError, match=r"body\.handles\.frames"):
+        refuse_changes(tmp_path, {**before, "body.handles.frames": frame.replace("0.016", "0.017")}, now)
+    with pytest.raises(SoftprintError, match=r"sampling\.test_places"):
+        refuse_changes(tmp_path, before, {**now, "sampling.test_places": "3"})
+
+
 def test_a_shape_with_another_formula_is_another_truth(tmp_path, monkeypatch):
     experiment = load_experiment(write_library_experiment(tmp_path))
     before = fingerprint(experiment, BODY)

@@ -165,6 +165,25 @@ def test_an_experiment_without_a_held_out_scene_is_refused(toy, tmp_path):
         make_report(Context(tmp_path / "record.toml", (), run, quiet=True, write=lambda line: None))
 
 
+def test_a_scene_that_full_space_cannot_play_is_left_out_with_a_note(toy, tmp_path):
+    run = copy_of_run(toy, tmp_path)
+    fall = """
+[[scenes]]
+name = "fall"
+role = "test"
+duration = 0.2
+kinematic = ["base"]
+colliders = [{ name = "ball", density = 500.0, position = [0.0, 0.085] }]
+"""
+    (tmp_path / "both.toml").write_text(EXPERIMENT.replace("block.vtu", str(toy / "block.vtu")) + fall)
+    made = make_report(
+        Context(tmp_path / "both.toml", (), run, quiet=True, write=lambda line: None), pictures=False
+    )
+    summary = json.loads(made.numbers.read_text())
+    assert [scene["name"] for scene in summary["scenes"]] == ["test"]
+    assert [note for note in summary["notes"] if "\u201cfall\u201d is not judged" in note]
+
+
 def test_a_motion_cut_short_is_refused_and_no_page_is_written(toy, tmp_path):
     run = copy_of_run(toy, tmp_path)
     path = run / "motions" / "test_full.h5"
