@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from runtime.cli.collider_options import add_collider_options, with_stand_ins
 from runtime.cli.context import Context
 from runtime.cli.verb import Verb
 
@@ -23,30 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="bare, full (needs DOLFINx) or the name of a trained correction; may be given again (default: "
         "bare and every correction in the run directory)",
     )
-    parser.add_argument(
-        "--collider",
-        action="append",
-        metavar="FILE",
-        help="another shape for the scene's collider: a mesh (STL, OBJ, PLY), a shape of the library by its name, or "
-        "COLLIDER=FILE where the scene has several, and then again for the next; made as large as the one it stands "
-        "in for",
-    )
-    parser.add_argument(
-        "--collider-scale",
-        type=_positive,
-        metavar="S",
-        help="metres for each unit of that file, or half the extent of a library shape [m]",
-    )
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of metres, such as 0.001")
-    return value
+    add_collider_options(parser)
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
@@ -61,18 +39,10 @@ def run(args: argparse.Namespace, context: Context) -> int:
     names = args.scene or [scene.name for scene in experiment.scenes_of_role("test")]
     if not names:
         raise SoftprintError(f'{experiment.path}: no scene has role = "test"; name one with --scene')
-    scenes = [find_scene(experiment, name) for name in names]
+    scenes = [with_stand_ins(args, experiment, find_scene(experiment, name)) for name in names]
     body = body_of_run(context)
-    played_in = [(experiment, scene) for scene in scenes]
-    if args.collider:
-        from runtime.dynamics.stand_in import with_stand_in
-
-        for asked in args.collider:
-            played_in = [with_stand_in(*pair, asked, args.collider_scale) for pair in played_in]
-    elif args.collider_scale is not None:
-        raise SoftprintError("--collider-scale belongs to --collider FILE")
     models = args.model or [BARE, *trained_models(context.out_dir)]
-    for changed, scene in played_in:
+    for changed, scene in scenes:
         for model in models:
             played = simulate_scene(context, body, scene, model, changed)
             what = "kept" if played.kept else f"{played.steps_per_second:.1f} steps/s"

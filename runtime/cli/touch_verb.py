@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from runtime.cli.collider_options import add_collider_options, with_stand_ins
 from runtime.cli.context import Context
 from runtime.cli.verb import Verb
 
@@ -34,6 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also write the same at all surface samples in every frame, as HDF5 (default: off)",
     )
+    add_collider_options(parser)
 
 
 def _point(text: str) -> tuple[str, list[float]]:
@@ -63,7 +65,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     names = [args.scene] if args.scene else [scene.name for scene in experiment.scenes_of_role("test")]
     if not names:
         raise SoftprintError(f'{experiment.path}: no scene has role = "test"; name one with --scene')
-    scene = find_scene(experiment, names[0])
+    experiment, scene = with_stand_ins(args, experiment, find_scene(experiment, names[0]))
     given = [name for name, _ in args.point or []]
     if len(set(given)) < len(given):
         raise SoftprintError(f"two points have the same name; the names are {', '.join(given)}")

@@ -274,6 +274,18 @@ def test_the_verb_writes_a_table_with_units_a_picture_and_arrays(context) -> Non
     assert (folder / "press_bare.png").stat().st_size > 5000
 
 
+def test_the_verb_plays_another_shape_that_is_handed_to_it(context, capsys) -> None:
+    np.savetxt(context.out_dir / "roof.txt", [[-2, 0], [2, 0], [0, 1]])
+    call(context, "--scene", "press", "--collider", str(context.out_dir / "roof.txt"))
+    assert (context.out_dir / "touch" / "press_with_roof_bare.csv").is_file()
+    with pytest.raises(SoftprintError, match="--collider-scale belongs to"):
+        call(context, "--collider-scale", "0.1")
+    for wrong in ("abc", "-1", "nan"):
+        with pytest.raises(SystemExit):
+            call(context, "--collider", "roof.txt", "--collider-scale", wrong)
+        assert f"'{wrong}' is not a positive number of metres" in capsys.readouterr().err
+
+
 def test_the_verb_refuses_points_in_one_sentence(context, capsys) -> None:
     with pytest.raises(SoftprintError, match="two points have the same name"):
         call(context, "--point", "a=0,0", "--point", "a=0.1,0")
