@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from runtime.errors import SoftprintError
-from runtime.experiment.sources import collider_files
+from runtime.experiment.sources import collider_files, formulas_hash
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment
     from runtime.truth_file import TruthData
+
+
+FORMULAS = "library formulas hash"  # of `TruthHeader.made_from`
 
 
 def flat_table(value: Any, prefix: str) -> dict[str, str]:
@@ -47,7 +50,7 @@ def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
     """Raise SoftprintError where one of the truth's colliders has another shape or size in the experiment now: its
     displacements would be taken for those under another collider."""
     present: dict[str, str] = {}
-    own = {spec.name: spec for spec in experiment.colliders}
+    own, known = {spec.name: spec for spec in experiment.colliders}, experiment.collider_names
     for name in truth.header.colliders:
         if name in own:
             present |= flat_table(own[name].model_dump(mode="json"), f"colliders.{name}")
@@ -55,6 +58,9 @@ def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
         elif experiment.library is not None:
             size = experiment.library.model_dump(mode="json", include={"size", "resolution"})
             present |= flat_table(size, "library")
+    formulas = formulas_hash(experiment, [name for name in truth.header.colliders if name in known])
+    if formulas is not None:
+        present[FORMULAS] = formulas
     before, present = without_absent(truth.header.made_from), without_absent(present)
     changed = [
         f"{key}: {before[key]} -> {now}"

@@ -16,7 +16,7 @@ from runtime.body.body import ReducedBody
 from runtime.errors import SoftprintError
 from runtime.experiment.sources import formulas_hash, scene_files
 from runtime.files import atomic_path
-from runtime.truth_colliders import flat_table, sampled_file_hashes, without_absent
+from runtime.truth_colliders import FORMULAS, flat_table, sampled_file_hashes, without_absent
 from runtime.truth_schema import VERSION
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
             flat[f"scenes.{scene.name}.{file}{_HASH}"] = digest
     formulas = formulas_hash(experiment, experiment.sampled_colliders)
     if formulas is not None:
-        flat[f"library formulas{_HASH}"] = formulas
+        flat[FORMULAS] = formulas
     return flat
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +36,7 @@ def scene_files(experiment: Experiment, scene: SceneSpec) -> dict[str, str]:
     return hashes
 
 
-def formulas_hash(experiment: Experiment, names: tuple[str, ...]) -> str | None:
+def formulas_hash(experiment: Experiment, names: Sequence[str]) -> str | None:
     """One hash for the formulas of those of the colliders that are shapes of the library; None where none is."""
     shapes = {entry for name in names for entry in _library_entries(experiment.collider(name))}
     if not shapes:

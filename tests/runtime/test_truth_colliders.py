@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,7 +10,9 @@ import pytest
 
 from runtime.errors import SoftprintError
 from runtime.experiment import load_experiment
-from runtime.truth_colliders import flat_table, require_same_colliders, sampled_file_hashes
+from runtime.experiment.sources import formulas_hash
+from runtime.shapes import find_shape
+from runtime.truth_colliders import FORMULAS, flat_table, require_same_colliders, sampled_file_hashes
 from tests.toy_experiment import write_experiment, write_library_experiment
 
 
@@ -21,6 +24,9 @@ def truth_of(experiment):
     made_from = flat_table(tables, "")
     for name in experiment.sampled_colliders:
         made_from |= sampled_file_hashes(experiment, name)
+    formulas = formulas_hash(experiment, experiment.sampled_colliders)
+    if formulas is not None:
+        made_from[FORMULAS] = formulas
     header = SimpleNamespace(colliders=experiment.sampled_colliders, made_from=made_from)
     return SimpleNamespace(path=Path("truth.h5"), header=header)
 
@@ -33,6 +39,19 @@ def test_shapes_of_another_size_are_refused(tmp_path):
     require_same_colliders(truth, load_experiment(path, ["library.shapes=['mug']", "sampling.places=5"]))
     with pytest.raises(SoftprintError, match=r"library.size: 0.02 -> 0.03.*generate --no-resume"):
         require_same_colliders(truth, load_experiment(path, ["library.size=0.03"]))
+
+
+def test_a_shape_with_another_formula_is_refused(tmp_path, monkeypatch):
+    experiment = load_experiment(write_library_experiment(tmp_path))
+    truth, pear = truth_of(experiment), find_shape("pear")
+    thicker = replace(pear, field=lambda p: pear.field(p) - 0.01)
+    monkeypatch.setattr(
+        "runtime.experiment.sources.find_shape", lambda name: thicker if name == "pear" else find_shape(name)
+    )
+    with pytest.raises(SoftprintError, match="library formulas hash"):
+        require_same_colliders(truth, experiment)
+    del truth.header.made_from[FORMULAS]  # as in a truth that was made before it was kept there
+    require_same_colliders(truth, experiment)
 
 
 def test_another_mesh_is_refused(tmp_path):
