@@ -75,6 +75,16 @@ def test_from_a_library_to_a_shape_never_seen(softprint, tmp_path):
     # Mechanics of the body leave some per cent on a round shape never seen, on any mesh.
     assert shapes["sides"]["mechanics"]["testing"]["squared"] < 0.05
     assert "Shapes never seen" in (run / "report.html").read_text()
+    whole = softprint("export", experiment, "--out", run, "--quiet")
+    assert whole.returncode == 1
+    assert "name one with --collider" in whole.stderr
+    one = softprint("export", experiment, "--out", run, "--quiet", "--collider", "pear")
+    assert one.returncode == 0, one.stderr
+    assert (run / "published" / "dataset.h5").is_file()
+    resized = softprint(
+        "train", experiment, "--out", run, "--quiet", "--no-resume", "--set", "library.size=0.03"
+    )
+    assert "library.size: 0.02 -> 0.03" in resized.stderr
 
     with load_truth(run / "truth.h5", load_body(run / "body.h5")) as truth:
         collider = truth.contacts["collider"]

@@ -37,8 +37,6 @@ from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
 from runtime.errors import SoftprintError
-from runtime.experiment.experiment import LIBRARY
-from runtime.shapes import names as shape_names
 from runtime.truth_file import TruthHeader, load_truth, side_file, write_side_file
 
 if TYPE_CHECKING:
@@ -196,7 +194,7 @@ def _contact_work(
 ) -> ContactWork:
     sampling, seed, body = experiment.sampling, experiment.seed, problem.body
     names = experiment.sampled_colliders
-    counts = tuple(_places_of(experiment, name) for name in names)
+    counts = tuple(map(experiment.contact_places, names))
     places = on_first_rank(comm, lambda: _places(body, experiment, max(counts), len(states["rows"])))
     rotations = spread_rotations(
         body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM])
@@ -231,13 +229,6 @@ def sampled_collider(experiment: Experiment, name: str) -> Collider:
             "from outside; take a box, a cylinder or a mesh"
         )
     return collider
-
-
-def _places_of(experiment: Experiment, name: str) -> int:
-    """How many contact places a collider meets."""
-    sampling = experiment.sampling
-    testing = sampling.collider == LIBRARY and name in shape_names("test")
-    return sampling.test_places or sampling.places if testing else sampling.places
 
 
 def _places(body: ReducedBody, experiment: Experiment, count: int, n_states: int) -> IntArray:

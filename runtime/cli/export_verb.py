@@ -13,7 +13,9 @@ FOLDER = "published"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Which collider."""
     parser.add_argument(
-        "--collider", metavar="NAME", help="whose samples (default: that of the [sampling] table)"
+        "--collider",
+        metavar="NAME",
+        help="whose samples, such as a shape of the library (default: that of the [sampling] table)",
     )
 
 
@@ -23,22 +25,32 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from runtime.colliders.build import build_collider
     from runtime.errors import SoftprintError
     from runtime.published.export import export_published, published_samples
+    from runtime.truth_colliders import require_same_colliders
     from runtime.truth_file import load_truth
 
     experiment = context.experiment
     name = args.collider or experiment.sampling.collider
-    if name not in {spec.name for spec in experiment.colliders}:
-        raise SoftprintError(f"{experiment.path}: has no collider {name!r}; name one with --collider")
+    if name not in experiment.collider_names:
+        of_one = (
+            "a data set is of one collider" if len(experiment.sampled_colliders) > 1 else "it is not there"
+        )
+        raise SoftprintError(
+            f"{experiment.path}: no collider {name!r} to export, {of_one}; name one with --collider"
+        )
     body = body_of_run(context)
     collider = build_collider(experiment.collider(name), experiment.base_dir)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
+        require_same_colliders(truth, experiment)
         total, all_samples = len(published_samples(truth, collider)), truth.n_samples
         with context.progress(total, "samples", "export") as bar:
             meshes, dataset, count = export_published(
                 context.out_dir / FOLDER, truth, body, collider, bar.update
             )
     context.say(f"{meshes}: W, q_ref, tris, tets of {body.name}; W, z_ref, tris of {collider.name}")
-    context.say(f"{dataset}: q, z, x of {count} samples; {all_samples - count} may not be learned from")
+    context.say(
+        f"{dataset}: q, z, x of {count} samples; {all_samples - count} may not be learned from, or "
+        f"are of other colliders"
+    )
     return 0
 
 

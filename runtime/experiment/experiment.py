@@ -14,7 +14,7 @@ from runtime.experiment.sampling_schema import SamplingSpec
 from runtime.experiment.scene_schema import SceneSpec
 from runtime.experiment.section import Name, Section
 from runtime.experiment.training_schema import TrainingSpec
-from runtime.shapes import SHAPES
+from runtime.shapes import SHAPES, names
 
 LIBRARY = "library"  # as the collider of sampling and training: all shapes of the library
 
@@ -99,6 +99,19 @@ class Experiment(Section):
         if chosen == LIBRARY and self.library is not None:
             return self.library.shapes or tuple(SHAPES)
         return (chosen,)
+
+    def contact_places(self, name: str) -> int:
+        """How many contact places one of the sampled colliders meets in each state."""
+        sampling = self.sampling
+        testing = sampling.collider == LIBRARY and name in names("test")
+        return sampling.test_places or sampling.places if testing else sampling.places
+
+    @property
+    def planned_contacts(self) -> int:
+        """Of one collider in every rotation at each place, of several once at each."""
+        sampled = self.sampled_colliders
+        turns = self.sampling.rotations if len(sampled) == 1 else 1
+        return self.sampling.states * sum(map(self.contact_places, sampled)) * turns
 
     def scenes_of_role(self, role: str) -> tuple[SceneSpec, ...]:
         """The scenes of one role, `record` or `test`, in the order of the file."""

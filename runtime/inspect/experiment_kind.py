@@ -22,8 +22,7 @@ def summarise(path: Path, part: Part) -> Summary:
 
 def _sections(experiment: Experiment) -> dict[str, dict[str, Any]]:
     body, sampling = experiment.body, experiment.sampling
-    contacts = sampling.states * sampling.places * sampling.rotations
-    points = body.handles.points
+    points, library = body.handles.points, experiment.library
     return {
         "experiment": {
             "name": experiment.name,
@@ -33,7 +32,8 @@ def _sections(experiment: Experiment) -> dict[str, dict[str, Any]]:
             "point handles": points if isinstance(points, int) else len(points),
             "frames": [frame.name for frame in body.handles.frames],
             "material": body.material.model,
-            "colliders": {spec.name: spec.shape for spec in experiment.colliders},
+            "colliders": {spec.name: spec.shape for spec in experiment.colliders}
+            | ({} if library is None else {"[library]": f"all shapes, of {library.size:g} m"}),
             "scenes": {scene.name: f"({scene.role}, {scene.duration:g} s)" for scene in experiment.scenes},
             "models to train": [model.name for model in experiment.training.models],
         },
@@ -45,7 +45,8 @@ def _sections(experiment: Experiment) -> dict[str, dict[str, Any]]:
                 sampling.rotations,
                 sampling.depths,
             ],
-            "samples": contacts * sampling.depths,
+            "contacts": experiment.planned_contacts,
+            "samples": experiment.planned_contacts * sampling.depths,
         },
     }
 

@@ -258,8 +258,18 @@ def test_a_library_makes_colliders_of_all_its_shapes(file):
     assert (torus.shape, torus.size, torus.resolution) == ("library", 0.03, 48)
     # A collider of the file goes before a shape of the same name.
     assert experiment.collider("ball").shape == "sphere"
-    few = load_experiment(file, ["library={size=0.03, shapes=['gyroid', 'mug']}"])
+    few = load_experiment(
+        file,
+        [
+            "library={size=0.03, shapes=['gyroid', 'mug']}",
+            "sampling={states=2, places=5, test_places=3, rotations=7}",
+        ],
+    )
     assert few.sampled_colliders == ("gyroid", "mug")
+    # Each shape once at its places, in two states; the mug is a testing shape.
+    assert few.planned_contacts == 2 * (5 + 3)
+    one = load_experiment(file, ["sampling={states=2, places=5, rotations=7}"])
+    assert one.planned_contacts == 2 * 5 * 7
 
 
 @pytest.mark.parametrize(
