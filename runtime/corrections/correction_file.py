@@ -32,7 +32,7 @@ from runtime.tensor_file import load_tensors, save_tensors
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 5
+KIND, VERSION = "correction", 6
 REMEDY = "train it again"
 ANY_COLLIDER = "any"  # as the collider of a correction that was learned for all of them
 # Forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`, a `DescriptorModel`.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from runtime.corrections.contact_loads import ContactLoads
-from runtime.corrections.load_model import LoadModel
+from runtime.corrections.load_model import SATURATION, LoadModel
 
 Floats = NDArray[np.floating[Any]]
 
@@ -45,7 +45,7 @@ class LoadEvaluation:
     def loads(self, contact: ContactLoads) -> Floats:
         """phi (m, dim) [N], as `LoadModel`, in the precision of the model."""
         kind, load, depth = self.dtype, contact.load, contact.depth
-        y = self._network((contact.inputs.astype(kind) - self._mean) / self._spread, depth)
+        y = self._network(_saturated((contact.inputs.astype(kind) - self._mean) / self._spread), depth)
         traction = (y[:, None, 1:] @ contact.lever)[:, 0]
         phi = load + self._fade.value(depth) * (load * y[:, :1] + self._scale * traction)
         return np.asarray(phi.astype(kind))
@@ -53,11 +53,16 @@ class LoadEvaluation:
     def _network(self, local: Floats, depth: float) -> Floats:
         """y (m, 1 + DIRECTIONS)."""
         (first, bias), *hidden, (head, last) = self._layers
-        shared = (depth - self._depth_mean) / self._depth_spread * self._by_depth
+        shared = _saturated((depth - self._depth_mean) / self._depth_spread) * self._by_depth
         h = self._activation(local @ first + (bias + shared.astype(local.dtype)))
         for weight, offset in hidden:
             h = self._activation(h @ weight + offset)
         return h @ head + last
+
+
+def _saturated(z: Any) -> Any:
+    """`load_model.saturated`."""
+    return SATURATION * np.tanh(z / SATURATION)
 
 
 def _shared(parameter: Tensor) -> Floats:

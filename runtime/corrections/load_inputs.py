@@ -36,6 +36,19 @@ def n_load_inputs(dim: int) -> int:
     return _INVARIANTS + _MEANS + dim
 
 
+# Columns without a unit: slopes and products of directions, strains. They count as spread by at least so much, however
+# little they vary where a model learns: a body that was strained by 1 % may be strained by 10 % later.
+_WITHOUT_UNIT = (*range(2, 7), *range(11, 17))
+_LEAST_SPREAD = 0.1
+
+
+def least_spread(dim: int) -> Array:
+    """What the spread of every input is at least, for normalisation."""
+    least = np.zeros(n_load_inputs(dim))
+    least[list(_WITHOUT_UNIT)] = _LEAST_SPREAD
+    return least
+
+
 @compiled
 def _form(a: Array, M: Array, b: Array) -> float:
     """a . M b."""

@@ -20,8 +20,10 @@ import torch
 from torch import Tensor, nn
 
 from runtime.corrections.fade import Fade
-from runtime.corrections.load_inputs import DIRECTIONS, n_load_inputs
+from runtime.corrections.load_inputs import DIRECTIONS, least_spread, n_load_inputs
 from runtime.corrections.network import Mlp, spread
+
+SATURATION = 4.0  # R
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ class LoadModel(nn.Module):
         """Set the normalisation from inputs (n, n_local) and (samples,), and from loads (n, dim) with their levers (n,
         DIRECTIONS, dim), so that outputs of order one correct the loads by their size."""
         self.local_mean.copy_(local.mean(0))
-        self.local_scale.copy_(spread(local))
+        least = torch.from_numpy(least_spread(self.dim)).to(local)
+        self.local_scale.copy_(torch.maximum(spread(local), least))
         self.depth_mean.copy_(depth.mean())
         self.depth_scale.copy_(spread(depth[:, None]))
         self.traction_scale.copy_(
@@ -93,7 +96,13 @@ class LoadModel(nn.Module):
         return load * y[..., :1] + self.traction_scale * traction
 
     def _local(self, local: Tensor) -> Tensor:
-        return (local - self.local_mean) / self.local_scale
+        return saturated((local - self.local_mean) / self.local_scale)
 
     def _depth(self, depth: Tensor) -> Tensor:
-        return (depth[..., None] - self.depth_mean) / self.depth_scale
+        return saturated((depth[..., None] - self.depth_mean) / self.depth_scale)
+
+
+def saturated(z: Tensor) -> Tensor:
+    """R tanh(z / R) of normalised inputs: what lies far from all that was learned from is told apart no further, and so
+    the correction of a contact of another kind stays as small as those that were learned."""
+    return SATURATION * torch.tanh(z / SATURATION)
