@@ -5,8 +5,8 @@
 Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
 correction of form loads, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
 Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS.safetensors. A body whose
-run is elsewhere is given as EXPERIMENT=DIRECTORY. Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with
-the correction in contact, and at most 4 times the cost of the bare subspace.
+run is elsewhere is given as EXPERIMENT=DIRECTORY. Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60
+frames/s with the correction in contact, and at most 4 times the cost of the bare subspace.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def table_head() -> str:
 
 
 def table_line(name: str, counts: Sequence[int], speeds: Mapping[str, Speed | None]) -> str:
-    """Median milliseconds a step in contact, mean CPU time of one, frames a second, Newton iterations, share of converged steps."""
+    """Of the steps in contact: median time, mean CPU time, frames a second, Newton iterations, share that converged."""
     cells = [f"{count:>{width}}" for count, (_, width) in zip(counts, _COLUMNS, strict=True)]
     for model in _MODELS:
         speed = speeds.get(model)
