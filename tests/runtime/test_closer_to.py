@@ -12,7 +12,8 @@ SIZE = 0.02
 
 
 @pytest.mark.parametrize("distance", [0.0, 0.1 * SIZE, SIZE])
-def test_of_a_grid_are_those_of_its_distance(rng, distance):
+def test_of_a_grid_are_those_of_its_distance(distance):
+    rng = np.random.default_rng(0)
     collider = library_collider("torus", SIZE, resolution=16)
     pose = RigidPose.from_rotation_vector([0.3, -0.5, 0.9], [0.01, -0.02, 0.03])
     z = rng.uniform(-1.5 * SIZE, 1.5 * SIZE, size=(400, 3))

@@ -20,7 +20,8 @@ TOLERANCE = 1e-13
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_sums_over_points_are_their_formulas(rng, dim):
+def test_sums_over_points_are_their_formulas(dim):
+    rng = np.random.default_rng(0)
     arms, gradient = rng.normal(size=(2, 5, dim))
     hessian = rng.normal(size=(5, dim, dim))
     B = point_motion(arms)
