@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from runtime.arrays import Array
+from runtime.compiled import compiled
 
 
 def rotation_dofs(dim: int) -> int:
@@ -22,12 +23,27 @@ def skew(vector: Array) -> Array:
 
 def rotation_exponential(vector: Array) -> Array:
     """exp(skew(vector)): the rotation by |vector| radians (Rodrigues). (1,) -> (2, 2), (3,) -> (3, 3)."""
-    angle = float(np.linalg.norm(vector))
-    generator = skew(vector)
-    # sin(a)/a and (1 - cos a)/a^2 through sinc: exact at 0. np.sinc(x) = sin(pi x)/(pi x).
-    first = np.sinc(angle / np.pi)
-    second = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
-    return np.eye(len(generator)) + first * generator + second * generator @ generator
+    return _exponential(np.asarray(vector, dtype=np.float64))
+
+
+@compiled
+def _exponential(w: Array) -> Array:
+    if len(w) == 1:
+        c, s = np.cos(w[0]), np.sin(w[0])
+        return np.array([[c, -s], [s, c]])
+    square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    angle = np.sqrt(square)
+    # sin(a)/a and (1 - cos a)/a^2, both without cancellation.
+    first = np.sin(angle) / angle if angle > 0.0 else 1.0
+    half = np.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
+    second = 0.5 * half * half
+    rotation = np.empty((3, 3))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rotation[i, i] = 1.0 - second * (w[j] * w[j] + w[k] * w[k])
+        rotation[i, j] = second * w[i] * w[j] - first * w[k]
+        rotation[i, k] = second * w[i] * w[k] + first * w[j]
+    return rotation
 
 
 def nearest_rotation(matrix: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.arrays import Array
+from runtime.colliders import cone_kernels
 from runtime.colliders.collider import ColliderBase, SdfDerivatives, norm_derivatives
 from runtime.colliders.rounding import rounded_corner, rounded_corner_value, smooth_abs
 from runtime.errors import SoftprintError
@@ -110,29 +111,17 @@ class Cone(ColliderBase):
         self.lower = np.minimum(self.start - start_radius, self.end - end_radius)
         self.upper = np.maximum(self.start + start_radius, self.end + end_radius)
 
+    def sdf(self, z: Array) -> Array:
+        return cone_kernels.values(np.ascontiguousarray(z), *self._shape)
+
     def sdf_derivatives(self, z: Array) -> SdfDerivatives:
-        from_start = z - self.start
-        y = from_start @ self.axis
-        x = norm_derivatives(from_start - y[:, None] * self.axis)
-        along = np.outer(self.axis, self.axis)
-        inverse_x = np.divide(1.0, x.value, out=np.zeros_like(y), where=x.value > 0)
-        value = self.cos * x.value + self.sin * y - self.start_radius
-        gradient = self.cos * x.gradient + self.sin * self.axis
-        hessian = self.cos * (x.hessian - inverse_x[:, None, None] * along)
-        foot = y - x.value * (
-            self.sin / self.cos
-        )  # the ball that touches the side nearest to z has its centre here
-        for at_end, centre, radius in (
-            (foot < 0, self.start, self.start_radius),
-            (foot > self.length, self.end, self.end_radius),
-        ):
-            ball = norm_derivatives(z[at_end] - centre)
-            value[at_end], gradient[at_end], hessian[at_end] = (
-                ball.value - radius,
-                ball.gradient,
-                ball.hessian,
-            )
-        return SdfDerivatives(value, gradient, hessian)
+        return SdfDerivatives(*cone_kernels.derivatives(np.ascontiguousarray(z), *self._shape))
+
+    @property
+    def _shape(self) -> tuple[Array, Array, float, tuple[float, float], float, float]:
+        """What the kernels take."""
+        radii = self.start_radius, self.end_radius
+        return self.start, self.axis, self.length, radii, self.sin, self.cos
 
 
 class Capsule(Cone):

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from runtime.arrays import Array, BoolArray, IntArray
+from runtime.colliders.pose import RigidPose
 
 
 class SdfDerivatives(NamedTuple):
@@ -55,6 +56,10 @@ class Collider(Protocol):
         """Which of the local points z (n, dim) are closer than `distance` [m], (m,), and their signed distance."""
         ...
 
+    def closer_to(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array, Array]:
+        """The same of points x (n, dim) of the world, with their local coordinates (m, dim) in between."""
+        ...
+
 
 class ColliderBase:
     """What follows from the bounds and the derivatives."""
@@ -73,6 +78,12 @@ class ColliderBase:
         value = self.sdf(z[index])
         close = value < distance
         return index[close], value[close]
+
+    def closer_to(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array, Array]:
+        """See `Collider`."""
+        z = pose.apply_inverse(x)
+        index, value = self.closer(z, distance)
+        return index, z[index], value
 
     def about(self, z: Array, distance: float) -> IntArray:
         """See `Collider`."""

@@ -18,21 +18,34 @@ import numpy as np
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider, ColliderBase, SdfDerivatives
 from runtime.colliders.pose import RigidPose
+from runtime.compiled import compiled
 from runtime.errors import SoftprintError
 
 
 def smooth_minimum(a: SdfDerivatives, b: SdfDerivatives, blend: float) -> SdfDerivatives:
     """m(a, b) and its derivatives with respect to the points, from those of a and b."""
-    difference = a.value - b.value
-    t = np.minimum(np.abs(difference) / blend, 1.0)
-    value = np.minimum(a.value, b.value) - blend / 6.0 * (1.0 - t) ** 3
-    first = 0.5 * np.sign(difference) * ((1.0 - t) ** 2 - 1.0)  # dm/da = 1/2 + first, dm/db = 1/2 - first
-    second = -(1.0 - t) / blend
-    wa, wb = 0.5 + first, 0.5 - first
-    apart = a.gradient - b.gradient
-    hessian = wa[:, None, None] * a.hessian + wb[:, None, None] * b.hessian
-    hessian += second[:, None, None] * apart[:, :, None] * apart[:, None, :]
-    return SdfDerivatives(value, wa[:, None] * a.gradient + wb[:, None] * b.gradient, hessian)
+    return SdfDerivatives(*_smooth_minimum(*a, *b, blend))
+
+
+@compiled
+def _smooth_minimum(
+    a: Array, a_1: Array, a_2: Array, b: Array, b_1: Array, b_2: Array, blend: float
+) -> tuple[Array, Array, Array]:
+    n, dim = a_1.shape
+    value, gradient, hessian = np.empty(n), np.empty((n, dim)), np.empty((n, dim, dim))
+    for p in range(n):
+        difference = a[p] - b[p]
+        t = min(abs(difference) / blend, 1.0)
+        value[p] = min(a[p], b[p]) - blend / 6.0 * (1.0 - t) ** 3
+        first = 0.5 * np.sign(difference) * ((1.0 - t) ** 2 - 1.0)  # dm/da = 1/2 + first, dm/db = 1/2 - first
+        second = -(1.0 - t) / blend
+        of_a, of_b = 0.5 + first, 0.5 - first
+        for i in range(dim):
+            gradient[p, i] = of_a * a_1[p, i] + of_b * b_1[p, i]
+            for j in range(dim):
+                apart = (a_1[p, i] - b_1[p, i]) * (a_1[p, j] - b_1[p, j])
+                hessian[p, i, j] = of_a * a_2[p, i, j] + of_b * b_2[p, i, j] + second * apart
+    return value, gradient, hessian
 
 
 def smooth_minimum_value(a: Array, b: Array, blend: float) -> Array:

@@ -20,6 +20,7 @@ import numpy as np
 
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import ColliderBase, SdfDerivatives, norm_derivatives
+from runtime.colliders.pose import RigidPose
 from runtime.colliders.spline import SplineGrid
 
 # How far each grid reaches beyond the solid, as a share of the solid's largest extent.
@@ -135,6 +136,12 @@ class GridCollider(ColliderBase):
         value = self.sdf(z[index])
         close = value < distance
         return index[close], value[close]
+
+    def closer_to(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array, Array]:
+        """See `Collider`."""
+        if distance >= (1.0 - BLEND_BAND) * self._fine_margin:
+            return super().closer_to(x, pose, distance)
+        return self.fine.grid.closer_to(x, pose, self.lower, self.upper, distance)
 
     def _around(self, z: Array) -> SdfDerivatives:
         """Outside the core of the fine grid: ball, coarse and fine, blended."""

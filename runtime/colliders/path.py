@@ -56,6 +56,7 @@ class KeyframedPath:
         if (np.diff(self.times) <= 0).any():
             raise SoftprintError(f"keyframe times must increase strictly; got {self.times.tolist()}")
         self._constant = count == 1
+        self._first = RigidPose.from_rotation_vector(self.rotation_vectors[0], self.positions[0])
         if not self._constant:
             self._position = PchipInterpolator(self.times, self.positions)
             if self.dim == 2:
@@ -80,8 +81,8 @@ class KeyframedPath:
     def pose(self, time: float) -> RigidPose:
         """The pose at `time` [s]; the first or last keyframe's outside the keyframed interval."""
         if self._constant:
-            return RigidPose.from_rotation_vector(self.rotation_vectors[0], self.positions[0])
+            return self._first
         t = float(np.clip(time, self.times[0], self.times[-1]))
         if self.dim == 2:
             return RigidPose.from_rotation_vector(self._angle(t), self._position(t))
-        return RigidPose(self._slerp(t).as_matrix(), self._position(t))
+        return RigidPose.known(self._slerp(t).as_matrix(), self._position(t))

@@ -62,6 +62,16 @@ class RigidPose:
         object.__setattr__(self, "translation", translation)
 
     @classmethod
+    def known(cls, rotation: Array, translation: Array) -> RigidPose:
+        """From what is known to be a rigid motion, and not looked at again."""
+        pose = object.__new__(cls)
+        for name, values in (("rotation", rotation), ("translation", translation)):
+            values = np.ascontiguousarray(values)
+            values.setflags(write=False)
+            object.__setattr__(pose, name, values)
+        return pose
+
+    @classmethod
     def identity(cls, dim: int) -> RigidPose:
         return cls(np.eye(dim), np.zeros(dim))
 
@@ -118,7 +128,9 @@ class RigidPose:
 
     def compose(self, other: RigidPose) -> RigidPose:
         """The pose that applies `other` first and then this one."""
-        return RigidPose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+        return RigidPose.known(
+            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+        )
 
     def inverse(self) -> RigidPose:
-        return RigidPose(self.rotation.T, -self.rotation.T @ self.translation)
+        return RigidPose.known(self.rotation.T.copy(), -self.rotation.T @ self.translation)

@@ -19,6 +19,7 @@ from scipy.ndimage import spline_filter
 from runtime.arrays import Array, IntArray
 from runtime.colliders import spline_kernels
 from runtime.colliders.collider import SdfDerivatives
+from runtime.colliders.pose import RigidPose
 
 
 class SplineGrid:
@@ -73,6 +74,27 @@ class SplineGrid:
         result = SdfDerivatives(np.empty(n), np.empty((n, dim)), np.empty((n, dim, dim)))
         spline_kernels.derivatives(*self._given(z), *result)
         return result
+
+    def closer_to(
+        self, x: Array, pose: RigidPose, lower: Array, upper: Array, distance: float
+    ) -> tuple[IntArray, Array, Array]:
+        """Which of the points x (n, dim) of the world are within `distance` of the box from lower to upper (dim,) of
+        the grid at a pose, and have values below it: (m,), their local coordinates (m, dim) and values (m,)."""
+        at = np.ascontiguousarray(x, dtype=np.float64)
+        return spline_kernels.closer(
+            at,
+            pose.rotation,
+            pose.translation,
+            lower - distance,
+            upper + distance,
+            distance,
+            self.origin,
+            self.spacing,
+            self._last_cell,
+            self._strides,
+            self._least,
+            self._coefficients,
+        )
 
     def _given(self, z: Array) -> tuple[Array, Array, float, Array, IntArray, Array]:
         """What all kernels take."""

@@ -67,6 +67,20 @@ def _flat(c: Array, at: int, stride: int, b: Array) -> tuple[float, float, float
 
 
 @compiled
+def _value(first: int, strides: IntArray, b: Array, c: Array) -> float:
+    """The sum over the coefficients of a cell from `first`."""
+    total = 0.0
+    for i in range(4):
+        along = first + i * strides[0]
+        if len(b) == 2:
+            total += b[0, 0, i] * _line(c, along, b[1, 0])
+        else:
+            for j in range(4):
+                total += b[0, 0, i] * b[1, 0, j] * _line(c, along + j * strides[1], b[2, 0])
+    return total
+
+
+@compiled
 def values(
     z: Array, origin: Array, spacing: float, last: Array, strides: IntArray, c: Array, value: Array
 ) -> None:
@@ -74,16 +88,7 @@ def values(
     n, dim = z.shape
     b = np.empty((dim, 3, 4))
     for point in range(n):
-        first = _locate(z[point], origin, spacing, last, strides, b)
-        total = 0.0
-        for i in range(4):
-            along = first + i * strides[0]
-            if dim == 2:
-                total += b[0, 0, i] * _line(c, along, b[1, 0])
-            else:
-                for j in range(4):
-                    total += b[0, 0, i] * b[1, 0, j] * _line(c, along + j * strides[1], b[2, 0])
-        value[point] = total
+        value[point] = _value(_locate(z[point], origin, spacing, last, strides, b), strides, b, c)
 
 
 @compiled
@@ -156,3 +161,46 @@ def derivatives(
             for j in range(i, dim):
                 h[i, j] /= spacing * spacing
                 h[j, i] = h[i, j]
+
+
+@compiled
+def closer(
+    x: Array,
+    rotation: Array,
+    translation: Array,
+    lower: Array,
+    upper: Array,
+    distance: float,
+    origin: Array,
+    spacing: float,
+    last: Array,
+    strides: IntArray,
+    least: Array,
+    c: Array,
+) -> tuple[IntArray, Array, Array]:
+    """Which of the points x = R z + t (n, dim) lie in the box from lower to upper (dim,) and have values below
+    `distance`: (m,), their z (m, dim) and values (m,). least: by cell, what the value there is not below."""
+    n, dim = x.shape
+    index, near, value = np.empty(n, dtype=np.int64), np.empty((n, dim)), np.empty(n)
+    b, z = np.empty((dim, 3, 4)), np.empty(dim)
+    count = 0
+    for point in range(n):
+        inside = True
+        for a in range(dim):
+            z[a] = 0.0
+            for i in range(dim):
+                z[a] += rotation[i, a] * (x[point, i] - translation[i])
+            inside = inside and lower[a] < z[a] < upper[a]
+        if not inside:
+            continue
+        first = 0
+        for a in range(dim):
+            cell = min(max(np.floor((z[a] - origin[a]) / spacing), 0.0), last[a])
+            first += int(cell) * strides[a]
+        if least[first] >= distance:
+            continue
+        found = _value(_locate(z, origin, spacing, last, strides, b), strides, b, c)
+        if found < distance:
+            index[count], near[count], value[count] = point, z, found
+            count += 1
+    return index[:count], near[:count], value[:count]

@@ -21,6 +21,7 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.colliders.pose import RigidPose
+from runtime.contact import kernels
 from runtime.contact.penalty import ContactTerms
 from runtime.errors import SoftprintError
 
@@ -96,24 +97,7 @@ class CoulombFriction:
             dim = x.shape[1]
             return FrictionTerms(0.0, lagged.index, np.empty((0, dim)), np.empty((0, dim, dim)))
         eps = self.slip_velocity * time_step
-        n = lagged.normal
-        u = x[lagged.index] - lagged.anchor
-        u = u - (u * n).sum(axis=1, keepdims=True) * n
-        y = np.linalg.norm(u, axis=1)
-        slips = y >= eps
-        moving = np.where(slips, y, 1.0)  # a divisor that is never zero
-        f0 = np.where(slips, y, y**2 / eps - y**3 / (3 * eps**2) + eps / 3)
-        f1_over_y = np.where(slips, 1.0 / moving, 2.0 / eps - y / eps**2)
-        # (f1'(y) - f1(y)/y) / y^2; at y = 0 it multiplies u u^T = 0, so any finite number will do there.
-        curvature = -np.where(slips, moving**-3, 1.0 / (eps**2 * np.where(y > 0, y, 1.0)))
         weight = self.coefficient * lagged.force
-        tangent = np.eye(x.shape[1]) - n[:, :, None] * n[:, None, :]
-        hessian = (
-            f1_over_y[:, None, None] * tangent + curvature[:, None, None] * u[:, :, None] * u[:, None, :]
-        )
-        return FrictionTerms(
-            energy=float(weight @ f0),
-            index=lagged.index,
-            gradient=(weight * f1_over_y)[:, None] * u,
-            hessian=weight[:, None, None] * hessian,
-        )
+        found = kernels.friction(x[lagged.index], lagged.anchor, lagged.normal, weight, eps)
+        energy, gradient, hessian = found
+        return FrictionTerms(energy, lagged.index, gradient, hessian)

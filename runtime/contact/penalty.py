@@ -22,6 +22,7 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
+from runtime.contact import kernels
 from runtime.errors import SoftprintError
 
 
@@ -52,9 +53,7 @@ def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[I
 
     Their index (m,), local coordinates (m, dim) and signed distances (m,), all negative.
     """
-    z = pose.apply_inverse(x)
-    inside, distance = collider.closer(z, 0.0)
-    return inside, z[inside], distance
+    return collider.closer_to(x, pose, 0.0)
 
 
 @dataclass(frozen=True)
@@ -80,17 +79,6 @@ class PenaltyContact:
         if not len(index):
             return ContactTerms.none(x.shape[1])
         distance = collider.sdf_derivatives(z)
-        depth = np.maximum(-distance.value, 0.0)
-        slope = pose.rotate(distance.gradient)
-        length = np.linalg.norm(slope, axis=1, keepdims=True)
         weight = self.stiffness * areas[index]
-        hessian = (2.0 * weight * depth)[:, None, None] * (slope[:, :, None] * slope[:, None, :])
-        hessian -= (weight * depth**2)[:, None, None] * pose.rotate_matrices(distance.hessian)
-        return ContactTerms(
-            energy=float(weight @ depth**3 / 3.0),
-            index=index,
-            gradient=-(weight * depth**2)[:, None] * slope,
-            hessian=hessian,
-            depth=depth,
-            normal=np.divide(slope, length, out=np.zeros_like(slope), where=length > 0),
-        )
+        energy, gradient, hessian, depth, normal = kernels.penalty(weight, *distance, pose.rotation)
+        return ContactTerms(energy, index, gradient, hessian, depth, normal)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,13 +30,20 @@ class NearestDistance:
     owner: IntArray
 
     def __call__(self, x: Array) -> SdfDerivatives:
+        if len(self.colliders) == 1:
+            return self.colliders[0](x)
         m, dim = x.shape
         found = SdfDerivatives(np.empty(m), np.empty((m, dim)), np.empty((m, dim, dim)))
         for number, distance in enumerate(self.colliders):
-            mine = self.owner == number
+            mine = self._owned[number]
             for column, own in zip(found, distance(x[mine]), strict=True):
                 column[mine] = own
         return found
+
+    @cached_property
+    def _owned(self) -> list[IntArray]:
+        """By collider, which loads meet it."""
+        return [np.flatnonzero(self.owner == number) for number in range(len(self.colliders))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +96,8 @@ class JointProbe:
         return press
 
     def _press(self, rows: Array, poses: Poses, turn: Array, near: JointPress | None) -> JointPress | None:
-        found = {name: probe.around(rows, poses[name], turn) for name, probe in self.probes.items()}
+        about = self._any.surroundings(rows, turn)
+        found = {name: probe.around(rows, poses[name], turn, about) for name, probe in self.probes.items()}
         touching = {name: around for name, around in found.items() if around is not None}
         if not touching:
             return None

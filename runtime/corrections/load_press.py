@@ -37,6 +37,10 @@ from runtime.corrections.rest_mechanics import RestMechanics
 _ROOM = 0.25
 
 
+# Positions U rows of all loads (n, dim) [m], and by how much the internal response may move them (n,) [m].
+Surroundings = tuple[Array, Array]
+
+
 @dataclass(frozen=True, eq=False)
 class PosedDistance:
     """The signed distance of a collider in the world."""
@@ -46,7 +50,7 @@ class PosedDistance:
 
     def __call__(self, x: Array) -> SdfDerivatives:
         value, gradient, hessian = self.collider.sdf_derivatives(self.pose.apply_inverse(x))
-        return SdfDerivatives(value, self.pose.rotate(gradient), self.pose.rotate_matrices(hessian))
+        return SdfDerivatives(value, *load_kernels.turned(gradient, hessian, self.pose.rotation))
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,12 +245,11 @@ class LoadProbe:
         return x if self.internal is None else x + self.internal.displacement(rows, turn, index)
 
     def _near(
-        self, rows: Array, pose: RigidPose, turn: Array, distance: float
+        self, rows: Array, pose: RigidPose, turn: Array, distance: float, about: Surroundings
     ) -> tuple[IntArray, Array, Array]:
         """The loads closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. The
         internal response, many times as costly as U rows, is taken only of loads that it could move there."""
-        x = self.points.basis @ rows
-        reach = self._no_reach if self.internal is None else self.internal.reach(rows, turn)
+        x, reach = about
         if np.isfinite(self.collider.upper).all():
             bounds = self.collider.lower - distance, self.collider.upper + distance
             candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
@@ -255,8 +258,13 @@ class LoadProbe:
         x = x[candidates]
         if self.internal is not None:
             x += self.internal.displacement(rows, turn, candidates)
-        close, value = self.collider.closer(pose.apply_inverse(x), distance)
+        close, _, value = self.collider.closer_to(x, pose, distance)
         return candidates[close], value, x[close]
+
+    def surroundings(self, rows: Array, turn: Array) -> Surroundings:
+        """Of all loads U rows (n, dim) [m], and by how much the internal response may move them (n,) [m]."""
+        reach = self._no_reach if self.internal is None else self.internal.reach(rows, turn)
+        return self.points.basis @ rows, reach
 
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
         """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider. The last
@@ -283,14 +291,17 @@ class LoadProbe:
             rows.copy(), pose, around.index, around.position, index, F, motion, problem, solution
         )
 
-    def around(self, rows: Array, pose: RigidPose, turn: Array) -> LoadsAround | None:
-        """The loads about the collider; None where none is inside."""
-        index, distance, x = self._near(rows, pose, turn, self._band)
+    def around(
+        self, rows: Array, pose: RigidPose, turn: Array, about: Surroundings | None = None
+    ) -> LoadsAround | None:
+        """The loads about the collider; None where none is inside. about: `surroundings`, where they are known."""
+        about = about or self.surroundings(rows, turn)
+        index, distance, x = self._near(rows, pose, turn, self._band, about)
         depth = -float(distance.min(initial=0.0))
         if depth <= 0.0:
             return None
         if _ROOM * depth > self._band:
-            index, distance, x = self._near(rows, pose, turn, _ROOM * depth)
+            index, distance, x = self._near(rows, pose, turn, _ROOM * depth, about)
         return LoadsAround(index, distance, x, depth, distance < _ROOM * depth)
 
     def problem(

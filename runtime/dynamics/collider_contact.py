@@ -19,8 +19,9 @@ from runtime.colliders.collider import Collider
 from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
 from runtime.dynamics.corrected_points import Poses
 from runtime.dynamics.coupling import Centres
+from runtime.rigid import kernels
 from runtime.rigid.free_collider import FreeCollider
-from runtime.rigid.twist import felt_by_the_other, own_curvature, point_motion
+from runtime.rigid.twist import felt_by_the_other
 
 # Two rigid surfaces press each other so many times as stiffly as one presses a soft body: depths are a fifth of those,
 # and what it takes to be driven through a plate is a hundred times as much.
@@ -79,6 +80,7 @@ class ColliderContact:
     ) -> None:
         self._free, self._shapes = free, shapes
         self._contact, self._friction = PenaltyContact(_RIGID * contact.stiffness), friction
+        self._unbounded = {name for name, shape in shapes.items() if not np.isfinite(shape.upper).all()}
         self._reach = {name: float(np.linalg.norm(body.points, axis=1).max()) for name, body in free.items()}
 
     def _pairs(self, poses: Poses) -> Iterator[tuple[Pair, Array, Array]]:
@@ -93,11 +95,10 @@ class ColliderContact:
     def _close(self, first: str, second: str, poses: Poses, room: float) -> bool:
         """Whether a ball about the first, and room [m] more, reaches the second."""
         shape, reach = self._shapes[second], self._reach[first] + room
-        origin = poses[second].apply_inverse(poses[first].translation[None])
-        if not np.isfinite(shape.upper).all():
-            return bool(shape.sdf(origin)[0] < reach)
-        beyond = np.maximum(np.maximum(shape.lower - origin[0], origin[0] - shape.upper), 0.0)
-        return float(beyond @ beyond) < reach * reach
+        centre, at = poses[first].translation, poses[second]
+        if second in self._unbounded:
+            return bool(shape.sdf(at.apply_inverse(centre[None]))[0] < reach)
+        return kernels.ball_meets(at.rotation, at.translation, shape.lower, shape.upper, centre, reach)
 
     def near(self, name: str, poses: Poses, room: float) -> bool:
         """Whether a collider that moves freely could meet another within room [m]."""
@@ -152,19 +153,18 @@ class ColliderContact:
         gradient = np.concatenate([term.gradient for term in terms])
         hessian = np.concatenate([term.hessian for term in terms])
         arms = x[index] - centres[first]
-        moved = point_motion(arms)
+        by_first, first_first = kernels.of_its_points(arms, gradient, hessian)
         # A collider that does not move freely has no twist; whichever centre it is told of, nothing is made of it.
         by_second, pushed, second_second = felt_by_the_other(
             x[index] - centres.get(second, centres[first]), gradient, hessian
         )
-        first_first = np.tensordot(moved, hessian @ moved, ((0, 1), (0, 1)))
         return TouchingPair(
             first,
             second,
             sum(term.energy for term in terms),
-            np.einsum("mat,ma->t", moved, gradient),
+            by_first,
             by_second,
-            first_first + own_curvature(arms, gradient),
-            np.tensordot(moved, pushed, ((0, 1), (0, 1))),
+            first_first,
+            kernels.between(arms, pushed),
             second_second,
         )

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-import numpy as np
-
 from runtime.arrays import Array
 from runtime.rigid.twist import felt_by_the_other
 
@@ -39,4 +37,9 @@ def point_coupling(name: str, arms: Array, gradient: Array, hessian: Array, moti
     """Of touching points: arms (m, dim) from the centre, gradient (m, dim) and Hessian (m, dim, dim) at the points,
     and how these move with the rows, motion (m, dim, n_rows*dim)."""
     slope, pushed, own = felt_by_the_other(arms, gradient, hessian)
-    return Coupling(name, slope, lambda: (np.tensordot(motion, pushed, ((0, 1), (0, 1))), own))
+    m, dim, columns = motion.shape
+
+    def blocks() -> tuple[Array, Array]:
+        return motion.reshape(m * dim, columns).T @ pushed.reshape(m * dim, -1), own
+
+    return Coupling(name, slope, blocks)

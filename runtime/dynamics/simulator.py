@@ -100,6 +100,7 @@ class Simulator:
         self.colliders = tuple(colliders)
         self.settings = settings or DynamicsSettings()
         self._springs = tuple(springs)
+        self._springs_at: tuple[float, QuadraticForm] | None = None
         self._kinematic = tuple(kinematic)
         if internal is None:
             brought = (
@@ -239,6 +240,12 @@ class Simulator:
         """R (dim, dim) of `InternalResponse`; the identity where there is none."""
         return np.eye(self.body.dim) if self._internal is None else self._internal.turn(rows)
 
+    def _pulled(self, time: float) -> QuadraticForm:
+        """By the springs, at a time [s]; that of the last one asked for is kept."""
+        if self._springs_at is None or self._springs_at[0] != time:
+            self._springs_at = time, spring_form(self._springs, self.body.handles, time)
+        return self._springs_at[1]
+
     def _static_energy(self, state: ReducedState, turn: Array, timings: Timings) -> StepEnergy:
         return self._energy(state.time, turn, self._no_inertia, None, timings, None)
 
@@ -262,7 +269,7 @@ class Simulator:
         timings: Timings,
         free: FreeStep | None,
     ) -> StepEnergy:
-        springs = spring_form(self._springs, self.body.handles, time)
+        springs = self._pulled(time)
         weight, height = self._weight.form(turn)
         quadratic = QuadraticForm(
             inertia.matrix + springs.matrix,
@@ -299,7 +306,7 @@ class Simulator:
         found = energy.evaluate(solved.x)
         self._last = (state, energy.turn, found.surface)
         normal, friction, forces = energy.contacts(found)
-        springs = spring_form(self._springs, self.body.handles, state.time)
+        springs = self._pulled(state.time)
         weight, height = self._weight.form(energy.turn)
         energies = {
             "inertia": inertia.energy(rows),

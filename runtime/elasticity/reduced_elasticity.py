@@ -111,12 +111,15 @@ class ReducedElasticity:
     def hessian(self, F: Array) -> Array:
         """d2E/drows2 (n_rows*dim, n_rows*dim) [N/m], row-major in (row, axis); basis alone."""
         count, n_rows, dim = self.basis_gradient.shape
-        tangent = (
-            self.material.tangent(F).transpose(0, 2, 1, 3, 4).reshape(count, dim**3, dim)
-        )  # (c, j.i.k, l)
-        right = (tangent @ self._basis_gradient_transposed).reshape(count * dim, -1)  # (c.j, i.k.s)
-        blocks = (self._flat_weighted @ right).reshape(n_rows, dim, dim, n_rows)
-        return blocks.transpose(0, 1, 3, 2).reshape(n_rows * dim, n_rows * dim)
+        # Of the blocks by axis i and k those with k < i are the transposes of the others.
+        i, k = np.triu_indices(dim)
+        tangent = self.material.tangent(F).transpose(0, 2, 1, 3, 4)[:, :, i, k]  # (c, j, ik, l)
+        right = tangent.reshape(count, -1, dim) @ self._basis_gradient_transposed
+        upper = (self._flat_weighted @ right.reshape(count * dim, -1)).reshape(n_rows, len(i), n_rows)
+        blocks = np.empty((n_rows, dim, n_rows, dim))
+        blocks[:, i, :, k] = upper.transpose(1, 0, 2)
+        blocks[:, k, :, i] = upper.transpose(1, 2, 0)
+        return blocks.reshape(n_rows * dim, n_rows * dim)
 
     def general_gradient(self, F: Array, derivative: Array) -> Array:
         """dE/drows (n_rows, dim) for a given B = dF/drows (m, dim, dim, n_rows, dim)."""

@@ -75,7 +75,7 @@ def moved(mass: MassProperties, pose: RigidPose, twist: Array) -> RigidPose:
     # One step of Newton's method for the nearest rotation: round-off does not pile up.
     rotation = 1.5 * rotation - 0.5 * rotation @ rotation.T @ rotation
     centre = centre_of(mass, pose) + twist[:dim]
-    return RigidPose(rotation, centre - rotation @ mass.centre)
+    return RigidPose.known(rotation, centre - rotation @ mass.centre)
 
 
 class FreeFlight:
@@ -114,7 +114,7 @@ class FreeFlight:
         """Where the flight is after a share of the step, if nothing, not even weight, disturbs it."""
         rotation = rotation_exponential(share * self._h * self._spin) @ self._start.rotation
         centre = self._centre + share * self._h * self._motion.velocity
-        return RigidPose(rotation, centre - rotation @ self.mass.centre)
+        return RigidPose.known(rotation, centre - rotation @ self.mass.centre)
 
     def energies(self, pose: RigidPose) -> tuple[float, float]:
         """Incremental inertia and weight [J] at the end of the step."""

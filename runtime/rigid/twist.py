@@ -24,6 +24,7 @@ import numpy as np
 
 from runtime.arrays import Array
 from runtime.body.rotations import rotation_dofs, skew
+from runtime.rigid import kernels
 
 
 def twist_size(dim: int) -> int:
@@ -47,11 +48,7 @@ def second_generators(dim: int) -> Array:
 
 def point_motion(arms: Array) -> Array:
     """(I, E_k a) (m, dim, n_twist): how points of the body at arms (m, dim) from its centre move."""
-    m, dim = arms.shape
-    moved = np.empty((m, dim, twist_size(dim)))
-    moved[:, :, :dim] = np.eye(dim)
-    moved[:, :, dim:] = np.einsum("kab,mb->mak", generators(dim), arms)
-    return moved
+    return kernels.point_motion(arms)
 
 
 def turned_along(vectors: Array) -> Array:
@@ -63,10 +60,7 @@ def turned_along(vectors: Array) -> Array:
 
 def own_curvature(arms: Array, gradient: Array) -> Array:
     """Of points of the body itself: sum g . (E_k E_l + E_l E_k) a / 2 (n_twist, n_twist), zero for translations."""
-    dim = arms.shape[1]
-    curved = np.zeros((twist_size(dim),) * 2)
-    curved[dim:, dim:] = np.tensordot(second_generators(dim), gradient.T @ arms, 2)
-    return curved
+    return kernels.own_curvature(arms, gradient)
 
 
 def relative_curvature(arms: Array, gradient: Array) -> Array:
@@ -81,7 +75,4 @@ def relative_curvature(arms: Array, gradient: Array) -> Array:
 def felt_by_the_other(arms: Array, gradient: Array, hessian: Array) -> tuple[Array, Array, Array]:
     """dPhi/dtwist (n_twist,), dg/dtwist (m, dim, n_twist) and d2Phi/dtwist2 (n_twist, n_twist) of the body that the
     points touch; arms, gradient g (m, dim), hessian H (m, dim, dim)."""
-    B = -point_motion(arms)
-    pushed: Array = hessian @ B
-    own = np.tensordot(B, pushed, ((0, 1), (0, 1))) + relative_curvature(arms, gradient)
-    return np.einsum("mat,ma->t", B, gradient), pushed + turned_along(gradient), own
+    return kernels.of_the_other(arms, gradient, hessian)

@@ -1,0 +1,153 @@
+"""The speed columns of a table of bodies: frames a second of the bare subspace, of ours and of full space, in contact.
+
+    python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--loads N] [--no-full]
+
+Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
+correction of form loads, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
+Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS.safetensors. A body whose
+run is elsewhere is given as EXPERIMENT=DIRECTORY. Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60
+frames/s with the correction in contact, and at most 4 times the cost of the bare subspace.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+import torch
+
+from runtime.body import ReducedBody
+from runtime.cli.context import Context
+from runtime.cli.run_body import body_of_run
+from runtime.corrections.correction_file import (
+    ANY_COLLIDER,
+    correction_maker,
+    read_header,
+    save_correction,
+)
+from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.load_model import LoadModel
+from runtime.corrections.options import load_model_options
+from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.dynamics.model import ReducedModel, SceneModel, bare_model, build_model, correction_path
+from runtime.dynamics.scene import scene_parts, scene_simulator, scene_steps
+from runtime.dynamics.speed import Speed, machine, measure, with_iterations
+from runtime.errors import SoftprintError
+from runtime.experiment import Experiment, ModelSpec, SceneSpec
+
+# Of the table: heading and width of what is counted.
+_COLUMNS = (("tets", 8), ("points", 8), ("frames", 8), ("dofs", 6), ("loads", 7))
+_MODELS = ("bare", "ours", "full")
+
+
+def stand_in(experiment: Experiment, spec: ModelSpec, body: ReducedBody, loads: int, path: Path) -> None:
+    """Write an untrained correction for any collider, which costs what a trained one does."""
+    torch.manual_seed(0)
+    model = LoadModel(load_model_options(spec, experiment.contact.stiffness), body.dim, body.n_rows)
+    mechanics = compute_rest_mechanics(body, loads, spec.internal, experiment.dynamics.gravity)
+    told = {"untrained": "a stand-in for measurements of speed"}
+    save_correction(path, spec.name, model, body, ANY_COLLIDER, "", 0.0, told, mechanics)
+
+
+def correction_file(context: Context, body: ReducedBody, loads: int | None) -> tuple[Path, bool]:
+    """That of ours in the run directory, and whether it is a trained one. loads: of a stand-in, so many at most."""
+    experiment, out = context.experiment, context.out_dir
+    specs = [spec for spec in experiment.training.models if spec.form == "loads"]
+    if not specs:
+        raise SoftprintError(f"{experiment.path}: no model of form loads among [[training.models]]")
+    trained = correction_path(out, specs[-1].name)
+    if loads is None and trained.is_file():
+        return trained, True
+    count = loads or specs[-1].loads
+    path = out / f"speed_stand_in_{count}.safetensors"
+    if not path.is_file():
+        stand_in(experiment, specs[-1], body, count, path)
+    return path, False
+
+
+def ours(experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path) -> tuple[ReducedModel, int]:
+    """The scene with a correction on all colliders that it is for, and how many loads that has."""
+    parts, correction_on = scene_parts(experiment, scene), correction_maker(path, body)
+    trained_for = read_header(path).collider
+    corrections = [
+        correction_on(placed.collider)
+        for placed in parts.colliders
+        if trained_for in (ANY_COLLIDER, placed.name)
+    ]
+    if not corrections:
+        raise SoftprintError(f"{path}: is for the collider {trained_for!r}, which {scene.name!r} has not")
+    (correction, *_) = corrections
+    assert isinstance(correction, ElasticContact)
+    loads = len(correction.mechanics.compliance.nodes)
+    return ReducedModel(scene_simulator(body, parts, corrections), parts.held), loads
+
+
+def measured(context: Context, options: argparse.Namespace) -> str:
+    """One body's line of the table."""
+    body = body_of_run(context)
+    path, trained = correction_file(context, body, options.loads)
+    experiment = with_iterations(context.experiment, options.iterations)
+    scene = experiment.scenes_of_role("test")[0]
+    corrected, loads = ours(experiment, body, scene, path)
+    models: dict[str, SceneModel] = {"bare": bare_model(experiment, body, scene), "ours": corrected}
+    if find_spec("dolfinx") is not None and not options.no_full:
+        models["full"] = build_model(experiment, body, scene, context.out_dir, "full")
+    n = scene_steps(experiment, scene)
+    speeds = {name: measure(name, model, n, options.steps) for name, model in models.items()}
+    handles = body.handles
+    counts = (body.mesh.n_cells, handles.n_points, len(handles.frames), handles.n_dofs, loads)
+    name = experiment.name if trained else f"{experiment.name}*"
+    return table_line(name, counts, speeds)
+
+
+def table_head() -> str:
+    """What the columns are."""
+    heads = [f"{head:>{width}}" for head, width in _COLUMNS]
+    heads += [f"{name + ' ms':>9}{'CPU ms':>8}{'1/s':>8}{'Newton':>8}{'conv.':>7}" for name in _MODELS]
+    return f"{'body':<16}{''.join(heads)}{'of bare':>9}{'full is':>9}"
+
+
+def table_line(name: str, counts: Sequence[int], speeds: Mapping[str, Speed | None]) -> str:
+    """Of the steps in contact: median time, mean CPU time, frames a second, Newton iterations, share that converged."""
+    cells = [f"{count:>{width}}" for count, (_, width) in zip(counts, _COLUMNS, strict=True)]
+    for model in _MODELS:
+        speed = speeds.get(model)
+        cells.append(
+            f"{'-':>9}{'-':>8}{'-':>8}{'-':>8}{'-':>7}"
+            if speed is None
+            else f"{1e3 * speed.step:>9.2f}{1e3 * speed.cpu:>8.2f}{speed.frames_per_second:>8.1f}"
+            f"{speed.iterations:>8.1f}{speed.converged:>7.0%}"
+        )
+    bare, own, full = (speeds.get(model) for model in _MODELS)
+    cells.append(f"{own.step / bare.step:>8.2f}x" if own and bare else f"{'-':>9}")
+    cells.append(f"{full.step / own.step:>8.1f}x" if full and own else f"{'-':>9}")
+    return f"{name:<16}{''.join(cells)}"
+
+
+def main() -> None:
+    """Time every body, print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("experiments", nargs="+", help="experiment files, or EXPERIMENT=RUN_DIRECTORY")
+    parser.add_argument("--steps", type=int, default=60, help="steps in contact to time (default: 60)")
+    parser.add_argument("--iterations", type=int, help="of Newton a step at most (default: to convergence)")
+    parser.add_argument("--loads", type=int, help="of an untrained stand-in (default: the experiment's)")
+    parser.add_argument("--no-full", action="store_true", help="leave full space out")
+    options = parser.parse_args()
+    here = machine()
+    print(f"{here['processor']}, {here['cores']} cores, threads {here['threads'] or 'not limited'}")
+    print(table_head())
+    for given in options.experiments:
+        file, _, out = given.partition("=")
+        context = Context(experiment_path=Path(file), out=Path(out) if out else None)
+        print(measured(context, options), flush=True)
+    print(
+        "ms: median of steps in contact, the surface's positions included; * untrained, of the same architecture"
+    )
+
+
+if __name__ == "__main__":
+    main()

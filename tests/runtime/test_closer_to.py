@@ -1,0 +1,27 @@
+"""Points of the world near a collider at a pose: one compiled look gives what distance and pose give one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from runtime.colliders import RigidPose
+from runtime.colliders.library import library_collider
+
+SIZE = 0.02
+
+
+@pytest.mark.parametrize("distance", [0.0, 0.1 * SIZE, SIZE])
+def test_of_a_grid_are_those_of_its_distance(distance):
+    rng = np.random.default_rng(0)
+    collider = library_collider("torus", SIZE, resolution=16)
+    pose = RigidPose.from_rotation_vector([0.3, -0.5, 0.9], [0.01, -0.02, 0.03])
+    z = rng.uniform(-1.5 * SIZE, 1.5 * SIZE, size=(400, 3))
+    index, near, value = collider.closer_to(pose.apply(z), pose, distance)
+    within = np.all((z > collider.lower - distance) & (z < collider.upper + distance), axis=1)
+    expected = np.flatnonzero(within & (collider.sdf(z) < distance))
+    assert len(expected) > 10
+    np.testing.assert_array_equal(index, expected)
+    # Round-off of a turn there and back.
+    np.testing.assert_allclose(near, z[index], atol=1e-15)
+    np.testing.assert_allclose(value, collider.sdf(z[index]), atol=1e-15)
