@@ -1,5 +1,7 @@
 """The load model in numpy gives what the model itself gives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +9,7 @@ import torch
 from runtime.colliders import RigidPose, Sphere
 from runtime.corrections.contact_loads import ContactLoadsProbe
 from runtime.corrections.load_evaluation import LoadEvaluation
+from runtime.corrections.load_inputs import least_spread
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
 
@@ -41,3 +44,32 @@ def test_is_the_model(contact, jelly_body, dim, activation, kind, tolerance):
     assert found.dtype == expected.dtype
     assert np.abs(expected - contact.load).max() > 1e-3 * np.abs(expected).max()  # it does say something
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance * np.abs(expected).max())
+
+
+def test_what_lies_far_from_all_samples_is_corrected_no_more_than_they_were(contact, jelly_body, dim):
+    """A contact of another kind than all that was learned from: inputs far outside of what they were."""
+    torch.manual_seed(0)
+    model = LoadModel(LoadModelOptions((16, 12), "silu", 0.001, BAND, STIFFNESS), dim, jelly_body.n_rows)
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter.copy_(torch.randn_like(parameter) / max(parameter.shape) ** 0.5)
+    model = model.double()
+
+    def correction(times):
+        far = replace(contact, inputs=times * np.sign(contact.inputs))
+        phi = LoadEvaluation(model).loads(far)
+        parts = (torch.from_numpy(part) for part in (far.inputs, np.array(far.depth), far.load, far.lever))
+        with torch.no_grad():
+            np.testing.assert_allclose(phi, model(*parts).numpy(), rtol=1e-12, atol=1e-15)
+        return np.linalg.norm(phi - contact.load)
+
+    # tanh(40 / 4) is 1 but for 4e-9; without saturation the second would be 25 times the first.
+    assert correction(1e3) == pytest.approx(correction(40.0), rel=1e-6)
+
+
+def test_strains_count_as_spread_where_the_samples_have_none(contact, jelly_body, dim):
+    model = LoadModel(LoadModelOptions((16,), "silu", 0.001, BAND, STIFFNESS), dim, jelly_body.n_rows)
+    local, load, lever = (torch.from_numpy(part) for part in (contact.inputs, contact.load, contact.lever))
+    model.normalise(local[:1].repeat(8, 1) * (1 + 1e-4 * torch.rand(8, 1)), torch.ones(8), load, lever)
+    assert model.local_scale.numpy()[least_spread(dim) > 0].min() == pytest.approx(0.1)
+    assert (least_spread(dim) > 0).sum() == 11  # slopes, products of directions, strains
