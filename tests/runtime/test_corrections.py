@@ -137,8 +137,9 @@ def test_turns_with_body_and_collider(form, jelly_body, mechanics):
     u = bound.displacement(rows, pose)
     assert np.allclose(body.reduced_positions(moved), motion.apply(body.reduced_positions(rows)), atol=1e-12)
     # 1e-12 m: round-off of coordinates of decimetres, amplified by the network; modes of internal response are rounded
-    # to float32 and annihilate translations to 1e-7 of their size.
-    tolerance = 1e-6 if form == "internal" else 1e-12
+    # to float32 and annihilate translations to 1e-7 of their size; loads are in balance to 1e-6 of the depth of 6 mm,
+    # from a start that depends on the state before.
+    tolerance = {"internal": 1e-6, "loads": 1e-8}.get(form, 1e-12)
     assert np.allclose(bound.displacement(moved, motion.compose(pose)), motion.rotate(u), atol=tolerance)
 
 
