@@ -29,6 +29,7 @@ _VIEW = np.array([0.32, -1.0, 0.66])  # from the body towards the camera of the 
 _GRID_AXES = np.array([[1.0, 0.32, 0.0], [0.32, -1.0, 0.0], [0.0, 0.0, np.hypot(1.0, 0.32)]]) / np.hypot(
     1.0, 0.32
 )
+_ELSEWHERE = 0.2  # how far a body goes before the camera goes along, in its extents
 _PROBE = "import pyvista; pyvista.Plotter(off_screen=True, window_size=(8, 8)).screenshot(None)"
 
 
@@ -91,7 +92,7 @@ class GlRenderer:
             plotter.add_mesh(
                 self._placed_collider(pose), color=COLLIDER, opacity=0.42, smooth_shading=True, specular=0.5
             )
-            self._whole_view(plotter)
+            self._whole_view(plotter, positions)
 
         return _shot(build, alt)
 
@@ -136,7 +137,7 @@ class GlRenderer:
                 diffuse=0.55,
                 specular=0.12,
             )
-            self._whole_view(plotter)
+            self._whole_view(plotter, positions)
 
         return _shot(build, alt)
 
@@ -202,9 +203,12 @@ class GlRenderer:
         placed.point_data["Normals"] = pose.rotate(np.asarray(self._solid["Normals"], dtype=float))
         return placed
 
-    def _whole_view(self, plotter: "pv.Plotter") -> None:
+    def _whole_view(self, plotter: "pv.Plotter", positions: Array) -> None:
         above = np.array([0.0, 0.0, 0.05 * self._extent])  # room for the collider
-        _look(plotter, self._centre + above, _unit(_VIEW), 0.82 * self._extent)
+        moved = 0.5 * (positions.min(axis=0) + positions.max(axis=0)) - self._centre
+        # One camera for all frames, unless the body goes elsewhere: then it goes along.
+        along = moved if np.linalg.norm(moved) > _ELSEWHERE * self._extent else np.zeros(3)
+        _look(plotter, self._centre + along + above, _unit(_VIEW), 0.82 * self._extent)
 
 
 def _look(plotter: "pv.Plotter", at: Array, direction: Array, height: float) -> None:
