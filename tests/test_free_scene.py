@@ -105,6 +105,10 @@ def test_motions_hold_where_it_went(experiment_of, tmp_path):
         ("mass = 2.0", ["colliders[1].position]", "is missing"]),
         ("mass = 2.0\nposition = [0, 1, 2]", ["colliders[1].position]", "has 3 entries"]),
         ("mass = 2.0\nposition = [0, 1]\nspin = [1, 0, 0]", ["colliders[1].spin]", "one angle"]),
+        (
+            "mass = 2.0\nposition = [0, 1]\nvelocity = [0, -1e6]",
+            ["colliders[1].velocity]", "10000 m in one step", "at most 1 m"],
+        ),
         ("mass = -2.0\nposition = [0, 1]", ["colliders[1].mass]", "greater than 0"]),
         (
             "mass = 1.0\nposition = [0, 1]\nkeyframes = [{ time = 0.0, position = [0, 1] }]",

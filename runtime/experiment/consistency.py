@@ -18,6 +18,7 @@ from runtime.experiment.scene_schema import (
 from runtime.shapes import SHAPES
 
 _NAMED = 12  # how many names a refusal lists at most
+_FARTHEST = 1.0  # how far a free collider may go in its first step [m]
 _POINTS_DO_NOT_TURN = "a point handle has no rotation, only frames have"
 
 
@@ -202,6 +203,14 @@ def _scene_collider(experiment: Experiment, key: str, collider: SceneColliderSpe
         vector = getattr(collider, name)
         if vector is not None:
             yield from _vector(experiment, f"{key}.{name}", vector)
+    speed = max(map(abs, collider.velocity or (0.0,)))
+    if speed * experiment.dynamics.time_step > _FARTHEST:
+        yield Problem(
+            f"{key}.velocity",
+            f"takes it {speed * experiment.dynamics.time_step:g} m in one step",
+            f"at most {_FARTHEST:g} m: near other things a step goes in hops shorter than the collider is thick",
+            collider.velocity,
+        )
     for name in ("rotation", "spin"):
         yield from _rotation(experiment, f"{key}.{name}", getattr(collider, name))
 
