@@ -5,6 +5,7 @@ What the thesis measured stands beside it where the body is one of its four.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,14 +45,16 @@ def gather(runs: Sequence[Path], page: Path) -> dict[str, Any]:
 
     Raises SoftprintError where a run has no report, or one without shapes never seen.
     """
-    summary: dict[str, Any] = plain({"softprint_gathered": 1, "rows": [_row(run) for run in runs]})
+    summary: dict[str, Any] = plain(
+        {"softprint_gathered": 1, "rows": [_row(run, page.parent) for run in runs]}
+    )
     html = _render(summary)
     write_text(page.with_suffix(".json"), json_text(summary))
     write_text(page, html)
     return summary
 
 
-def _row(run: Path) -> dict[str, Any]:
+def _row(run: Path, seen_from: Path) -> dict[str, Any]:
     path = run / "report.json"
     if not path.is_file():
         raise SoftprintError(f"{path} is not there: run `softprint report` for it first")
@@ -68,7 +71,7 @@ def _row(run: Path) -> dict[str, Any]:
     thesis = next((row for body, row in THESIS.items() if name.startswith(body)), None)
     return {
         "name": name,
-        "report": str(path.with_suffix(".html")),
+        "report": os.path.relpath(path.with_suffix(".html"), seen_from),
         "judged": judged,
         "body": {key: report["body"][key] for key in ("points", "frames", "cells", "nodes")},
         "models": sides,

@@ -49,6 +49,7 @@ def test_one_line_a_body_with_the_thesis_beside_it(tmp_path):
     summary = gather([tmp_path / "finger", tmp_path / "cube"], tmp_path / "all.html")
     finger, cube = summary["rows"]
     assert finger["thesis"]["test"] == 0.155
+    assert finger["report"] == "finger/report.html"
     assert cube["thesis"] is None
     assert finger["speeds"] == {
         "bare": 200.0,
