@@ -37,12 +37,13 @@ from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.correction_file import ANY_COLLIDER, load_correction
+from runtime.corrections.correction_file import load_correction
 from runtime.corrections.descriptor_contact import BoundDescriptorContact, DescriptorContact
 from runtime.corrections.descriptor_model import DescriptorModel
 from runtime.descriptors import DirectGeometry, GridGeometry
 from runtime.dynamics.model import correction_path
 from runtime.errors import SoftprintError
+from runtime.experiment.experiment import ANY_COLLIDER
 from runtime.shapes import validation_names
 from runtime.truth_file import TruthData, load_truth
 

@@ -27,6 +27,7 @@ from runtime.corrections.contact_patch import ContactProbe
 from runtime.corrections.points import PointStates, PointTensors
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData
+from surrogate.touching import touching_samples
 
 # Shares of nodes, edges and pools that are spread evenly; the rest goes by the size of what is to be learned.
 _EVEN_POINTS, _EVEN_POOLS = 0.3, 0.2
@@ -151,15 +152,9 @@ def load_dataset(
     )
     columns: list[tuple[Array, Tensor, float, int]] = []
     pools: list[tuple[NDArray[Any], ...]] = []
-    for sample in samples:
-        if progress is not None:
-            progress(1)
-        rows, pose = truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample))
-        patch = probe.measure(rows, pose)
-        if patch is None:
-            continue
+    for sample, rows, pose, patch in touching_samples(truth, samples, probe, progress):
         local_rows = probe.collider_rows(rows, pose)
-        target = pose.rotate_inverse(truth.displacement(int(sample)).astype(np.float64))
+        target = pose.rotate_inverse(truth.displacement(sample).astype(np.float64))
         points, node_weight, edge_weight = drawing.draw(target)
         z = (body.basis @ local_rows)[points]
         distance = collider.sdf_derivatives(z.reshape(-1, body.dim))

@@ -27,6 +27,7 @@ from runtime.descriptors import DirectGeometry, LocalDescriptor, biased_frames, 
 from runtime.descriptors.attenuation import attenuation
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData
+from surrogate.touching import touching_samples
 
 # Share of the points that is spread evenly over all points of interest.
 _EVEN = 0.3
@@ -103,20 +104,12 @@ def load_descriptor_data(
     """
     probe, geometry = ContactProbe(body, collider), DirectGeometry(collider, options.radius, options.sets)
     descriptor = LocalDescriptor(body.dim, options.radius, options.samples)
-    fade, volume = (
-        Fade("saturating", options.fade_depth),
-        body.mesh.node_volumes / body.mesh.node_volumes.sum(),
-    )
+    fade = Fade("saturating", options.fade_depth)
+    volume = body.mesh.node_volumes / body.mesh.node_volumes.sum()
     columns: list[tuple[NDArray[np.generic], ...]] = []
-    for sample in samples:
-        if progress is not None:
-            progress(1)
-        rows, pose = truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample))
-        patch = probe.measure(rows, pose)
-        if patch is None:
-            continue
+    for sample, rows, pose, patch in touching_samples(truth, samples, probe, progress):
         local_rows = probe.collider_rows(rows, pose)
-        u = pose.rotate_inverse(truth.displacement(int(sample)).astype(np.float64))
+        u = pose.rotate_inverse(truth.displacement(sample).astype(np.float64))
         z = body.basis @ local_rows
         near, distance = collider.closer(z, options.radius)
         whole = float(volume @ np.square(u).sum(axis=1))

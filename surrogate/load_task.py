@@ -35,6 +35,7 @@ from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData
 from surrogate.losses import FieldError
 from surrogate.tasks import seeded, some_samples
+from surrogate.touching import touching_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,17 +116,11 @@ def load_load_data(
     gradient = body.node_points().basis_gradient
     state = -1
     columns: list[tuple[Tensor, ...]] = []
-    for sample in samples:
-        if progress is not None:
-            progress(1)
-        rows, pose = truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample))
-        contact = probe.measure(rows, pose)
-        if contact is None:
-            continue
+    for sample, rows, _pose, contact in touching_samples(truth, samples, probe, progress):
         if truth.sample_state[sample] != state:
             state = truth.sample_state[sample]
             to_rest = np.linalg.inv(rows.T @ gradient)
-        u = truth.displacement(int(sample)).astype(np.float64)
+        u = truth.displacement(sample).astype(np.float64)
         w = (to_rest @ u[..., None])[..., 0]
         h, squared, volume_h, volume_squared = metric.of_field(w, contact.index)
         columns.append(

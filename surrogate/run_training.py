@@ -20,7 +20,7 @@ from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.corrections.compliance import n_columns
-from runtime.corrections.correction_file import ANY_COLLIDER, read_header, save_correction
+from runtime.corrections.correction_file import read_header, save_correction
 from runtime.corrections.descriptor_model import DescriptorModelOptions
 from runtime.corrections.load_model import LoadModelOptions
 from runtime.corrections.options import descriptor_model_options, load_model_options, model_options
@@ -28,7 +28,7 @@ from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mecha
 from runtime.descriptors import handle_spacing
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
-from runtime.experiment.experiment import LIBRARY
+from runtime.experiment.experiment import ANY_COLLIDER, LIBRARY
 from runtime.experiment.training_schema import (
     DescriptorTrainingSpec,
     FieldTrainingSpec,
@@ -78,7 +78,7 @@ class Lessons:
     def __init__(self, truth: TruthData, body: ReducedBody, context: Context) -> None:
         self.truth, self.body, self._context = truth, body, context
         self._spec = spec = context.experiment.training
-        if spec.collider == LIBRARY and context.experiment.library is not None:
+        if spec.collider == LIBRARY:
             self.split: Split = split_by_shape(truth, spec.validation_states)
             self.collider = ANY_COLLIDER
         else:

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from fem_truth.report.learning import read_json
-from fem_truth.report.page import Numbers, look_up, page_style, template_text
+from fem_truth.report.page import Numbers, look_up, page_style, page_template
 from fem_truth.report.report_json import REPORT_VERSION, json_text, plain, write_text
 from runtime.errors import SoftprintError
 
@@ -96,8 +95,8 @@ def _speeds(report: Mapping[str, Any], judged: str) -> dict[str, Any]:
     measured = {
         row["model"]: row["frames_per_second"]
         for table in report["benchmarks"]
+        if table["name"] == "bench"
         for row in table["rows"]
-        if "frames_per_second" in row
     } or {model: row["steps_per_second"] for model, row in report["timings"].items()}
     bare, full, ours = (measured.get(name) for name in ("bare", "full", judged))
     return {
@@ -110,14 +109,7 @@ def _speeds(report: Mapping[str, Any], judged: str) -> dict[str, Any]:
 
 
 def _render(summary: Mapping[str, Any]) -> str:
-    environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        loader=FunctionLoader(lambda name: template_text("fem_truth.report", name)),
-    )
-    template = environment.get_template("gather.html.j2")
+    template = page_template("fem_truth.report", "gather.html.j2")
     return template.render(s=summary, n=Numbers(summary), css=Markup(page_style()))
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 
 from fem_truth.report.picture import Picture
@@ -65,14 +65,7 @@ class PageContent:
 
 def render_page(content: PageContent) -> str:
     """The whole page as HTML text."""
-    environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        loader=FunctionLoader(lambda name: template_text("fem_truth.report", name)),
-    )
-    template = environment.get_template("page.html.j2")
+    template = page_template("fem_truth.report", "page.html.j2")
     return template.render(
         s=content.summary,
         n=Numbers(content.summary),
@@ -164,6 +157,18 @@ _SUPERSCRIPT = str.maketrans(
 def page_style() -> str:
     """The style sheet of all pages that Softprint writes."""
     return template_text("fem_truth.report", "page.css")
+
+
+def page_template(package: str, name: str) -> Template:
+    """A template of a package's folder `templates`; it may include others of that folder."""
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=FunctionLoader(lambda included: template_text(package, included)),
+    )
+    return environment.get_template(name)
 
 
 def template_text(package: str, name: str) -> str:

@@ -25,7 +25,8 @@ from fem_truth.report.shape_errors import (
 from runtime.body.body import ReducedBody
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
-from runtime.corrections.correction_file import ANY_COLLIDER, correction_maker, read_header
+from runtime.corrections.correction_file import correction_maker, read_header
+from runtime.experiment.experiment import ANY_COLLIDER
 from runtime.files import file_hash
 from runtime.shapes import names, validation_names
 from runtime.truth_colliders import require_same_colliders

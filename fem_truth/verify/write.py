@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from fem_truth.report.machine import machine_summary
-from fem_truth.report.page import page_style, template_text
+from fem_truth.report.page import page_style, page_template
 from fem_truth.report.report_json import json_text, plain, write_text
 from fem_truth.verify.case import Row
 from fem_truth.verify.plots import colour_variables, draw
@@ -40,10 +39,7 @@ def write_page(outcomes: Sequence[Outcome], folder: Path, quick: bool) -> Path:
 
 def render(outcomes: Sequence[Outcome], quick: bool, versions: dict[str, str]) -> str:
     """The page as HTML text that loads nothing."""
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(template_text("fem_truth.verify", "verify.html.j2"))
+    template = page_template("fem_truth.verify", "verify.html.j2")
     rows = [row for outcome in outcomes for row in outcome.result.rows]
     return template.render(
         outcomes=outcomes,

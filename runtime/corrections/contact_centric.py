@@ -15,12 +15,11 @@ from runtime.body.material_points import MaterialPoints
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.contact_patch import ContactProbe, Patch
-from runtime.corrections.correction import CorrectionField, Potential
+from runtime.corrections.correction import CorrectionField, Potential, require_body
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.model import ContactModel
 from runtime.corrections.points import PointStates, PointTensors
 from runtime.corrections.reach import Reach
-from runtime.errors import SoftprintError
 
 
 class ContactCentric:
@@ -34,11 +33,7 @@ class ContactCentric:
     internal: InternalResponse | None = None
 
     def __init__(self, name: str, model: ContactModel, body: ReducedBody, collider: Collider) -> None:
-        if (model.dim, model.n_rows) != (body.dim, body.n_rows):
-            raise SoftprintError(
-                f"correction {name!r} is for a {model.dim}D body with {model.n_rows} handle rows, but body "
-                f"{body.name!r} is {body.dim}D with {body.n_rows}: train it for this body"
-            )
+        require_body(name, model.dim, model.n_rows, body)
         self.name, self.collider = name, collider.name
         self.model = model.eval()
         self.probe = ContactProbe(body, collider)

@@ -14,9 +14,11 @@ from typing import Protocol, TypeGuard
 import numpy as np
 
 from runtime.arrays import Array, BoolArray, Hessian, IntArray
+from runtime.body.body import ReducedBody
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.internal_response import InternalResponse
+from runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,16 @@ class CorrectionField:
     def empty(cls, dim: int, n_rows: int) -> CorrectionField:
         """No point is active: the collider does not touch."""
         return cls(np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty((0, dim, n_rows, dim)))
+
+
+def require_body(name: str, dim: int, n_rows: int, body: ReducedBody) -> None:
+    """Raise SoftprintError where the correction `name`, of a body in dim dimensions with n_rows handle rows, is given
+    another."""
+    if (dim, n_rows) != (body.dim, body.n_rows):
+        raise SoftprintError(
+            f"correction {name!r} is for a {dim}D body with {n_rows} handle rows, but body "
+            f"{body.name!r} is {body.dim}D with {body.n_rows}: train it for this body"
+        )
 
 
 class BoundCorrection(Protocol):

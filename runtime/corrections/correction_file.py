@@ -26,6 +26,7 @@ from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.model import ContactModel, ModelOptions
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.errors import SoftprintError
+from runtime.experiment.experiment import ANY_COLLIDER
 from runtime.files import provenance
 from runtime.tensor_file import load_tensors, save_tensors
 
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
 KIND, VERSION = "correction", 6
 REMEDY = "train it again"
-ANY_COLLIDER = "any"  # as the collider of a correction that was learned for all of them
 # Forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`, a `DescriptorModel`.
 FIELD, LOADS, DESCRIPTOR = "field", "loads", "descriptor"
 AnyCorrection = ContactCentric | ElasticContact | DescriptorContact

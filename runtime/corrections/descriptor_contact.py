@@ -12,7 +12,7 @@ from runtime.body.material_points import MaterialPoints
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.contact_patch import ContactProbe, Patch
-from runtime.corrections.correction import CorrectionField, Potential
+from runtime.corrections.correction import CorrectionField, Potential, require_body
 from runtime.corrections.descriptor_model import DescriptorModel, inputs_in_frame, relative_rows
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.reach import Reach
@@ -40,11 +40,7 @@ class DescriptorContact:
         collider: Collider,
         geometry: Geometry | None = None,
     ) -> None:
-        if (model.dim, model.n_rows) != (body.dim, body.n_rows):
-            raise SoftprintError(
-                f"correction {name!r} is for a {model.dim}D body with {model.n_rows} handle rows, but body "
-                f"{body.name!r} is {body.dim}D with {body.n_rows}: train it for this body"
-            )
+        require_body(name, model.dim, model.n_rows, body)
         if not np.isfinite(collider.upper - collider.lower).all():
             raise SoftprintError(
                 f"correction {name!r}: collider {collider.name!r} has no bounds, and descriptors are computed around "

@@ -19,7 +19,7 @@ from runtime.colliders.pose import RigidPose
 from runtime.corrections.compliance_kernels import turned
 from runtime.corrections.contact_loads import ContactLoadsProbe
 from runtime.corrections.contact_potential import ContactPotential
-from runtime.corrections.correction import Potential
+from runtime.corrections.correction import Potential, require_body
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.load_evaluation import LoadEvaluation
 from runtime.corrections.load_model import LoadModel
@@ -41,11 +41,7 @@ class ElasticContact:
         collider: Collider,
         mechanics: RestMechanics,
     ) -> None:
-        if (model.dim, model.n_rows) != (body.dim, body.n_rows):
-            raise SoftprintError(
-                f"correction {name!r} is for a {model.dim}D body with {model.n_rows} handle rows, but body "
-                f"{body.name!r} is {body.dim}D with {body.n_rows}: train it for this body"
-            )
+        require_body(name, model.dim, model.n_rows, body)
         self.name, self.collider = name, collider.name
         self.model = model.eval()
         self.mechanics = mechanics

@@ -123,7 +123,8 @@ def corrected_model(
             f"corrections; of installed packages come: {', '.join(_announced()) or 'no others'}"
         )
     # Imported here, with torch, which takes a second that the other models need not wait.
-    from runtime.corrections.correction_file import ANY_COLLIDER, correction_maker, read_header
+    from runtime.corrections.correction_file import correction_maker, read_header
+    from runtime.experiment.experiment import ANY_COLLIDER
 
     trained_for, correction_on = read_header(path).collider, correction_maker(path, body)
     corrections = [

@@ -52,7 +52,7 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         "cubature": body.cubature.weights,
         "cubature_cells": body.cubature.cells,
         "surface": body.surface.nodes,
-        "scene": scene.model_dump_json(),
+        "scene": scene.model_dump_json(exclude_none=True),
         "contact": experiment.contact.model_dump_json(),
         "dynamics": experiment.dynamics.model_dump_json(),
     }

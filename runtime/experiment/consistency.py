@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from runtime.experiment.experiment import LIBRARY, Experiment
+from runtime.experiment.experiment import LIBRARY, RESERVED, Experiment
 from runtime.experiment.problems import Problem
 from runtime.experiment.scene_schema import (
     KeyframeSpec,
@@ -83,14 +83,6 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
             yield from _known(f"library.shapes[{number}]", name, list(SHAPES), "shape of the library")
             if name in shapes[:number]:
                 yield Problem(f"library.shapes[{number}]", "is there twice", "name each shape once", name)
-        for number, spec in enumerate(experiment.colliders):
-            if spec.name == LIBRARY:
-                yield Problem(
-                    f"colliders[{number}].name",
-                    "stands for all shapes of [library]",
-                    "give it another",
-                    spec.name,
-                )
     elif experiment.sampling.test_places is not None:
         yield Problem(
             "sampling.test_places", "is for the testing shapes of a [library]", "leave it out, or add one"
@@ -100,6 +92,8 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
             yield Problem(
                 f"colliders[{number}].name", "is missing", "scenes and corrections call the collider by it"
             )
+        if spec.name in RESERVED:
+            yield Problem(f"colliders[{number}].name", RESERVED[spec.name], "give it another", spec.name)
         file = getattr(spec, "file", None)
         if file is not None:
             yield from _file(experiment, f"colliders[{number}].file", file)

@@ -17,6 +17,9 @@ from runtime.experiment.training_schema import TrainingSpec
 from runtime.shapes import SHAPES, names
 
 LIBRARY = "library"  # as the collider of sampling and training: all shapes of the library
+ANY_COLLIDER = "any"  # as the collider of a correction that was learned for all of them
+# Names that no collider of a file may have.
+RESERVED = {LIBRARY: "stands for all shapes of [library]", ANY_COLLIDER: "stands for any collider"}
 
 
 class ExperimentSpec(Section):

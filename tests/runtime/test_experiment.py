@@ -276,6 +276,7 @@ def test_a_library_makes_colliders_of_all_its_shapes(file):
     ("overrides", "words"),
     [
         (["library.size=0.03", "library.shapes=['torsu']"], ["[library.shapes[0]]", "did you mean 'torus'"]),
+        (["colliders.ball.name='any'"], ["[colliders[0].name]", "stands for any collider"]),
         (["library.size=-1.0"], ["[library.size]", "greater than 0"]),
         (["library={size=0.03, shapes=['mug', 'mug']}"], ["[library.shapes[1]]", "twice"]),
         (
