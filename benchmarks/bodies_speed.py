@@ -21,24 +21,19 @@ import torch
 from runtime.body import ReducedBody
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
-from runtime.corrections.correction_file import (
-    ANY_COLLIDER,
-    correction_maker,
-    read_header,
-    save_correction,
-)
-from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.correction_file import save_correction
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.options import load_model_options
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
-from runtime.dynamics.model import ReducedModel, SceneModel, bare_model, build_model, correction_path
-from runtime.dynamics.scene import scene_parts, scene_simulator, scene_steps
+from runtime.dynamics.model import SceneModel, bare_model, build_model, correction_path, model_of_file
+from runtime.dynamics.scene import scene_steps
 from runtime.dynamics.speed import Speed, machine, measure, with_iterations
 from runtime.errors import SoftprintError
-from runtime.experiment import Experiment, ModelSpec, SceneSpec
+from runtime.experiment import Experiment, ModelSpec
+from runtime.experiment.experiment import ANY_COLLIDER
 
 # Of the table: heading and width of what is counted.
-_COLUMNS = (("tets", 8), ("points", 8), ("frames", 8), ("dofs", 6), ("loads", 7))
+_COLUMNS = (("tets", 8), ("points", 8), ("frames", 8), ("dofs", 6))
 _MODELS = ("bare", "ours", "full")
 
 
@@ -67,37 +62,22 @@ def correction_file(context: Context, body: ReducedBody, loads: int | None) -> t
     return path, False
 
 
-def ours(experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path) -> tuple[ReducedModel, int]:
-    """The scene with a correction on all colliders that it is for, and how many loads that has."""
-    parts, correction_on = scene_parts(experiment, scene), correction_maker(path, body)
-    trained_for = read_header(path).collider
-    corrections = [
-        correction_on(placed.collider)
-        for placed in parts.colliders
-        if trained_for in (ANY_COLLIDER, placed.name)
-    ]
-    if not corrections:
-        raise SoftprintError(f"{path}: is for the collider {trained_for!r}, which {scene.name!r} has not")
-    (correction, *_) = corrections
-    assert isinstance(correction, ElasticContact)
-    loads = len(correction.mechanics.compliance.nodes)
-    return ReducedModel(scene_simulator(body, parts, corrections), parts.held), loads
-
-
 def measured(context: Context, options: argparse.Namespace) -> str:
     """One body's line of the table."""
     body = body_of_run(context)
     path, trained = correction_file(context, body, options.loads)
     experiment = with_iterations(context.experiment, options.iterations)
     scene = experiment.scenes_of_role("test")[0]
-    corrected, loads = ours(experiment, body, scene, path)
-    models: dict[str, SceneModel] = {"bare": bare_model(experiment, body, scene), "ours": corrected}
+    models: dict[str, SceneModel] = {
+        "bare": bare_model(experiment, body, scene),
+        "ours": model_of_file(experiment, body, scene, path),
+    }
     if find_spec("dolfinx") is not None and not options.no_full:
         models["full"] = build_model(experiment, body, scene, context.out_dir, "full")
     n = scene_steps(experiment, scene)
     speeds = {name: measure(name, model, n, options.steps) for name, model in models.items()}
     handles = body.handles
-    counts = (body.mesh.n_cells, handles.n_points, len(handles.frames), handles.n_dofs, loads)
+    counts = (body.mesh.n_cells, handles.n_points, len(handles.frames), handles.n_dofs)
     name = experiment.name if trained else f"{experiment.name}*"
     return table_line(name, counts, speeds)
 

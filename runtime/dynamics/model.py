@@ -114,7 +114,6 @@ def corrected_model(
     experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str
 ) -> ReducedModel:
     """The subspace with the correction that was trained under that name."""
-    parts = scene_parts(experiment, scene)
     path = correction_path(out, name)
     if not path.is_file():
         known = ", ".join([BARE, *trained_models(out)])
@@ -122,6 +121,12 @@ def corrected_model(
             f"there is no model {name!r}: looked for {path}. Known here: {known}; `softprint train` makes "
             f"corrections; of installed packages come: {', '.join(_announced()) or 'no others'}"
         )
+    return model_of_file(experiment, body, scene, path)
+
+
+def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path) -> ReducedModel:
+    """The subspace with the correction of a file, on every collider of the scene that it is for."""
+    parts = scene_parts(experiment, scene)
     # Imported here, with torch, which takes a second that the other models need not wait.
     from runtime.corrections.correction_file import correction_maker, read_header
     from runtime.experiment.experiment import ANY_COLLIDER

@@ -1,4 +1,4 @@
-"""How fast models play a scene: the measurement behind `softprint bench` and `benchmarks/runtime_speed.py`.
+"""How fast models play a scene: the measurement behind `softprint bench` and `benchmarks/bodies_speed.py`.
 
 Every model plays the same scene in the same process with the same time step, to the same tolerance or with as many
 Newton iterations at most; a model that is cut off before it has converged is not as fast as its figure says. A frame is
