@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from fem_truth.report.shape_errors import (
 from runtime.body.body import ReducedBody
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
-from runtime.corrections.correction_file import correction_maker, read_header
+from runtime.corrections.correction_file import TrainedCorrection, read_correction
 from runtime.experiment.experiment import ANY_COLLIDER
 from runtime.files import file_hash
 from runtime.shapes import names, validation_names
@@ -58,17 +57,16 @@ def judge_shapes(
     def collider(name: str) -> Collider:
         return build_collider(context.experiment.collider(name), context.experiment.base_dir)
 
-    paths = {
-        name: path for name, path in files.corrections.items() if read_header(path).collider == ANY_COLLIDER
-    }
-    if not paths or not truth.usable.any():
+    read = {name: read_correction(path, body) for name, path in files.corrections.items()}
+    trained = {name: correction for name, correction in read.items() if correction.is_for(ANY_COLLIDER)}
+    if not trained or not truth.usable.any():
         return None
     require_same_colliders(truth, context.experiment)
-    models = {name: _OnAny(path, body, collider) for name, path in paths.items()}
+    models = {name: _OnAny(correction, body, collider) for name, correction in trained.items()}
     errors = {
         name: remembered(
             files.folder / "shapes" / f"{name}.json",
-            {"truth": truth.content_hash, "correction": file_hash(paths[name])},
+            {"truth": truth.content_hash, "correction": file_hash(trained[name].path)},
             partial(_measured, context, truth, body, model, name),
         )
         for name, model in models.items()
@@ -85,11 +83,13 @@ def judge_shapes(
 class _OnAny:
     """A correction for any collider, bound to one after the other."""
 
-    def __init__(self, path: Path, body: ReducedBody, collider: Callable[[str], Collider]) -> None:
-        self._make, self._body, self._collider = correction_maker(path, body), body, collider
+    def __init__(
+        self, trained: TrainedCorrection, body: ReducedBody, collider: Callable[[str], Collider]
+    ) -> None:
+        self._trained, self._body, self._collider = trained, body, collider
 
     def __call__(self, name: str) -> Corrected:
-        return Corrected.of(self._make(self._collider(name)), self._body)
+        return Corrected.of(self._trained.on(self._collider(name)), self._body)
 
 
 def _measured(

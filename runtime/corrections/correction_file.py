@@ -108,43 +108,63 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> AnyCor
 
     Raises SoftprintError as :func:`read_header` does, and where body or collider are not those of the file.
     """
-    return correction_maker(path, body)(collider)
+    return read_correction(path, body).on(collider)
 
 
-def correction_maker(path: Path, body: ReducedBody) -> Callable[[Collider], AnyCorrection]:
-    """`load_correction` for many colliders: the file is read once."""
+@dataclass(frozen=True, eq=False)
+class TrainedCorrection:
+    """A correction file, read once for any number of colliders."""
+
+    path: Path
+    header: CorrectionHeader
+    _make: Callable[[Collider], AnyCorrection]
+
+    def is_for(self, collider: str) -> bool:
+        """Whether it was trained for the collider of that name, or for any."""
+        return self.header.collider in (ANY_COLLIDER, collider)
+
+    def on(self, collider: Collider) -> AnyCorrection:
+        """The correction on one collider. Raises SoftprintError where it is not for that one."""
+        if not self.is_for(collider.name):
+            raise SoftprintError(
+                f"{self.path}: was trained for the collider {self.header.collider!r}, not for {collider.name!r}"
+            )
+        return self._make(collider)
+
+
+def read_correction(path: Path, body: ReducedBody) -> TrainedCorrection:
+    """A correction of this body. Raises SoftprintError as :func:`read_header` does, and where it is of another body."""
     header, tensors = _read(path)
     if header.body_hash != body.content_hash:
         raise SoftprintError(
             f"{path}: was trained for another body (hash {header.body_hash[:12]}) than {body.name!r} "
             f"({body.content_hash[:12]}): train it again for this body"
         )
-
-    def check(collider: Collider) -> Collider:
-        if header.collider not in (ANY_COLLIDER, collider.name):
-            raise SoftprintError(
-                f"{path}: was trained for the collider {header.collider!r}, not for {collider.name!r}"
-            )
-        return collider
-
     try:
-        if header.form == FIELD:
-            field_model = ContactModel(ModelOptions.from_json(header.options), header.dim, header.n_rows)
-            field_model.load_state_dict(tensors)
-            return lambda collider: ContactCentric(header.name, field_model, body, check(collider))
-        if header.form == DESCRIPTOR:
-            options = DescriptorModelOptions.from_json(header.options)
-            descriptor_model = DescriptorModel(options, header.dim, header.n_rows)
-            descriptor_model.load_state_dict(tensors)
-            return lambda collider: DescriptorContact(header.name, descriptor_model, body, check(collider))
-        mechanics = RestMechanics(take_compliance(tensors), take_internal(tensors))
-        load_model = LoadModel(LoadModelOptions.from_json(header.options), header.dim, header.n_rows)
-        load_model.load_state_dict(tensors)
+        make = _maker(header, tensors, body)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(
             f"{path}: weights and header do not fit together ({error}): train it again"
         ) from error
-    return lambda collider: ElasticContact(header.name, load_model, body, check(collider), mechanics)
+    return TrainedCorrection(path, header, make)
+
+
+def _maker(
+    header: CorrectionHeader, tensors: dict[str, Tensor], body: ReducedBody
+) -> Callable[[Collider], AnyCorrection]:
+    if header.form == FIELD:
+        field_model = ContactModel(ModelOptions.from_json(header.options), header.dim, header.n_rows)
+        field_model.load_state_dict(tensors)
+        return lambda collider: ContactCentric(header.name, field_model, body, collider)
+    if header.form == DESCRIPTOR:
+        options = DescriptorModelOptions.from_json(header.options)
+        descriptor_model = DescriptorModel(options, header.dim, header.n_rows)
+        descriptor_model.load_state_dict(tensors)
+        return lambda collider: DescriptorContact(header.name, descriptor_model, body, collider)
+    mechanics = RestMechanics(take_compliance(tensors), take_internal(tensors))
+    load_model = LoadModel(LoadModelOptions.from_json(header.options), header.dim, header.n_rows)
+    load_model.load_state_dict(tensors)
+    return lambda collider: ElasticContact(header.name, load_model, body, collider, mechanics)
 
 
 def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:

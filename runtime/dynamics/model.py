@@ -128,18 +128,13 @@ def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, p
     """The subspace with the correction of a file, on every collider of the scene that it is for."""
     parts = scene_parts(experiment, scene)
     # Imported here, with torch, which takes a second that the other models need not wait.
-    from runtime.corrections.correction_file import correction_maker, read_header
-    from runtime.experiment.experiment import ANY_COLLIDER
+    from runtime.corrections.correction_file import read_correction
 
-    trained_for, correction_on = read_header(path).collider, correction_maker(path, body)
-    corrections = [
-        correction_on(placed.collider)
-        for placed in parts.colliders
-        if trained_for in (ANY_COLLIDER, placed.name)
-    ]
+    trained = read_correction(path, body)
+    corrections = [trained.on(placed.collider) for placed in parts.colliders if trained.is_for(placed.name)]
     if not corrections:
         raise SoftprintError(
-            f"scene {scene.name!r} has no collider {trained_for!r}, for which {path.name} was trained: "
+            f"scene {scene.name!r} has no collider {trained.header.collider!r}, for which {path.name} was trained: "
             f"play it with the model {BARE!r}"
         )
     return ReducedModel(scene_simulator(body, parts, corrections), parts.held)
