@@ -49,6 +49,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     touch` spreads over the surface.
     """
     from runtime.cli.run_body import body_of_run
+    from runtime.dynamics.motion_colliders import build_colliders
     from runtime.dynamics.motion_file import load_motion
     from runtime.errors import SoftprintError
     from runtime.fields.sources import deformed_frames, deformed_samples
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
         motion = load_motion(context.out_dir / "motions" / f"{args.motion}.h5")
         if motion.body_hash != body.content_hash:
             raise SoftprintError(f"{motion.path}: is a motion of another body than {body.name!r}")
-        colliders = _colliders(context, motion.colliders)
+        colliders = build_colliders(motion.collider_tables, motion.path)
         frames = args.frame if args.frame is not None else list(range(motion.n_frames))
         return _write(context, body, args.motion, len(frames), deformed_frames(motion, colliders, frames))
     with load_truth(context.out_dir / "truth.h5", body) as truth:

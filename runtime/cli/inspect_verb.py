@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--colliders",
         type=Path,
         metavar="EXPERIMENT.toml",
-        help="draw the colliders of this experiment with a sample or a frame",
+        help="draw the colliders of this experiment with a sample; a motion knows its own",
     )
 
 

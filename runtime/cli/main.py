@@ -38,6 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except KeyboardInterrupt:
+        if arguments is None:  # once is enough: mpirun stops a rank that was stopped again
+            for again in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(again, signal.SIG_IGN)
         _refuse("Stopped. What was finished is kept: the same command goes on from there.", launched_rank())
         end_all_ranks(130)
         return 130

@@ -7,7 +7,8 @@
 
 Frame 0 is where the scene starts; frame f is the end of step f, and what is said of it is said of that step.
 Attributes: softprint_kind "motion", softprint_version, provenance, model, scene, body_hash, inputs_hash,
-experiment (text), status_names (JSON: number -> name). A side file (.xdmf) opens the motion in ParaView.
+experiment (text), collider_tables (JSON, see `motion_colliders.py`), status_names (JSON: number -> name). A side file
+(.xdmf) opens the motion in ParaView.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from runtime.files import create_softprint_h5, fixed_text, open_softprint_h5, re
 from runtime.xdmf import Step, Values, write_xdmf
 
 KIND = "motion"
-VERSION = 2
+VERSION = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,7 @@ class Motion:
     energies: Mapping[str, Array]
     timings: Mapping[str, Array]
     colliders: Mapping[str, ColliderTrack]
+    collider_tables: str
 
     @property
     def n_frames(self) -> int:
@@ -91,6 +93,7 @@ class MotionHeader:
     scene: str
     inputs_hash: str
     experiment: str
+    collider_tables: str
 
 
 @dataclass
@@ -157,7 +160,7 @@ def write_motion(
 ) -> Iterator[MotionWriter]:
     """Write a motion file and its side file, whole or not at all."""
     with create_softprint_h5(path, KIND, VERSION) as file:
-        for name in ("model", "scene", "inputs_hash", "experiment"):
+        for name in ("model", "scene", "inputs_hash", "experiment", "collider_tables"):
             file.attrs[name] = fixed_text(getattr(header, name))
         file.attrs["body_hash"] = fixed_text(body.content_hash)
         writer = MotionWriter(file, body, n_frames)
@@ -212,6 +215,7 @@ def load_motion(path: Path | str) -> Motion:
             energies={name: values[()] for name, values in file["energies"].items()},
             timings={name: values[()] for name, values in file["timings"].items()},
             colliders=colliders,
+            collider_tables=read_text(file.attrs, "collider_tables"),
         )
 
 

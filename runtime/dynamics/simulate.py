@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from runtime.body.body import ReducedBody
 from runtime.dynamics.model import BARE, build_model, correction_path, play
+from runtime.dynamics.motion_colliders import collider_tables
 from runtime.dynamics.motion_file import (
     MotionHeader,
     motion_inputs_hash,
@@ -77,7 +78,8 @@ def simulate_scene(
         return Played(path, kept=True)
     player = build_model(experiment, body, scene, out, model)
     n_steps = scene_steps(experiment, scene)
-    header = MotionHeader(model, scene.name, digest, experiment.text)
+    tables = collider_tables(experiment, scene)
+    header = MotionHeader(model, scene.name, digest, experiment.text, tables)
     seconds, not_converged = 0.0, 0
     with (
         write_motion(path, header, body, n_steps + 1) as writer,

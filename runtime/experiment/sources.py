@@ -25,6 +25,19 @@ def collider_files(spec: schema.ColliderSpec, base_dir: Path, where: str = "") -
     return hashes
 
 
+def with_whole_paths(spec: schema.ColliderSpec, base_dir: Path) -> schema.ColliderSpec:
+    """The same collider wherever it is read from: the files that it and its parts name with their whole paths."""
+    changes: dict[str, object] = {}
+    file = getattr(spec, "file", None)
+    if file is not None:
+        changes["file"] = (base_dir / file).absolute()
+    if isinstance(spec, schema.UnionSpec | schema.DifferenceSpec):
+        changes["parts"] = [with_whole_paths(part, base_dir) for part in spec.parts]
+    if isinstance(spec, schema.DifferenceSpec):
+        changes["base"] = with_whole_paths(spec.base, base_dir)
+    return spec.model_copy(update=changes)
+
+
 def scene_files(experiment: Experiment, scene: SceneSpec) -> dict[str, str]:
     """SHA-256 of the files that decide a scene, by what they are of."""
     hashes = {}

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from runtime.drawing.scene import Scene
+from runtime.dynamics.motion_colliders import build_colliders
 from runtime.dynamics.motion_file import KIND as MOTION
 from runtime.dynamics.motion_file import VERSION, Motion, load_motion
 from runtime.errors import SoftprintError
 from runtime.files import open_softprint_h5, read_text
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.picture import placed_surfaces
+from runtime.inspect.picture import known_colliders, placed_surfaces
 from runtime.inspect.summary import Section, Summary, spread, versions
 from runtime.mesh import Mesh
 
@@ -78,12 +79,18 @@ def _frame(motion: Motion, frame: int) -> dict[str, Any]:
 
 
 def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
-    """A frame, coloured by the displacement from rest; the frame of deepest penetration if none was named."""
+    """A frame, coloured by the displacement from rest; the frame of deepest penetration if none was named.
+    Its colliders are those that it was played with, unless an experiment is given to take them from."""
     motion = load_motion(path)
     frame = int(np.argmax(motion.penetration)) if part.frame is None else part.frame
     with open_softprint_h5(path, MOTION, VERSION) as file:
         rest = Mesh(file["mesh/points"][()], file["mesh/cells"][()])
     points = motion.positions(frame)
+    poses = {name: track.poses[frame] for name, track in motion.colliders.items()}
+    if experiment is None:
+        colliders = build_colliders(motion.collider_tables, path)
+    else:
+        colliders = known_colliders(poses, experiment)
     return Scene(
         f"{motion.scene} with {motion.model}: frame {frame}, {motion.times[frame]:.3f} s",
         points,
@@ -91,9 +98,7 @@ def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
         rest.cells if rest.dim == 2 else None,
         values=1e3 * np.linalg.norm(points - rest.points, axis=1),
         label="displacement [mm]",
-        solids=placed_surfaces(
-            {name: track.poses[frame] for name, track in motion.colliders.items()}, experiment
-        ),
+        solids=placed_surfaces(colliders, poses),
     )
 
 

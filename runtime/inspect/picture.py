@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from runtime.errors import SoftprintError
 from runtime.inspect.kinds import Part, find_kind
 
 if TYPE_CHECKING:
+    from runtime.colliders.collider import Collider
     from runtime.colliders.pose import RigidPose
 
     Poses = Mapping[str, RigidPose]
@@ -28,21 +29,28 @@ def picture_of(path: Path, part: Part, picture: Path, experiment: Path | None) -
     draw(picture, kind.scene(path, part, experiment))
 
 
-def placed_surfaces(poses: Poses, experiment: Path | None) -> list[tuple[Array, IntArray]]:
-    """The surfaces of the named colliders of an experiment at their poses; planes, which have no end, are left out."""
-    if experiment is None:
-        return []
+def known_colliders(names: Iterable[str], experiment: Path) -> dict[str, Collider]:
+    """The colliders of those names from an experiment file; SoftprintError where it has not got them all."""
     from runtime.colliders.build import build_collider
-    from runtime.colliders.level_set import collider_surface
     from runtime.experiment import load_experiment
 
     known = load_experiment(experiment)
-    surfaces = []
-    for name, pose in poses.items():
+    colliders = {}
+    for name in names:
         if name not in known.collider_names:
             own = ", ".join(spec.name for spec in known.colliders) or "none"
             raise SoftprintError(f"{experiment}: has no collider {name!r}; its colliders: {own}")
-        collider = build_collider(known.collider(name), known.base_dir)
+        colliders[name] = build_collider(known.collider(name), known.base_dir)
+    return colliders
+
+
+def placed_surfaces(colliders: Mapping[str, Collider], poses: Poses) -> list[tuple[Array, IntArray]]:
+    """The surfaces of colliders at their poses; planes, which have no end, are left out."""
+    from runtime.colliders.level_set import collider_surface
+
+    surfaces = []
+    for name, pose in poses.items():
+        collider = colliders[name]
         if np.isfinite(collider.upper - collider.lower).all():
             vertices, facets = collider_surface(collider)
             surfaces.append((pose.apply(vertices), facets))

@@ -12,7 +12,7 @@ from runtime.errors import SoftprintError
 from runtime.files import open_softprint_h5
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.picture import placed_surfaces
+from runtime.inspect.picture import known_colliders, placed_surfaces
 from runtime.inspect.summary import Section, Summary, byte_size, spread, versions
 from runtime.mesh import Mesh
 from runtime.truth_file import TruthData, load_truth
@@ -143,7 +143,9 @@ def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
         cells if mesh.dim == 2 else None,
         values=1e3 * np.linalg.norm(displacement, axis=1),
         label="contact displacement [mm]",
-        solids=placed_surfaces({collider: pose}, experiment),
+        solids=placed_surfaces(known_colliders([collider], experiment), {collider: pose})
+        if experiment
+        else [],
     )
 
 

@@ -8,12 +8,21 @@ import pytest
 from runtime.body import build_body, load_body
 from runtime.cli.bench_verb import VERB as BENCH
 from runtime.cli.context import Context
+from runtime.cli.fields_verb import VERB as FIELDS
+from runtime.cli.run_body import body_of_run
 from runtime.cli.simulate_verb import VERB as SIMULATE
+from runtime.colliders.build import build_collider
 from runtime.dynamics.model import bare_model, build_model, play
+from runtime.dynamics.motion_colliders import build_colliders
 from runtime.dynamics.motion_file import load_motion, side_file
 from runtime.dynamics.scene import find_scene, scene_parts, scene_steps
 from runtime.dynamics.simulate import motion_path, simulate_scene
+from runtime.dynamics.stand_in import with_stand_in
 from runtime.errors import SoftprintError
+from runtime.experiment.colliders_schema import DifferenceSpec, PolygonSpec, UnionSpec
+from runtime.experiment.sources import with_whole_paths
+from runtime.inspect.kinds import Part
+from runtime.inspect.picture import picture_of
 from runtime.mesh import box_mesh, write_mesh
 from tests.altered import altered_h5
 
@@ -207,3 +216,33 @@ def test_bench_prints_a_table_and_keeps_it(context):
     assert (context.out_dir / "bench.json").is_file()
     with pytest.raises(SoftprintError, match="has no contact"):
         BENCH.run(options(BENCH, "--model", "bare", "--scene", "fall"), context)
+
+
+def test_a_motion_knows_the_colliders_that_it_was_played_with(context, tmp_path):
+    """Also one that no experiment has: a stand-in from a file, found from any folder until the file is gone."""
+    roof = tmp_path / "roof.txt"
+    roof.write_text("0 -1\n1 1\n-1 1\n")
+    body = body_of_run(context)
+    experiment, scene = with_stand_in(context.experiment, find_scene(context.experiment, "press"), str(roof))
+    motion = load_motion(simulate_scene(context, body, scene, "bare", experiment).path)
+    (roof_again,) = build_colliders(motion.collider_tables, motion.path).values()
+    asked = experiment.collider("roof")
+    probes = np.random.default_rng(0).uniform(-0.02, 0.02, (20, 2))
+    np.testing.assert_array_equal(roof_again.sdf(probes), build_collider(asked).sdf(probes))
+    fields = argparse.Namespace(motion="press_with_roof_bare", frame=[3], sample=None, contact=None)
+    assert FIELDS.run(fields, context) == 0
+    picture_of(motion.path, Part(None, 3), tmp_path / "roof.png", None)
+    assert (tmp_path / "roof.png").stat().st_size > 1000
+    roof.unlink()
+    with pytest.raises(
+        SoftprintError, match=r"press_with_roof_bare.h5: a collider of it cannot be made again"
+    ):
+        build_colliders(motion.collider_tables, motion.path)
+
+
+def test_files_of_parts_are_named_by_their_whole_paths(tmp_path):
+    part = PolygonSpec(shape="polygon", file="star.txt")
+    union = UnionSpec(shape="union", parts=[part, part], blend=0.1)
+    cut = DifferenceSpec(shape="difference", base=part, parts=[union], blend=0.1)
+    whole = with_whole_paths(cut, tmp_path)
+    assert whole.base.file == whole.parts[0].parts[1].file == tmp_path / "star.txt"
