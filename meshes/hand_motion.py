@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from runtime.arrays import Array
 from runtime.colliders import RigidPose
-from runtime.dynamics.recorded_motion import COLUMNS
+from runtime.experiment.recorded_motion import COLUMNS
 from runtime.files import atomic_path
 
 RATE = 15.0  # samples a second

@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 from runtime.body.placement import frames_of, place_handles
-from runtime.dynamics.recorded_motion import read_recorded_motion
 from runtime.experiment import load_experiment
+from runtime.experiment.recorded_motion import read_recorded_motion
 from runtime.inspect.mesh_quality import cell_angles, facet_edges, mean_ratio
 from runtime.mesh import read_mesh
 

@@ -153,5 +153,6 @@ def test_a_frame_follows_a_recorded_motion(scene_of, tmp_path, dim):
 @pytest.mark.parametrize("dim", [2])
 def test_a_recorded_motion_of_another_body_is_refused(scene_of, tmp_path):
     (tmp_path / "tracked.csv").write_text("frame,time,x,y,angle\nbone,0,0,0,0\n")
-    with pytest.raises(SoftprintError, match="no frame named 'bone'; its frames: base"):
+    words = r"scenes\[0\].tracking.file \(tracked.csv\).*not the name of a frame.*known: base"
+    with pytest.raises(SoftprintError, match=words):
         scene_of(TRACKED, 0.0)

@@ -17,10 +17,10 @@ from runtime.corrections.correction import Correction
 from runtime.dynamics.kinematic import KinematicHandle
 from runtime.dynamics.newton import NewtonSettings
 from runtime.dynamics.placed import PlacedCollider
-from runtime.dynamics.recorded_motion import read_recorded_motion
 from runtime.dynamics.simulator import DynamicsSettings, Simulator
 from runtime.dynamics.springs import HandleSpring
 from runtime.errors import SoftprintError
+from runtime.experiment.recorded_motion import read_recorded_motion
 from runtime.rigid import free_collider
 
 if TYPE_CHECKING:
@@ -95,22 +95,16 @@ def _springs(experiment: Experiment, scene: SceneSpec) -> tuple[HandleSpring, ..
     ]
     if scene.tracking is not None:
         file = experiment.base_dir / scene.tracking.file
-        known = {frame.name for frame in experiment.body.handles.frames}
-        for track in read_recorded_motion(file, experiment.dim):
-            if track.frame not in known:
-                raise SoftprintError(
-                    f"{file}: the body has no frame named {track.frame!r}; its frames: "
-                    f"{', '.join(sorted(known)) or 'none'}"
-                )
-            springs.append(
-                HandleSpring(
-                    track.frame,
-                    scene.tracking.stiffness,
-                    track.path,
-                    scene.tracking.rotation_stiffness,
-                    track.anchor,
-                )
+        springs += [
+            HandleSpring(
+                track.frame,
+                scene.tracking.stiffness,
+                track.path,
+                scene.tracking.rotation_stiffness,
+                track.anchor,
             )
+            for track in read_recorded_motion(file, experiment.dim)
+        ]
     return tuple(springs)
 
 

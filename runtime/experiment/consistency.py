@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from runtime.errors import SoftprintError
 from runtime.experiment.experiment import LIBRARY, RESERVED, Experiment
 from runtime.experiment.problems import Problem
 from runtime.experiment.scene_schema import (
@@ -167,7 +168,25 @@ def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Pr
         if spring.keyframes is not None:
             yield from _keyframes(experiment, f"{key}.keyframes", spring.keyframes)
     if scene.tracking is not None:
-        yield from _file(experiment, f"{here}.tracking.file", scene.tracking.file)
+        yield from _tracking(experiment, f"{here}.tracking.file", scene.tracking.file)
+
+
+def _tracking(experiment: Experiment, key: str, file: Path) -> Iterator[Problem]:
+    """A table of poses, each of a frame of the body."""
+    from runtime.experiment.recorded_motion import read_recorded_motion  # which brings numba along
+
+    missing = list(_file(experiment, key, file))
+    yield from missing
+    if missing:
+        return
+    try:
+        tracks = read_recorded_motion(experiment.base_dir / file, experiment.dim)
+    except SoftprintError as error:
+        yield Problem(key, f"is no recorded motion: {error}", "see runtime/experiment/recorded_motion.py")
+        return
+    frames = [frame.name for frame in experiment.body.handles.frames]
+    for track in tracks:
+        yield from _known(f"{key} ({file})", track.frame, frames, "frame")
 
 
 def _scene_collider(experiment: Experiment, key: str, collider: SceneColliderSpec) -> Iterator[Problem]:

@@ -131,6 +131,10 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
             "scenes.press.tracking={file='gone.csv', stiffness=1.0, rotation_stiffness=1.0}",
             ["[scenes[0].tracking.file]", "does not exist"],
         ),
+        (
+            "scenes.press.tracking={file='toy.toml', stiffness=1.0, rotation_stiffness=1.0}",
+            ["[scenes[0].tracking.file]", "begins with the line frame,time,x,y,z"],
+        ),
         ("body.handles.points=[[0, 0]]", ["[body.handles.points[0]]", "2 entries"]),
         ("body.handles.points='many'", ["[body.handles.points]", "integer", "or"]),
         ("sampling.collider='bull'", ["[sampling.collider]", "did you mean 'ball'?"]),

@@ -20,12 +20,13 @@ BODY = SimpleNamespace(
 
 
 def test_files_of_a_scene_decide_its_motions(tmp_path):
+    (tmp_path / "motion.csv").write_text("frame,time,x,y,z,rx,ry,rz\nbase,0,0,0,0,0,0,0\n")
     parts = "[{shape='mesh', file='ball.stl'}, {shape='sphere', radius=0.01}]"
     experiment = load_experiment(
         write_experiment(tmp_path, 3),
         [
             f"colliders=[{{name='ball', shape='union', blend=0.001, parts={parts}}}]",
-            "scenes.held_out.tracking={file='toy.toml', stiffness=1.0, rotation_stiffness=1.0}",
+            "scenes.held_out.tracking={file='motion.csv', stiffness=1.0, rotation_stiffness=1.0}",
         ],
     )
     scene = find_scene(experiment, "held_out")
@@ -36,7 +37,7 @@ def test_files_of_a_scene_decide_its_motions(tmp_path):
 
     before, untracked = digest(), digest(other)
     assert digest() == before
-    (tmp_path / "toy.toml").write_text(MOTION.format(0.01))
+    (tmp_path / "motion.csv").write_text("frame,time,x,y,z,rx,ry,rz\nbase,0,0,0,0.01,0,0,0\n")
     assert digest() != before
     assert digest(other) == untracked
     before = digest()

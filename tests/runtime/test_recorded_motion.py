@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.dynamics.recorded_motion import read_recorded_motion
 from runtime.errors import SoftprintError
+from runtime.experiment.recorded_motion import read_recorded_motion
 
 HEADING = "frame,time,x,y,z,rx,ry,rz\n"
 
