@@ -25,17 +25,18 @@ from runtime.mesh import Mesh
 _INCHES, _DPI = (4.25, 3.25), 160
 _PIXELS = 260  # across the picture, for the collider's outline
 _GRID_LINES = 14
-_VIEW = np.array([0.32, -1.0, 0.66])
+# From the body towards the eye: from above, and from below where the collider is there.
+VIEWS = {True: np.array([0.32, -1.0, 0.66]), False: np.array([0.32, -1.0, -0.5])}
 _HEAT = LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
 
 
 class FlatRenderer:
     """Drawings of one body and one collider, from one side, without perspective; a `Renderer`."""
 
-    def __init__(self, mesh: Mesh, collider: Collider, description: str) -> None:
+    def __init__(self, mesh: Mesh, collider: Collider, description: str, from_above: bool = True) -> None:
         self.mesh, self.collider, self.description = mesh, collider, description
         # Columns: right, up, and (in 3D) towards the eye. In 2D the drawing is the plane itself.
-        self._axes = np.eye(2) if mesh.dim == 2 else _camera_axes(_VIEW)
+        self._axes = np.eye(2) if mesh.dim == 2 else _camera_axes(VIEWS[from_above])
         rest = mesh.points @ self._axes[:, :2]
         self._centre = 0.5 * (rest.min(axis=0) + rest.max(axis=0))
         self._half = (0.68 if mesh.dim == 2 else 0.9) * float(np.ptp(rest, axis=0).max())

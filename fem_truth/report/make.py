@@ -178,4 +178,5 @@ def _contact_notes(scenes: list[JudgedScene]) -> list[str]:
 
 
 def _renderer(scene: JudgedScene) -> Renderer:
-    return make_renderer(scene.comparer.body.mesh, scene.comparer.collider)
+    comparer, poses = scene.comparer, scene.comparer.motion.poses
+    return make_renderer(comparer.body.mesh, comparer.collider, poses[len(poses) // 2])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem_truth.report.flat_renderings import FlatRenderer
+from fem_truth.report.flat_renderings import VIEWS, FlatRenderer
 from fem_truth.report.picture import Picture, Renderer, encode
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _SIZE = (680, 520)
 _GRID_LINES = 11  # lines of rest position along the longest side of the body: they show the strain
 _COLLIDER_CELLS = 72  # of the grid on which the collider's surface is extracted, along its longest side
-_VIEW = np.array([0.32, -1.0, 0.66])  # from the body towards the camera of the whole view
+_LOW = 0.25  # of the body's height: a collider whose middle is lower is seen from below
 # Columns: to the right, level towards the camera, up.
 _GRID_AXES = np.array([[1.0, 0.32, 0.0], [0.32, -1.0, 0.0], [0.0, 0.0, np.hypot(1.0, 0.32)]]) / np.hypot(
     1.0, 0.32
@@ -33,11 +33,12 @@ _ELSEWHERE = 0.2  # how far a body goes before the camera goes along, in its ext
 _PROBE = "import pyvista; pyvista.Plotter(off_screen=True, window_size=(8, 8)).screenshot(None)"
 
 
-def make_renderer(mesh: Mesh, collider: Collider) -> Renderer:
+def make_renderer(mesh: Mesh, collider: Collider, pose: RigidPose) -> Renderer:
     """PyVista for 3D bodies where GL works, else plain drawings (always for 2D bodies, which need no
-    more)."""
+    more). pose: where the collider usually is, which decides from where all is seen."""
     if mesh.dim == 2:
         return FlatRenderer(mesh, collider, "Drawn with matplotlib.")
+    from_above = _from_above(mesh, collider, pose)
     problem = gl_problem()
     if problem:
         return FlatRenderer(
@@ -45,8 +46,16 @@ def make_renderer(mesh: Mesh, collider: Collider) -> Renderer:
             collider,
             f"Off-screen OpenGL does not work here ({problem}), so the pictures are plain drawings "
             "without cuts. Install libegl1 and libgl1-mesa-dri, then make the report again.",
+            from_above,
         )
-    return GlRenderer(mesh, collider)
+    return GlRenderer(mesh, collider, from_above)
+
+
+def _from_above(mesh: Mesh, collider: Collider, pose: RigidPose) -> bool:
+    """Whether that is the side from which the collider is seen."""
+    middle = pose.apply(0.5 * (collider.lower + collider.upper)[None])[0, 2]
+    lower, upper = mesh.points[:, 2].min(), mesh.points[:, 2].max()
+    return bool(middle > lower + _LOW * (upper - lower))
 
 
 def gl_problem() -> str:
@@ -72,9 +81,10 @@ class GlRenderer:
 
     description = "Drawn with PyVista; thin lines are lines of constant rest position."
 
-    def __init__(self, mesh: Mesh, collider: Collider) -> None:
+    def __init__(self, mesh: Mesh, collider: Collider, from_above: bool = True) -> None:
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
         self.mesh, self.collider = mesh, collider
+        self._from_above, self._view = from_above, _unit(VIEWS[from_above])
         lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
         self._centre = 0.5 * (lower + upper)
         self._extent = float(np.linalg.norm(upper - lower))
@@ -88,13 +98,13 @@ class GlRenderer:
 
     def outside(self, positions: Array, pose: RigidPose, alt: str) -> Picture:
         def build(plotter: "pv.Plotter") -> None:
-            self._add_body(plotter, self._surface(positions), _unit(_VIEW))
+            self._add_body(plotter, self._surface(positions), self._view)
             plotter.add_mesh(
                 self._placed_collider(pose), color=COLLIDER, opacity=0.42, smooth_shading=True, specular=0.5
             )
             self._whole_view(plotter, positions)
 
-        return _shot(build, alt)
+        return _shot(build, alt, self._from_above)
 
     def cut(self, positions: Array, pose: RigidPose, centre: Array, alt: str) -> Picture | None:
         import pyvista as pv
@@ -139,7 +149,7 @@ class GlRenderer:
             )
             self._whole_view(plotter, positions)
 
-        return _shot(build, alt)
+        return _shot(build, alt, self._from_above)
 
     def _surface(self, positions: Array, values: Array | None = None) -> "pv.PolyData":
         """The body's skin with normals that are smooth except at true edges."""
@@ -204,11 +214,11 @@ class GlRenderer:
         return placed
 
     def _whole_view(self, plotter: "pv.Plotter", positions: Array) -> None:
-        above = np.array([0.0, 0.0, 0.05 * self._extent])  # room for the collider
+        room = np.array([0.0, 0.0, 0.05 * self._extent * np.sign(self._view[2])])  # for the collider
         moved = 0.5 * (positions.min(axis=0) + positions.max(axis=0)) - self._centre
         # One camera for all frames, unless the body goes elsewhere: then it goes along.
         along = moved if np.linalg.norm(moved) > _ELSEWHERE * self._extent else np.zeros(3)
-        _look(plotter, self._centre + along + above, _unit(_VIEW), 0.82 * self._extent)
+        _look(plotter, self._centre + along + room, self._view, 0.82 * self._extent)
 
 
 def _look(plotter: "pv.Plotter", at: Array, direction: Array, height: float) -> None:
@@ -221,12 +231,15 @@ def _look(plotter: "pv.Plotter", at: Array, direction: Array, height: float) -> 
     plotter.reset_camera_clipping_range()
 
 
-def _shot(build: Callable[["pv.Plotter"], None], alt: str) -> Picture:
+def _shot(build: Callable[["pv.Plotter"], None], alt: str, from_above: bool = True) -> Picture:
     import pyvista as pv
 
     plotter = pv.Plotter(off_screen=True, window_size=list(_SIZE), lighting="none")
     for position, intensity in (((1, -2, 3), 0.7), ((-3, -2, 1), 0.42), ((3, -1, 0.5), 0.3)):
-        light = pv.Light(position=position, intensity=intensity, light_type="scene light")
+        right, back, up = position
+        light = pv.Light(
+            position=(right, back, up if from_above else -up), intensity=intensity, light_type="scene light"
+        )
         light.positional = False
         plotter.add_light(light)
     build(plotter)

@@ -145,7 +145,7 @@ def _view(
     ours = body.reduced_positions(rows) + model.internal_displacement(rows) + model.contact(rows, pose)
     surface = body.mesh.surface_nodes
     deepest = full[surface[int(np.argmin(collider.sdf(pose.apply_inverse(full[surface]))))]]
-    renderer = make_renderer(body.mesh, collider)
+    renderer = make_renderer(body.mesh, collider, pose)
     what = f"{collider.name}, sample {sample}"
     views = []
     for name, x in (("full", full), ("bare", settled), (judged, ours)):

@@ -70,7 +70,7 @@ def test_pictures_by_gl(jelly3d_body):
     body = jelly3d_body
     collider = Sphere(0.02, 3)
     scene = (body, collider, RigidPose(np.eye(3), np.array([0, 0, 0.07])), np.array([0, 0, 0.06]))
-    renderer = make_renderer(body.mesh, collider)
+    renderer = make_renderer(body.mesh, collider, scene[2])
     assert isinstance(renderer, GlRenderer)
     for picture in all_views(renderer, scene):
         opacity = pixels(picture)[..., 3]
@@ -83,7 +83,22 @@ def test_without_gl_the_report_says_so_and_draws_all_the_same(jelly3d_body, monk
         [], -6, "", "some text\nlibEGL.so.1: cannot open shared object file\n"
     )
     monkeypatch.setattr(renderings.subprocess, "run", lambda *args, **kwargs: failed)
-    renderer = make_renderer(jelly3d_body.mesh, Sphere(0.02, 3))
+    renderer = make_renderer(jelly3d_body.mesh, Sphere(0.02, 3), RigidPose.identity(3))
     assert isinstance(renderer, FlatRenderer)
     assert "libEGL.so.1: cannot open" in renderer.description
     assert "libegl1" in renderer.description
+
+
+def test_a_collider_below_is_seen_from_below(jelly3d_body):
+    """Of a ball at the body's lower or upper face; from the other side it would hide behind the body."""
+    if gl_problem():
+        pytest.skip("off-screen OpenGL does not work here")
+    mesh, ball = jelly3d_body.mesh, Sphere(0.02, 3)
+    for z in (mesh.points[:, 2].min(), mesh.points[:, 2].max()):
+        pose = RigidPose(np.eye(3), np.array([0.0, 0.0, z]))
+        chosen = make_renderer(mesh, ball, pose)
+        other = GlRenderer(mesh, ball, from_above=z == mesh.points[:, 2].min())
+        seen, hidden = (pixels(of.outside(mesh.points, pose, "")).astype(float) for of in (chosen, other))
+        # The collider takes the red out of the body behind it, which alone has 49 more of it than of blue, and more.
+        blue, hidden_blue = (((p[..., 2] > p[..., 0] - 40) & (p[..., 3] > 200)).sum() for p in (seen, hidden))
+        assert blue > 3 * hidden_blue
