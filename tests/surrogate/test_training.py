@@ -180,6 +180,25 @@ def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
         assert value == pytest.approx(expected, rel=1e-5)  # Gamma is float32
 
 
+def test_shallow_contacts_count_in_the_loss_of_load_models(truth, jelly2d_body, mechanics):
+    """Of a model that answers nothing, a sample's loss is c / (c + <c> / 10) but for one factor for all samples: with a
+    tenth of the mean displacement squared a half, where without the weights it would be a tenth."""
+    task = load_task(truth, jelly2d_body, mechanics)
+    split = split_by_state(truth, "ball", 1)
+    metric = LoadMetric(jelly2d_body, mechanics.compliance, 0.3)
+    data = load_load_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
+    c = data.squared.double()
+    expected = c / (c + 0.1 * c.mean())
+
+    def nothing(local, depth, load, lever):
+        return torch.zeros_like(load)
+
+    losses = torch.stack([task.loss(nothing, torch.tensor([k])) for k in range(len(data))]).double()
+    # Sums over samples are taken in single precision.
+    torch.testing.assert_close(losses, expected / expected.mean(), rtol=1e-5, atol=0.0)
+    assert float(expected.max() / expected.min()) < 0.5 * float(c.max() / c.min())
+
+
 def test_pools_estimate_the_loss_of_all_samples(truth, jelly2d_body):
     """Whatever is drawn more often weighs less: means over many pools are those over samples, volume and edges.
     20,000 nodes and edges a sample, drawn where the field is large: 3 %."""
