@@ -20,12 +20,13 @@ from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.corrections.compliance import n_columns
-from runtime.corrections.correction_file import read_header, save_correction
+from runtime.corrections.correction_file import as_saved, read_header, save_correction
 from runtime.corrections.descriptor_model import DescriptorModelOptions
 from runtime.corrections.load_model import LoadModelOptions
 from runtime.corrections.options import descriptor_model_options, load_model_options, model_options
 from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mechanics
 from runtime.descriptors import handle_spacing
+from runtime.dynamics.model import trained_models
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
 from runtime.experiment.experiment import ANY_COLLIDER, LIBRARY
@@ -42,6 +43,7 @@ from surrogate.dataset import ContactDataset, PoolSize, load_dataset
 from surrogate.descriptor_data import DescriptorData, Drawing, join_descriptor_data, load_descriptor_data
 from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
 from surrogate.joined_loads import join_load_data
+from surrogate.kept_mechanics import kept_mechanics
 from surrogate.load_task import LoadData, LoadMetric, LoadTask, load_load_data
 from surrogate.splits import Split, split_by_shape, split_by_state
 from surrogate.tasks import FieldTask, InputGains, LearningTask, ModelT
@@ -107,13 +109,21 @@ class Lessons:
     def mechanics(self, spec: ModelSpec) -> RestMechanics:
         """The body's mechanics at rest as a [[training.models]] table of form "loads" asks for them."""
         if spec.loads not in self._mechanics:
-            gravity = self._context.experiment.dynamics.gravity
-            with self._context.progress(n_columns(self.body, spec.loads), "column", "compliance") as bar:
-                self._mechanics[spec.loads] = compute_rest_mechanics(
-                    self.body, spec.loads, True, gravity, bar.update
-                )
+            self._mechanics[spec.loads] = self._kept(spec) or self._computed(spec)
         found = self._mechanics[spec.loads]
         return found if spec.internal else found._replace(internal=None)
+
+    def _kept(self, spec: ModelSpec) -> RestMechanics | None:
+        """From another correction of the run directory, unless all is to be made afresh."""
+        if not self._context.resume:
+            return None
+        paths = (_path(self._context, name) for name in trained_models(self._context.out_dir))
+        return kept_mechanics(paths, self.body, spec.loads, self._context.experiment.dynamics.gravity)
+
+    def _computed(self, spec: ModelSpec) -> RestMechanics:
+        gravity = self._context.experiment.dynamics.gravity
+        with self._context.progress(n_columns(self.body, spec.loads), "column", "compliance") as bar:
+            return as_saved(compute_rest_mechanics(self.body, spec.loads, True, gravity, bar.update))
 
     def field_task(self, spec: ModelSpec) -> FieldTask:
         """The learning task of a [[training.models]] table of form "field"."""

@@ -90,11 +90,26 @@ def save_correction(
     text = json.dumps({field.name: getattr(header, field.name) for field in fields(header)})
     tensors = dict(model.state_dict())
     if mechanics is not None:
-        tensors |= compliance_tensors(mechanics.compliance)
-        if mechanics.internal is not None:
-            arrays = internal_arrays(mechanics.internal)
-            tensors |= {name: torch.from_numpy(array) for name, array in arrays.items()}
+        tensors |= _mechanics_tensors(mechanics)
     save_tensors(path, KIND, VERSION, {"header": text}, tensors)
+
+
+def as_saved(mechanics: RestMechanics) -> RestMechanics:
+    """As it comes back from a file, where the compliance is in half precision: what learns with it learns with what the
+    runtime will have, whether it was just worked out or is of an earlier file."""
+    return _take_mechanics(_mechanics_tensors(mechanics))
+
+
+def _mechanics_tensors(mechanics: RestMechanics) -> dict[str, Tensor]:
+    tensors = compliance_tensors(mechanics.compliance)
+    if mechanics.internal is not None:
+        arrays = internal_arrays(mechanics.internal)
+        tensors |= {name: torch.from_numpy(array) for name, array in arrays.items()}
+    return tensors
+
+
+def _take_mechanics(tensors: dict[str, Tensor]) -> RestMechanics:
+    return RestMechanics(take_compliance(tensors), take_internal(tensors))
 
 
 def read_header(path: Path) -> CorrectionHeader:
@@ -113,10 +128,11 @@ def load_correction(path: Path, body: ReducedBody, collider: Collider) -> AnyCor
 
 @dataclass(frozen=True, eq=False)
 class TrainedCorrection:
-    """A correction file, read once for any number of colliders."""
+    """A correction file, read once for any number of colliders. mechanics: of the body, for the form that has them."""
 
     path: Path
     header: CorrectionHeader
+    mechanics: RestMechanics | None
     _make: Callable[[Collider], AnyCorrection]
 
     def is_for(self, collider: str) -> bool:
@@ -141,16 +157,19 @@ def read_correction(path: Path, body: ReducedBody) -> TrainedCorrection:
             f"({body.content_hash[:12]}): train it again for this body"
         )
     try:
-        make = _maker(header, tensors, body)
+        mechanics = None
+        if header.form == LOADS:
+            mechanics = _take_mechanics(tensors)
+        make = _maker(header, tensors, mechanics, body)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(
             f"{path}: weights and header do not fit together ({error}): train it again"
         ) from error
-    return TrainedCorrection(path, header, make)
+    return TrainedCorrection(path, header, mechanics, make)
 
 
 def _maker(
-    header: CorrectionHeader, tensors: dict[str, Tensor], body: ReducedBody
+    header: CorrectionHeader, tensors: dict[str, Tensor], mechanics: RestMechanics | None, body: ReducedBody
 ) -> Callable[[Collider], AnyCorrection]:
     if header.form == FIELD:
         field_model = ContactModel(ModelOptions.from_json(header.options), header.dim, header.n_rows)
@@ -161,7 +180,8 @@ def _maker(
         descriptor_model = DescriptorModel(options, header.dim, header.n_rows)
         descriptor_model.load_state_dict(tensors)
         return lambda collider: DescriptorContact(header.name, descriptor_model, body, collider)
-    mechanics = RestMechanics(take_compliance(tensors), take_internal(tensors))
+    if mechanics is None:
+        raise ValueError(f"form {header.form!r} is not known")
     load_model = LoadModel(LoadModelOptions.from_json(header.options), header.dim, header.n_rows)
     load_model.load_state_dict(tensors)
     return lambda collider: ElasticContact(header.name, load_model, body, collider, mechanics)
