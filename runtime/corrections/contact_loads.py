@@ -15,6 +15,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.carried_normal import SHORTEST
+from runtime.corrections.joint_press import JointPress
 from runtime.corrections.load_inputs import RANGE, inputs_around, load_inputs
 from runtime.corrections.load_press import LoadProbe
 from runtime.corrections.rest_mechanics import RestMechanics
@@ -61,31 +62,45 @@ class ContactLoadsProbe:
         self._areas = mechanics.compliance.areas
         self._last: tuple[Array, RigidPose, Array, ContactLoads | None] | None = None
 
-    def measure(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> ContactLoads | None:
+    def measure(
+        self, rows: Array, pose: RigidPose, turn: Array | None = None, joint: JointPress | None = None
+    ) -> ContactLoads | None:
         """The loads at handle rows (n_rows, dim), or None where no load is inside the collider. turn: of the body,
-        that of the rows themselves by default."""
+        that of the rows themselves by default; joint: in which this collider is pressed together with others."""
         turn = self.loads.turn(rows) if turn is None else turn
+        if joint is not None:
+            return self._measure(rows, pose, turn, joint)
         if self._last is not None:
             last_rows, last_pose, last_turn, loads = self._last
             if last_pose is pose and np.array_equal(last_rows, rows) and np.array_equal(last_turn, turn):
                 return loads
-        loads = self._measure(rows, pose, turn)
+        loads = self._measure(rows, pose, turn, None)
         self._last = (rows.copy(), pose, turn, loads)
         return loads
 
-    def _measure(self, rows: Array, pose: RigidPose, turn: Array) -> ContactLoads | None:
+    def _measure(
+        self, rows: Array, pose: RigidPose, turn: Array, joint: JointPress | None
+    ) -> ContactLoads | None:
         probe = self.loads
-        press = probe.press(rows, pose, turn)
-        if press is None:
-            return None
-        index, m = press.around, len(press.around)
-        pressed = press.index[press.bearing]
+        if joint is None:
+            press = probe.press(rows, pose, turn)
+            if press is None:
+                return None
+            index, x_around = press.around, press.around_position
+            mine = np.ones(press.bearing.size, dtype=bool)
+        else:
+            around = probe.around(rows, pose, turn)
+            if around is None:
+                return None
+            press, mine = joint.press, joint.borne_by(self.collider.name)
+            index, x_around = around.index, around.position
+        m, pressed = len(index), press.index[press.bearing]
         F = pose.rotation.T @ probe.deformation(rows, index)
         moved = (F @ np.tensordot(probe.among(index, pressed), press.load, 2)[..., None])[..., 0]
-        z = pose.apply_inverse(press.around_position)
+        z = pose.apply_inverse(x_around)
         distance, slope, curvature = self.collider.sdf_derivatives(np.concatenate([z, z + moved]))
         load = np.zeros_like(moved)
-        load[np.searchsorted(index, pressed)] = press.load
+        load[np.searchsorted(index, pressed[mine])] = press.load[mine]
         carried = (cofactor(F) @ probe.points.surface_normal[index][..., None])[..., 0]
         length = np.sqrt((carried * carried).sum(axis=1, keepdims=True))
         carried /= np.maximum(length, SHORTEST)

@@ -21,6 +21,7 @@ from runtime.corrections.contact_loads import ContactLoadsProbe
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.correction import Potential, require_body
 from runtime.corrections.internal_response import InternalResponse
+from runtime.corrections.joint_press import JointPress
 from runtime.corrections.load_evaluation import LoadEvaluation
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.rest_mechanics import RestMechanics
@@ -73,7 +74,13 @@ class BoundElasticContact:
     def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
         rows by default."""
-        contact = self._probe.measure(rows, pose, turn)
+        return self.displacement_among(None, rows, pose, turn)
+
+    def displacement_among(
+        self, joint: JointPress | None, rows: Array, pose: RigidPose, turn: Array | None = None
+    ) -> Array:
+        """The share of this collider where several press together; their sum is what they do to the body."""
+        contact = self._probe.measure(rows, pose, turn, joint)
         if contact is None:
             return np.zeros(self._points.rest.shape)
         given = self._compliance.apply(contact.index, self._model.loads(contact))

@@ -89,7 +89,7 @@ class JointProbe:
         if self._last is not None:
             last_rows, last_poses, last_turn, near = self._last
             same = all(last_poses[name] is poses[name] for name in self.probes)
-            if same and last_turn is turn and np.array_equal(last_rows, rows):
+            if same and np.array_equal(last_turn, turn) and np.array_equal(last_rows, rows):
                 return near
         press = self._press(rows, poses, turn, near)
         self._last = (rows.copy(), dict(poses), turn, press)

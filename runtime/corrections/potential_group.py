@@ -103,16 +103,16 @@ class JointPotential:
 
     def __init__(self, potentials: Mapping[str, ContactPotential]) -> None:
         self._names = tuple(potentials)
-        self._probe = JointProbe({name: potential.probe for name, potential in potentials.items()})
+        self.probe = JointProbe({name: potential.probe for name, potential in potentials.items()})
 
     def energy(self, rows: Array, poses: Poses, turn: Array) -> float:
         """W [J] of all of them."""
-        joint = self._probe.press(rows, poses, turn)
+        joint = self.probe.press(rows, poses, turn)
         return 0.0 if joint is None else joint.press.solution.energy
 
     def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, Hessian | None]:
         """See `Potential.linearise`."""
-        joint = self._probe.press(rows, poses, turn)
+        joint = self.probe.press(rows, poses, turn)
         if joint is None or not joint.press.bearing.size:
             return 0.0, np.zeros_like(rows), None
         press = joint.press
@@ -120,7 +120,7 @@ class JointPotential:
 
     def felt(self, rows: Array, poses: Poses, turn: Array, centres: Mapping[str, Array]) -> Felt:
         """See `PotentialGroup.felt`."""
-        joint = self._probe.press(rows, poses, turn)
+        joint = self.probe.press(rows, poses, turn)
         if joint is None:
             return Felt({}, {})
         twisted: dict[str, TwistedPress] = {}
@@ -134,11 +134,11 @@ class JointPotential:
 
     def pressed(self, rows: Array, poses: Poses, turn: Array) -> dict[str, PressedLoads]:
         """See `PotentialGroup.pressed`."""
-        joint = self._probe.press(rows, poses, turn)
+        joint = self.probe.press(rows, poses, turn)
         if joint is None:
             return {name: PressedLoads.none(*rows.shape) for name in self._names}
         return {name: pressed_loads(joint.press, joint.borne_by(name)) for name in self._names}
 
     def settled(self, rows: Array, poses: Poses, turn: Array) -> dict[str, Callable[[IntArray], Array]]:
         """See `PotentialGroup.settled`."""
-        return dict.fromkeys(self._names, self._probe.settled(rows, poses, turn))
+        return dict.fromkeys(self._names, self.probe.settled(rows, poses, turn))

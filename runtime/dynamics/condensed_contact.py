@@ -13,7 +13,8 @@ import numpy as np
 from runtime.arrays import Array, Hessian, IntArray
 from runtime.contact import CoulombFriction
 from runtime.corrections.correction import Potential
-from runtime.corrections.potential_group import grouped
+from runtime.corrections.joint_press import JointProbe
+from runtime.corrections.potential_group import JointPotential, grouped
 from runtime.dynamics.condensed_friction import CondensedFriction
 from runtime.dynamics.corrected_points import Poses
 from runtime.dynamics.coupling import Centres, Coupling, Link
@@ -28,6 +29,12 @@ class CondensedContact:
     def __init__(self, potentials: Mapping[str, Potential], friction: CoulombFriction | None = None) -> None:
         self._potentials, self._groups = potentials, grouped(potentials)
         self._friction = None if friction is None else CondensedFriction(friction)
+
+    @property
+    def joint(self) -> dict[str, JointProbe]:
+        """Of the colliders that press together with others, by name, what presses them."""
+        joint = [group for group in self._groups if isinstance(group, JointPotential)]
+        return {name: group.probe for group in joint for name in group.probe.probes}
 
     def settled(self, rows: Array, poses: Poses, turn: Array) -> dict[str, Callable[[IntArray], Array]]:
         """Where loads are in a state, see `Potential`."""

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.corrections.correction import BoundCorrection, Correction
 from runtime.corrections.internal_response import InternalResponse
+from runtime.corrections.joint_press import JointProbe
 from runtime.dynamics.state import ReducedState
+
+if TYPE_CHECKING:
+    from runtime.corrections.elastic_contact import BoundElasticContact
 
 
 class CorrectedNodes:
     """x = U rows + internal response + corrections of the given nodes, all by default. corrections: (name of the
-    collider, correction); nothing is prepared before the first question."""
+    collider, correction); joint: those that are pressed together with others, by the collider's name; nothing is
+    prepared before the first question."""
 
     def __init__(
         self,
@@ -22,8 +30,9 @@ class CorrectedNodes:
         corrections: Sequence[tuple[str, Correction]],
         internal: InternalResponse | None,
         nodes: IntArray | None = None,
+        joint: Mapping[str, JointProbe] | None = None,
     ) -> None:
-        self._body, self._nodes = body, nodes
+        self._body, self._nodes, self._joint = body, nodes, joint or {}
         self._corrections, self._everywhere = corrections, internal
 
     def positions(self, state: ReducedState) -> Array:
@@ -34,8 +43,21 @@ class CorrectedNodes:
             turn = self._internal.turn(state.rows) if turn is None else turn
             x += self._internal.displacement(state.rows, turn)
         for collider, correction in self._bound:
-            x += correction.displacement(state.rows, state.poses[collider], turn)
+            x += self._displacement(collider, correction, state, turn)
         return x
+
+    def _displacement(
+        self, collider: str, correction: BoundCorrection, state: ReducedState, turn: Array | None
+    ) -> Array | float:
+        """(n, dim) [m] by one collider; where it presses together with others, by its share of what all of them do."""
+        rows, pose = state.rows, state.poses[collider]
+        if collider not in self._joint:
+            return correction.displacement(rows, pose, turn)
+        turn = np.eye(self._body.dim) if turn is None else turn
+        press = self._joint[collider].press(rows, state.poses, turn)
+        if press is None:
+            return 0.0
+        return cast("BoundElasticContact", correction).displacement_among(press, rows, pose, turn)
 
     @cached_property
     def _basis(self) -> Array:

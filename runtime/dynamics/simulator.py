@@ -136,8 +136,10 @@ class Simulator:
             else InternalElasticEnergy(body, self._points, internal)
         )
         self._surface = SurfaceEnergy(body, self._points, penalised, contact, friction, internal)
-        self._nodes = CorrectedNodes(body, self._corrections, internal)
-        self._samples = CorrectedNodes(body, self._corrections, internal, body.surface.nodes)
+        self._nodes = CorrectedNodes(body, self._corrections, internal, joint=self._condensed.joint)
+        self._samples = CorrectedNodes(
+            body, self._corrections, internal, body.surface.nodes, self._condensed.joint
+        )
         self._friction = friction
         free = free_colliders(self.colliders)
         self._movers = Movers(
@@ -349,7 +351,8 @@ class Simulator:
     def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
         """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state, corrections included: bound
         once, at a cost that does not grow with the mesh."""
-        return CorrectedNodes(self.body, self._corrections, self._internal, nodes).positions
+        joint = self._condensed.joint
+        return CorrectedNodes(self.body, self._corrections, self._internal, nodes, joint).positions
 
     def positions(self, state: ReducedState) -> Array:
         """(n_nodes, dim) [m]: every node of the mesh, corrections included. As costly as the mesh is
