@@ -37,8 +37,9 @@ class ContactPotential:
 
     def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, Hessian | None]:
         """W [J], dW/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where
-        nothing is pressed."""
+        nothing is pressed. What is asked for next starts from this state."""
         press = self.probe.press(rows, pose, turn)
+        self.probe.hold(press)
         if press is None or not press.bearing.size:
             return 0.0, np.zeros_like(rows), None
         return press.solution.energy, press.gradient.reshape(rows.shape), lambda: press.hessian

@@ -27,7 +27,7 @@ from functools import cached_property
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import SdfDerivatives
 from runtime.corrections import load_kernels
 
@@ -71,6 +71,13 @@ class LoadSolution:
     def force(self) -> Array:
         """f (m, dim) [N]."""
         return self.pressure[:, None] * self.normal
+
+    def joined_by(self, old: BoolArray) -> tuple[Array, Array]:
+        """Penetrations (n,) and normals (n, dim) to start from where the m loads have become n, of which these are the
+        old ones; the others bear nothing yet."""
+        left, normal = np.full(len(old), -np.inf), np.zeros((len(old), self.normal.shape[1]))
+        left[old], normal[old] = self.left, self.normal
+        return left, normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +143,7 @@ class LoadProblem:
         force = pressure[:, None] * at.gradient
         return self._solution(e, at, force, lag, converged, iteration, residual)
 
-    def _descend(self, near: tuple[Array, Array] | None) -> LoadSolution:
+    def _descend(self, near: tuple[Array, Array] | None = None) -> LoadSolution:
         """Newton's method on E over the forces, with a line search: slower, but it always goes down. From no forces at
         all where no state is near."""
         force = np.zeros_like(self.position) if near is None else self._pressure(near[0])[:, None] * near[1]
