@@ -121,7 +121,7 @@ class LoadPress:
         dq = (rows - self.rows).ravel()
         if np.abs(self.carried @ dq - follows.ravel()).max() > self.problem.depth:
             return None
-        right = self._c @ dq - follows.ravel()
+        right = self.carried @ dq + self.given(self.eta @ dq) - follows.ravel()
         dr = self._soften(right).reshape(follows.shape)
         g = solution.normal[b]
         # Forces, as e^2, change linearly; a load that is about to let go keeps a little, so that it is seen.
@@ -155,10 +155,14 @@ class LoadPress:
         """dW/drows (R,) [N]."""
         return -(self.solution.force[self.bearing].ravel() @ self.carried)
 
-    @property
-    def hessian(self) -> Array:
-        """d2W/drows2 (R, R) [N/m]."""
-        return self._c.T @ self.stiffened - self.eta.T @ self._given
+    def second_derivative(self, along: Array | None = None) -> Array:
+        """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
+        carried, eta = self._carried_along
+        if along is not None:
+            carried, eta = carried @ along, eta @ along
+        given = self.given(eta)
+        c = carried + given
+        return c.T @ self.stiffen(c) - eta.T @ given
 
     def stiffen(self, c: Array) -> Array:
         """D (I + G D)^-1 c (k*dim, n)."""
@@ -172,7 +176,7 @@ class LoadPress:
     @cached_property
     def stiffened(self) -> Array:
         """D (I + G D)^-1 c (k*dim, R) of the handle rows."""
-        return self.stiffen(self._c)
+        return self.stiffen(self.carried + self.given(self.eta))
 
     @property
     def carried(self) -> Array:
@@ -189,16 +193,6 @@ class LoadPress:
         b, solution, motion = self.bearing, self.solution, self.motion
         moved, force, inverse = solution.moved[b], solution.force[b], np.linalg.inv(self.F[b])
         return load_kernels.carried_along(inverse, moved, force, motion.position, motion.basis_gradient)
-
-    @cached_property
-    def _given(self) -> Array:
-        """G eta (k*dim, R)."""
-        return self.given(self.eta)
-
-    @cached_property
-    def _c(self) -> Array:
-        """c (k*dim, R)."""
-        return self.carried + self._given
 
     @cached_property
     def _among(self) -> Array:

@@ -22,7 +22,8 @@ class NearLoads:
 
     def __init__(self, among: NDArray[np.float32]) -> None:
         self._among = among
-        self._slot: IntArray = np.full(len(among), -1)
+        self._slot: IntArray = np.empty(len(among), dtype=np.int64)
+        self._count = 0
         self._forget(_ROOM)
 
     def carried(self, loads: IntArray, F: Array) -> Array:
@@ -59,4 +60,4 @@ class NearLoads:
         self._slot[:] = -1
         self._count = 0
         self._known: IntArray = np.empty(room, dtype=np.int64)
-        self._pairs = np.empty((room, room, *self._among.shape[2:]), dtype=np.float32)
+        self._pairs: NDArray[np.float32] = np.empty((room, room, *self._among.shape[2:]), dtype=np.float32)
