@@ -42,6 +42,8 @@ _NEAR_ITERATIONS = 7
 # Newton's method is given up when the error has grown so many times.
 _GROWTH = 10.0
 _DESCENT_ITERATIONS = 100
+# An energy so many times as high is more than round-off above another.
+_HIGHER = 1.0 + 1e-6
 # Where nothing is known: penetration is a tenth of what it would be if nothing gave way.
 _FIRST_GUESS = 0.1
 
@@ -97,7 +99,7 @@ class LoadProblem:
     def solve(self, near: tuple[Array, Array] | None = None) -> LoadSolution:
         """The forces in balance; near: penetrations e (m,) and normals (m, dim) of a state nearby, to start from."""
         found = self._newton(near)
-        if not found.converged:
+        if not found.converged or (near is not None and found.energy > _HIGHER * self._bound(near)):
             found = self._descend(near)
         if not found.converged:
             log.warning(
@@ -106,6 +108,12 @@ class LoadProblem:
                 found.residual,
             )
         return found
+
+    def _bound(self, near: tuple[Array, Array]) -> float:
+        """E of the forces to start from: the minimum next to them is lower. Newton's method may have gone to another."""
+        force = self._pressure(near[0])[:, None] * near[1]
+        moved = self._apply(force)
+        return self._energy(force, moved, -self.distance(self.position + moved).value)
 
     def stiffening(self, solution: LoadSolution, bearing: IntArray) -> Array:
         """D (k, dim, dim) [N/m] of the loads that bear pressure."""
