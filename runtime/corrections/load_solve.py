@@ -110,7 +110,7 @@ class LoadProblem:
         return found
 
     def _bound(self, near: tuple[Array, Array]) -> float:
-        """E of the forces to start from: the minimum next to them is lower. Newton's method may have gone to another."""
+        """E of the forces to start from: the minimum next to them is lower. Newton's method may go to another."""
         force = self._pressure(near[0])[:, None] * near[1]
         moved = self._apply(force)
         return self._energy(force, moved, -self.distance(self.position + moved).value)
