@@ -1,6 +1,7 @@
 """The array types of the reduced mechanics, and the one sum that all of it scatters with."""
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,18 @@ BoolArray = NDArray[np.bool_]
 
 # A Hessian for whoever asks: where forces are found to balance, nobody does.
 Hessian = Callable[[], Array]
+
+
+class RowHessian(Protocol):
+    """The same by the handle rows, H (n, n). along: T (n, k), directions of which alone it is wanted, as T^T H T; there
+    are fewer of them than rows where handles are rigid or held."""
+
+    def __call__(self, along: Array | None = None) -> Array: ...
+
+
+def known_hessian(hessian: Array) -> RowHessian:
+    """Of a matrix (n, n) that is there."""
+    return lambda along=None: hessian if along is None else along.T @ hessian @ along
 
 
 def scatter_sum(index: IntArray, values: Array, size: int) -> Array:

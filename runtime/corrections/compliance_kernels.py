@@ -68,6 +68,27 @@ def carried_compliance(among: NDArray[np.float32], loads: IntArray, F: Array) ->
     return result
 
 
+@compiled
+def carried_displacement(
+    among: NDArray[np.float32], at: IntArray, F: Array, loads: IntArray, forces: Array
+) -> Array:
+    """F_i sum_j G_ij f_j (n, dim) [m] at the loads `at` (n,) by forces (m, dim) on the loads (m,); among, F: as for
+    `carried_compliance`."""
+    n, dim, _ = F.shape
+    result, v = np.zeros((n, dim)), np.empty(dim)
+    for i in range(n):
+        v[:] = 0.0
+        for j in range(len(loads)):
+            G = among[at[i], loads[j]]
+            for a in range(dim):
+                for b in range(dim):
+                    v[a] += G[a, b] * forces[j, b]
+        for a in range(dim):
+            for b in range(dim):
+                result[i, a] += F[i, a, b] * v[b]
+    return result
+
+
 @summing
 def turned(given: NDArray[Any], basis_gradient: NDArray[Any], rows: NDArray[Any]) -> Array:
     """F v (n, dim) of displacements v = given (n, dim) in rest coordinates, F_aj = sum_r rows_ra dU_rj; basis_gradient:

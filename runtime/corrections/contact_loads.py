@@ -96,7 +96,7 @@ class ContactLoadsProbe:
             index, x_around = around.index, around.position
         m, pressed = len(index), press.index[press.bearing]
         F = pose.rotation.T @ probe.deformation(rows, index)
-        moved = (F @ np.tensordot(probe.among(index, pressed), press.load, 2)[..., None])[..., 0]
+        moved = probe.moved_by(press, index, F)
         z = pose.apply_inverse(x_around)
         distance, slope, curvature = self.collider.sdf_derivatives(np.concatenate([z, z + moved]))
         load = np.zeros_like(moved)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, Hessian, IntArray
+from runtime.arrays import Array, BoolArray, IntArray, RowHessian
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.correction import PressedLoads
 from runtime.corrections.load_press import LoadPress, LoadProbe
@@ -35,13 +35,14 @@ class ContactPotential:
         press = self.probe.press(rows, pose, turn)
         return 0.0 if press is None else press.solution.energy
 
-    def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, Hessian | None]:
+    def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, RowHessian | None]:
         """W [J], dW/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where
-        nothing is pressed."""
+        nothing is pressed. What is asked for next starts from this state."""
         press = self.probe.press(rows, pose, turn)
+        self.probe.hold(press)
         if press is None or not press.bearing.size:
             return 0.0, np.zeros_like(rows), None
-        return press.solution.energy, press.gradient.reshape(rows.shape), lambda: press.hessian
+        return press.solution.energy, press.gradient.reshape(rows.shape), press.second_derivative
 
     def felt(
         self, rows: Array, pose: RigidPose, turn: Array, centre: Array

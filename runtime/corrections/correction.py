@@ -13,7 +13,7 @@ from typing import Protocol, TypeGuard
 
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, Hessian, IntArray
+from runtime.arrays import Array, BoolArray, IntArray, RowHessian
 from runtime.body.body import ReducedBody
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.pose import RigidPose
@@ -83,7 +83,7 @@ class Potential(Protocol):
         """W [J] at handle rows (n_rows, dim)."""
         ...
 
-    def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, Hessian | None]:
+    def linearise(self, rows: Array, pose: RigidPose, turn: Array) -> tuple[float, Array, RowHessian | None]:
         """W [J], dW/drows (n_rows, dim) [N], Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian out of contact."""
         ...
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from runtime.arrays import Array, Hessian, IntArray
+from runtime.arrays import Array, IntArray, RowHessian
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.contact_potential import ContactPotential, pressed_loads
 from runtime.corrections.correction import Potential, PressedLoads
@@ -36,7 +36,7 @@ class PotentialGroup(Protocol):
 
     def energy(self, rows: Array, poses: Poses, turn: Array) -> float: ...
 
-    def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, Hessian | None]: ...
+    def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, RowHessian | None]: ...
 
     def felt(self, rows: Array, poses: Poses, turn: Array, centres: Mapping[str, Array]) -> Felt:
         """centres (dim,) of mass of the colliders that move freely, by name."""
@@ -78,7 +78,7 @@ class SinglePotential:
         """W [J]."""
         return self._potential.energy(rows, poses[self._name], turn)
 
-    def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, Hessian | None]:
+    def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, RowHessian | None]:
         """See `Potential.linearise`."""
         return self._potential.linearise(rows, poses[self._name], turn)
 
@@ -110,13 +110,13 @@ class JointPotential:
         joint = self.probe.press(rows, poses, turn)
         return 0.0 if joint is None else joint.press.solution.energy
 
-    def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, Hessian | None]:
+    def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, RowHessian | None]:
         """See `Potential.linearise`."""
         joint = self.probe.press(rows, poses, turn)
         if joint is None or not joint.press.bearing.size:
             return 0.0, np.zeros_like(rows), None
         press = joint.press
-        return press.solution.energy, press.gradient.reshape(rows.shape), lambda: press.hessian
+        return press.solution.energy, press.gradient.reshape(rows.shape), press.second_derivative
 
     def felt(self, rows: Array, poses: Poses, turn: Array, centres: Mapping[str, Array]) -> Felt:
         """See `PotentialGroup.felt`."""

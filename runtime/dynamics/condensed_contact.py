@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from runtime.arrays import Array, Hessian, IntArray
+from runtime.arrays import Array, IntArray, RowHessian
 from runtime.contact import CoulombFriction
 from runtime.corrections.correction import Potential
 from runtime.corrections.joint_press import JointProbe
@@ -50,7 +50,7 @@ class CondensedContact:
 
     def linearise(
         self, rows: Array, poses: Poses, turn: Array, step: StepContact | None, relag: bool
-    ) -> tuple[float, Array, list[Hessian]]:
+    ) -> tuple[float, Array, list[RowHessian]]:
         """Energy [J], gradient (n_rows, dim) [N] and Hessians [N/m], to be summed, by the rows.
         ``relag``: let friction take up the loads found here."""
         parts = [group.linearise(rows, poses, turn) for group in self._groups]

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array, Hessian
+from runtime.arrays import Array, RowHessian, known_hessian
 from runtime.contact import CoulombFriction, FrictionTerms, LaggedContact
 from runtime.corrections.correction import PressedLoads
 from runtime.dynamics.chain_rule import through_jacobian
@@ -57,7 +57,7 @@ class CondensedFriction:
 
     def linearise(
         self, name: str, rows: Array, poses: Poses, step: StepContact
-    ) -> tuple[float, Array, Hessian | None]:
+    ) -> tuple[float, Array, RowHessian | None]:
         """D [J], dD/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where there is
         no load."""
         terms = self.terms(name, rows, poses, step)
@@ -65,7 +65,7 @@ class CondensedFriction:
             return 0.0, np.zeros_like(rows), None
         motion = step.sliding[name].motion.reshape(terms.gradient.size, -1)
         gradient, hessian = through_jacobian(motion, terms.gradient, terms.hessian)
-        return terms.energy, gradient, lambda: hessian
+        return terms.energy, gradient, known_hessian(hessian)
 
     def coupling(
         self, name: str, rows: Array, poses: Poses, centre: Array, step: StepContact

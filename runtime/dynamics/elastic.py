@@ -9,11 +9,12 @@ The term in d2u/drows2 is left out of the Hessian (thesis 5.4); the gradient is 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
-from runtime.arrays import Array, Hessian
+from runtime.arrays import Array, RowHessian, known_hessian
 from runtime.body.body import ReducedBody
 from runtime.corrections.correction import CorrectionField
 from runtime.dynamics.corrected_points import CorrectedPoints
@@ -30,7 +31,7 @@ class Elastic(Protocol):
 
     def linearise(
         self, rows: Array, turn: Array, field: CorrectionField | None
-    ) -> tuple[float, Array, Hessian]:
+    ) -> tuple[float, Array, RowHessian]:
         """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""
         ...
 
@@ -49,14 +50,17 @@ class ElasticEnergy:
 
     def linearise(
         self, rows: Array, turn: Array, field: CorrectionField | None
-    ) -> tuple[float, Array, Hessian]:
+    ) -> tuple[float, Array, RowHessian]:
         """See `Elastic`."""
         F = self._gradients(rows, self._points.scatter(field))
         energy = self._elasticity.energy(F)
         if field is None:
-            return energy, self._elasticity.gradient(F), lambda: self._elasticity.hessian(F)
-        B = with_field(self._basis_derivative, self._elasticity, self._points, field)
-        return energy, self._elasticity.general_gradient(F, B), lambda: self._elasticity.general_hessian(F, B)
+            gradient, second = self._elasticity.gradient(F), partial(self._elasticity.hessian, F)
+        else:
+            B = with_field(self._basis_derivative, self._elasticity, self._points, field)
+            gradient = self._elasticity.general_gradient(F, B)
+            second = partial(self._elasticity.general_hessian, F, B)
+        return energy, gradient, lambda along=None: known_hessian(second())(along)
 
     def _gradients(self, rows: Array, displacement: Array | None) -> Array:
         F = self._elasticity.deformation_gradients(rows)

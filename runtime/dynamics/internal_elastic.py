@@ -19,9 +19,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, Hessian
+from runtime.arrays import Array, RowHessian
 from runtime.body.body import ReducedBody
 from runtime.body.cubature import elastic_cells
 from runtime.corrections.correction import CorrectionField
@@ -52,7 +53,7 @@ class InternalElasticEnergy:
         corners = internal.at(body.mesh.cells[body.cubature.cells].ravel())
         self._by_strain, self._by_gravity = _derivatives(self._elasticity, corners)
         # For the Hessian in single precision, at half the cost: Newton's method takes no more than a direction from it.
-        self._single = self._by_strain.astype(np.float32)
+        self._single = np.asfortranarray(self._by_strain, dtype=np.float32)
         self._last: _Strained | None = None
         shape = (self._elasticity.n_cells, body.dim, body.dim)
         self._rest = np.broadcast_to(np.eye(body.dim), shape).copy()
@@ -66,7 +67,7 @@ class InternalElasticEnergy:
 
     def linearise(
         self, rows: Array, turn: Array, field: CorrectionField | None
-    ) -> tuple[float, Array, Hessian]:
+    ) -> tuple[float, Array, RowHessian]:
         """See `Elastic`."""
         B, single = self._by_strain, self._single
         if field is not None:
@@ -79,8 +80,13 @@ class InternalElasticEnergy:
         stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(at.F)
         slope = (stress.ravel() @ B + missed @ at.z).reshape(rows.shape)
 
-        def hessian() -> Array:
-            return turn_back(_stiffness(elasticity, at.F, single) + missed[:, : rows.size], turn)
+        def hessian(along: Array | None = None) -> Array:
+            if along is None:
+                return turn_back(_stiffness(elasticity, at.F, single) + missed[:, : rows.size], turn)
+            turned = (turn.T @ along.reshape(*rows.shape, -1)).reshape(along.shape)
+            # A handle's directions move its own rows only.
+            strained = np.ascontiguousarray((sp.csr_matrix(turned.T.astype(single.dtype)) @ single.T).T)
+            return _stiffness(elasticity, at.F, strained) + turned.T @ missed[:, : rows.size] @ turned
 
         return at.energy, slope @ turn.T, hessian
 

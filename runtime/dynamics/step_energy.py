@@ -191,15 +191,15 @@ class StepEnergy:
 
         def hessian() -> Array:
             with self._timings.elastic:
-                by_rows = self._blocks + elastic_hessian()
+                total = elastic_hessian(tangent)
             with self._timings.contact:
-                if contact_hessian is not None:
-                    by_rows += contact_hessian
                 for condensed_hessian in condensed_hessians:
-                    by_rows += condensed_hessian()
+                    total += condensed_hessian(tangent)
             with self._timings.solve:
                 curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
-                return tangent.T @ by_rows @ tangent + self._units[:, None] * curvature * self._units
+                by_rows = self._blocks if contact_hessian is None else self._blocks + contact_hessian
+                total += tangent.T @ by_rows @ tangent + self._units[:, None] * curvature * self._units
+                return total
 
         quadratic = self._quadratic.energy(rows)
         found = Linearisation(

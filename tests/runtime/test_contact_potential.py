@@ -7,7 +7,7 @@ import pytest
 
 from runtime.colliders import Placed, RigidPose, SmoothUnion, Sphere
 from runtime.contact import PenaltyContact
-from runtime.corrections import load_solve
+from runtime.corrections import load_press, load_solve
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.load_press import LoadProbe
 from runtime.corrections.potential_group import SinglePotential, grouped
@@ -38,6 +38,25 @@ def pressed(jelly_body, dim, request):
     turned = [0.3] if dim == 2 else [0.3, -0.2, 0.5]
     pose = RigidPose.from_rotation_vector(turned, np.append(np.full(dim - 1, 0.004), 0.06 + 0.02 - 0.006))
     return ContactPotential(probe), rows, pose, probe.turn(rows)
+
+
+def test_second_derivatives_along_some_directions(pressed):
+    potential, rows, pose, turn = pressed
+    hessian = potential.linearise(rows, pose, turn)[2]
+    along = np.random.default_rng(3).normal(size=(rows.size, 5))
+    # The same products in another order.
+    assert hessian(along) == pytest.approx(along.T @ hessian() @ along, rel=1e-9)
+
+
+def test_loads_that_the_dent_pushes_in_are_found(pressed, monkeypatch):
+    """Whichever loads it begins with, every one that would be inside the collider takes part in the end."""
+    potential, rows, pose, turn = pressed
+    energy = potential.energy(rows, pose, turn)
+    few = ContactPotential(potential.probe)
+    few.probe._last, few.probe._band = None, 2e-3
+    monkeypatch.setattr(load_press, "_ROOM", -0.4)  # begins with those deeper than that share of the deepest
+    # Both are balanced to a millionth of the depth.
+    assert few.energy(rows, pose, turn) == pytest.approx(energy, rel=1e-6)
 
 
 def test_derivatives(pressed, monkeypatch):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runtime.colliders import RigidPose, Sphere
+from runtime.colliders import Box, RigidPose, Sphere
 from runtime.corrections.load_press import PosedDistance
 from runtime.corrections.load_solve import LoadProblem
 
@@ -79,3 +79,12 @@ def test_starts_from_a_neighbour():
     cold, warm = problem.solve(), problem.solve((start.left, start.normal))
     assert warm.iterations < cold.iterations
     assert np.abs(warm.force - cold.force).max() < 1e-5 * np.abs(cold.force).max()
+
+
+def test_a_load_stays_on_the_side_that_it_came_from():
+    """In a slab a load beyond the middle may leave on either side; the one next to the state before is a motion."""
+    slab = PosedDistance(Box([0.02, 0.02, 2e-3], name="slab"), RigidPose.identity(3))
+    past_the_middle = np.array([[0.0, 0.0, -4e-4]])
+    problem = LoadProblem(A * np.eye(3), np.array([STIFFNESS]), past_the_middle, 1.6e-3, slab)
+    up = np.array([1.4e-3]), np.array([[0.0, 0.0, 1.0]])
+    assert problem.solve(up).moved[0, 2] > 0.0 > problem.solve().moved[0, 2]

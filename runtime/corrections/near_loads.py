@@ -1,0 +1,63 @@
+"""What loads near each other do to each other, kept close together in memory.
+
+The compliance among all loads of a body is hundreds of megabytes, of which a contact needs some tens of thousands of
+entries, scattered. The next state needs nearly the same ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.arrays import Array, IntArray
+from runtime.corrections.compliance_kernels import carried_compliance, carried_displacement
+
+# Loads that are kept; more are made room for when they are asked for at once.
+_ROOM = 384
+
+
+class NearLoads:
+    """among: (n_loads, n_loads, dim, dim) [m/N], of `Compliance.among_loads`; the rows and columns of loads that were
+    lately asked for are copied."""
+
+    def __init__(self, among: NDArray[np.float32]) -> None:
+        self._among = among
+        self._slot: IntArray = np.empty(len(among), dtype=np.int64)
+        self._count = 0
+        self._forget(_ROOM)
+
+    def carried(self, loads: IntArray, F: Array) -> Array:
+        """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads (m,); F: (m, dim, dim)."""
+        slots = self._slots(loads)
+        return carried_compliance(self._pairs, slots, F)
+
+    def displacement(self, at: IntArray, F: Array, loads: IntArray, forces: Array) -> Array:
+        """F_i sum_j G_ij f_j (n, dim) [m] at some loads (n,) by forces (m, dim) [N] in rest coordinates on others (m,);
+        F: (n, dim, dim)."""
+        slots = self._slots(np.concatenate([at, loads]))
+        return carried_displacement(self._pairs, slots[: len(at)], F, slots[len(at) :], forces)
+
+    def _slots(self, loads: IntArray) -> IntArray:
+        """Where the rows and columns of the loads are kept."""
+        new = np.unique(loads[self._slot[loads] < 0])
+        if len(new):
+            if self._count + len(new) > len(self._known):
+                new = np.unique(loads)
+                self._forget(max(len(self._known), 2 * len(new)))
+            self._take(new)
+        return np.asarray(self._slot[loads])
+
+    def _take(self, new: IntArray) -> None:
+        before, after = self._count, self._count + len(new)
+        self._known[before:after] = new
+        self._slot[new] = np.arange(before, after)
+        everyone = self._known[:after]
+        self._pairs[before:after, :after] = self._among[new[:, None], everyone]
+        self._pairs[:before, before:after] = self._among[everyone[:before, None], new]
+        self._count = after
+
+    def _forget(self, room: int) -> None:
+        self._slot[:] = -1
+        self._count = 0
+        self._known: IntArray = np.empty(room, dtype=np.int64)
+        self._pairs: NDArray[np.float32] = np.empty((room, room, *self._among.shape[2:]), dtype=np.float32)
