@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Speed:
-    """steps: with contact; step: median wall time of one [s]; cpu: mean CPU time [s]; iterations: mean of
+    """steps: with contact; step: median wall time of one [s]; cpu: median CPU time [s]; iterations: mean of
     Newton; converged: share of the steps; phases: median seconds by phase, empty for models that do not tell."""
 
     model: str
@@ -86,7 +86,7 @@ def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed |
         name,
         len(walls),
         median(walls),
-        float(np.mean(cpus)),
+        median(cpus),
         float(np.mean(iterations)),
         float(np.mean(converged)),
         by_phase,
