@@ -12,7 +12,8 @@ is given the reduced state of each frame of the full-space motion in contact. A 
     alone        distance from the full-space motion, RMS over nodes and frames, of the motion that the model makes by
                  itself [mm]
 
---picture draws full space and the models side by side, cut open at the deepest contact, by the means of the report.
+--picture draws full space and the models side by side, cut open through the contact, by the means of the report, in the
+frame where the bare subspace misses most.
 """
 
 from __future__ import annotations
@@ -56,14 +57,15 @@ def table(judged: JudgedScene, comparison: SceneComparison) -> list[str]:
 
 
 def picture(path: Path, comparer: Comparer, comparison: SceneComparison, names: Sequence[str]) -> int:
-    """Cuts side by side, in the frame of deepest contact, which is returned."""
+    """Cuts side by side, in the frame where the bare subspace misses most, which is returned."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     from PIL import Image
 
-    frame = int(comparison.contact[np.argmax(comparison.press)])
+    bare = comparison.everywhere["bare"]
+    frame = int(bare.frames[np.argmax(bare.rms)])
     pose, positions = comparer.motion.poses[frame], comparer.positions(frame)
     surface = comparer.body.mesh.surface_nodes
     deepest = surface[np.argmax(comparer.depth(positions["full"], pose))]
@@ -75,8 +77,11 @@ def picture(path: Path, comparer: Comparer, comparison: SceneComparison, names: 
         panel.imshow(np.asarray(Image.open(io.BytesIO(shot.data)).convert("RGBA")))
         panel.set_title(name, fontsize=10)
         panel.set_axis_off()
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=130)
+    few_colours = Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=130, format="png")
+        few_colours.save(temporary, format="PNG", optimize=True)
     return frame
 
 
