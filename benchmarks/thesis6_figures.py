@@ -5,13 +5,13 @@
 Needs the variants that `thesis6_ablation.py` has trained, and for the plot what `descriptor_ways.py` wrote too. Prints,
 as means over the seeds that were trained, with the lowest and the highest in brackets:
 
-    jump    (6.3) for the thesis's smoothed normal and the raw gradient: how fast a surface sample's displacement
-            changes at most while a collider with holes is moved slowly along the paths of `descriptor_ways.py`
-            [mm/mm]; where it is discontinuous, as fast as one likes, if only steps are short. Median over all paths,
-            and the largest.
+    jump    (6.3) for the thesis's smoothed normal and the raw gradient: a collider with holes is moved slowly, 20 um
+            and 0.1 degrees a step, from contacts of the truth. Fastest: how much a surface sample's displacement
+            changes at most, over the motion of the collider there [mm/mm], median over the paths and the largest.
+            Flicker: RMS second difference over RMS first difference in time; jumps make it large.
     void    (6.6) a cylinder pressed flat into the body at rest, and one with a blind hole from behind that leaves a
-            floor thicker than it is pressed in: sqrt(<|u_void - u_solid|^2> / <|u_solid|^2>) over the surface samples.
-            The body cannot feel the hole, so all of it is error.
+            floor of 4 mm: sqrt(<|u_void - u_solid|^2> / <|u_solid|^2>) over the surface samples, pressed in by 1 mm and
+            by 3 mm. The floor stays between the body and the hole, so all of it is error.
 
 Linear mechanics of the body at rest, and ours, stand beside them if the run has them.
 """
@@ -47,34 +47,34 @@ from runtime.truth_file import TruthData, load_truth
 # Testing shapes with holes: many points at which the nearest point of the surface changes.
 WITH_HOLES = ("torus", "double_torus", "mug", "nut", "cage", "truss")
 # The cylinder of figure 6.6 [m].
-RADIUS, HALF_HEIGHT, HOLE, FLOOR, PRESSED = 0.016, 0.014, 0.011, 0.004, (0.001, 0.002, 0.003)
+RADIUS, HALF_HEIGHT, HOLE, FLOOR = 0.016, 0.014, 0.011, 0.004
+PRESSED = (0.001, 0.003)
 
 Maker = Callable[[Collider], Correction]
 
 
-def fastest(bound: BoundCorrection, points: Array, rows: Array, poses: Sequence[RigidPose]) -> float:
-    """Largest change of a displacement over the motion of the collider there, from step to step of a path.
-
-    points: (n, dim) [m] where the points are, about."""
-    largest, before = 0.0, bound.displacement(rows, poses[0])
-    for last, pose in pairwise(poses):
-        u = bound.displacement(rows, pose)
-        moved = np.linalg.norm(pose.apply(last.apply_inverse(points)) - points, axis=1)
-        largest, before = max(largest, float((np.linalg.norm(u - before, axis=1) / moved).max())), u
-    return largest
+def unsteady(
+    bound: BoundCorrection, points: Array, rows: Array, poses: Sequence[RigidPose]
+) -> tuple[float, float]:
+    """The fastest point, and the flicker, along a path. points: (n, dim) [m] where the points are, about."""
+    u = np.stack([bound.displacement(rows, pose) for pose in poses])
+    first, second = np.diff(u, axis=0), np.diff(u, n=2, axis=0)
+    moved = np.stack([b.apply(a.apply_inverse(points)) - points for a, b in pairwise(poses)])
+    speed = np.linalg.norm(first, axis=2) / np.linalg.norm(moved, axis=2)
+    return float(speed.max()), float(np.sqrt(np.square(second).mean() / np.square(first).mean()))
 
 
 def jumps(
     make: Maker, body: ReducedBody, truth: TruthData, colliders: dict[str, Collider], steps: int
-) -> list[float]:
-    """`fastest` of each path."""
+) -> Array:
+    """`unsteady` of each path (p, 2)."""
     nodes = body.node_points(body.surface.nodes)
     found = []
     for name, collider in colliders.items():
         bound = make(collider).bind(nodes)
-        for rows, poses in paths(truth, name, steps, contacts=2):
-            found.append(fastest(bound, nodes.basis @ rows, rows, poses))
-    return found
+        for rows, poses in paths(truth, name, steps, contacts=1):
+            found.append(unsteady(bound, nodes.basis @ rows, rows, poses))
+    return np.array(found)
 
 
 def cylinders() -> tuple[Collider, Collider]:
@@ -85,16 +85,16 @@ def cylinders() -> tuple[Collider, Collider]:
     return solid, SmoothDifference(Cylinder(RADIUS, HALF_HEIGHT, 1e-3), [Placed(hole, up)], 1e-3, "void")
 
 
-def seen_void(make: Maker, body: ReducedBody) -> float:
-    """What a hole behind changes, relative."""
+def seen_void(make: Maker, body: ReducedBody) -> list[float]:
+    """What a hole behind changes, relative, at each depth."""
     nodes, top = body.node_points(body.surface.nodes), body.mesh.points[:, 2].max()
     solid, void = (make(collider).bind(nodes) for collider in cylinders())
-    apart = whole = 0.0
+    found = []
     for pressed in PRESSED:
         pose = RigidPose(np.eye(3), np.array([0.0, 0.0, top + HALF_HEIGHT - pressed]))
         u, other = (bound.displacement(body.rest_rows, pose) for bound in (solid, void))
-        apart, whole = apart + float(np.square(other - u).sum()), whole + float(np.square(u).sum())
-    return float(np.sqrt(apart / whole))
+        found.append(float(np.linalg.norm(other - u) / np.linalg.norm(u)))
+    return found
 
 
 def variants(run: Path, body: ReducedBody) -> dict[str, list[DescriptorModel]]:
@@ -132,34 +132,40 @@ def main() -> None:
     experiment, body, run = context.experiment, body_of_run(context), context.out_dir
     trained = variants(run, body)
     rigid = {name: build_collider(experiment.collider(name), experiment.base_dir) for name in WITH_HOLES}
-    measured: dict[str, dict[str, list[float]]] = {"jump": {}, "void": {}}
-    print(f"jump, mm/mm, under {', '.join(WITH_HOLES)}\n\n| | median path | largest |\n| --- | --- | --- |")
     known = {
         name: correction_maker(correction_path(run, name), body)
         for name in ("mechanics", "ours")
         if correction_path(run, name).is_file()
     }
+
+    def makers(names: Sequence[str]) -> dict[str, list[Maker]]:
+        """The networks of some variants, one a seed, and what else is known."""
+        networks: dict[str, list[Maker]] = {
+            name: [partial(direct_contact, model, body) for model in trained[name]] for name in names
+        }
+        return networks | {name: [make] for name, make in known.items()}
+
+    jump: dict[str, list[float]] = {}
+    void: dict[str, list[list[float]]] = {}
+    print(f"jump, under {', '.join(WITH_HOLES)}\n")
+    print("| | median path, mm/mm | fastest, mm/mm | flicker |\n| --- | --- | --- | --- |")
     with load_truth(run / "truth.h5", body) as truth:
-        for name, models in [(name, trained[name]) for name in ("thesis6", "raw normal")]:
-            found = [
-                jumps(partial(direct_contact, model, body), body, truth, rigid, options.steps)
-                for model in models
+        for name, makes in makers(("thesis6", "raw normal")).items():
+            found = np.stack([jumps(make, body, truth, rigid, options.steps) for make in makes])
+            jump[name] = found[:, :, 1].ravel().tolist()
+            fastest, flicker = found[:, :, 0], np.sqrt(np.square(found[:, :, 1]).mean(axis=1))
+            columns = (np.median(fastest, axis=1), fastest.max(axis=1), flicker)
+            cells = [
+                bracketed(list(column), form)
+                for column, form in zip(columns, (".1f", ".1f", ".3f"), strict=True)
             ]
-            measured["jump"][name] = np.concatenate(found).tolist()
-            each = (bracketed([float(f(own)) for own in found], ".1f") for f in (np.median, np.max))
-            print(f"| {name} | {' | '.join(each)} |", flush=True)
-        for name, make in known.items():
-            own = jumps(make, body, truth, rigid, options.steps)
-            measured["jump"][name] = own
-            print(f"| {name} | {np.median(own):.1f} | {max(own):.1f} |", flush=True)
-    print("\n| | what a hole behind changes |\n| --- | --- |")
-    for name in ("thesis6", "half of the samples", "the centre alone"):
-        own = [seen_void(partial(direct_contact, model, body), body) for model in trained[name]]
-        measured["void"][name] = own
-        print(f"| {name} | {bracketed(own, '.1%')} |", flush=True)
-    for name, make in known.items():
-        measured["void"][name] = [seen_void(make, body)]
-        print(f"| {name} | {measured['void'][name][0]:.1%} |", flush=True)
+            print(f"| {name} | {' | '.join(cells)} |", flush=True)
+    print("\n| what a hole behind changes | 1 mm deep | 3 mm |\n| --- | --- | --- |")
+    for name, makes in makers(("thesis6", "half of the samples", "the centre alone")).items():
+        void[name] = [seen_void(make, body) for make in makes]
+        cells = [bracketed(list(column), ".1%") for column in zip(*void[name], strict=True)]
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+    measured = {"jump": jump, "void": void}
     with atomic_path(run / "thesis6_figures.json") as temporary:
         temporary.write_text(json.dumps(measured, indent=1))
     if options.plot:

@@ -55,12 +55,12 @@ def draw(run: Path, picture: Path) -> None:
 
 
 def _jumps(panel: Any, jump: dict[str, list[float]]) -> None:
-    """Share of paths whose fastest point is faster than so much."""
+    """Share of paths that flicker more than so much."""
     for name, values in jump.items():
         x = np.sort(values)
         panel.step(x, 1.0 - np.arange(len(x)) / len(x), where="post", label=name)
     panel.set_xscale("log")
-    panel.set_xlabel("fastest point [mm/mm]")
+    panel.set_xlabel("flicker along a path")
     panel.set_ylabel("share of paths above")
     panel.set_title("6.3: raw or smoothed normal", fontsize=10)
     panel.legend(fontsize=7)
@@ -77,13 +77,19 @@ def _bars(
     panel.set_title(title, fontsize=10)
 
 
-def _void(panel: Any, void: dict[str, list[float]]) -> None:
+def _void(panel: Any, void: dict[str, list[list[float]]]) -> None:
+    """At both depths, side by side; a point a seed."""
     names = list(void)
-    panel.bar(range(len(names)), [100 * np.mean(void[name]) for name in names], color=DIRECT, width=0.6)
-    for k, name in enumerate(names):
-        panel.plot([k] * len(void[name]), [100 * value for value in void[name]], "k.", markersize=4)
+    for side, (depth, colour) in enumerate((("1 mm deep", DIRECT), ("3 mm", MIXED))):
+        at = np.arange(len(names)) + 0.36 * side - 0.18
+        panel.bar(
+            at, [100 * np.mean(void[name], axis=0)[side] for name in names], 0.34, color=colour, label=depth
+        )
+        for x, name in zip(at, names, strict=True):
+            panel.plot([x] * len(void[name]), [100 * row[side] for row in void[name]], "k.", markersize=4)
     panel.set_xticks(range(len(names)), [name.replace(" of the ", "\nof the ") for name in names], fontsize=7)
     panel.set_title("6.6: what a void behind changes [%]", fontsize=10)
+    panel.legend(fontsize=7)
 
 
 def _traces(panel: Any, ways: dict[str, dict[str, Any]]) -> None:
