@@ -164,9 +164,9 @@ def plot(path: Path, found: Sequence[Row]) -> None:
         panel.set_xscale("log", base=2)
         panel.set_xticks(x, [str(at) for at in x])
         panel.set_xlabel(label)
-        panel.set_ylim(bottom=0)
         panel.grid(alpha=0.3)
     axes[0].set_ylabel("relative RMS error [%]")
+    axes[0].set_ylim(bottom=0)  # of both: only now is everything drawn
     axes[0].legend()
     figure.savefig(path, dpi=140)
 

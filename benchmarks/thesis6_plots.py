@@ -21,6 +21,7 @@ NEEDED = {
     "descriptor_ways.json": "descriptor_ways",
 }
 DIRECT, RANDOM, CORNERS, MIXED, SHIPS = "#3b6ea5", "#c0504d", "#7f6084", "#d08a3e", "#4f8f5b"
+SHORT = {"half of the samples": "half", "the centre alone": "centre"}
 
 
 def draw(run: Path, picture: Path) -> None:
@@ -59,7 +60,6 @@ def _jumps(panel: Any, jump: dict[str, list[float]]) -> None:
     for name, values in jump.items():
         x = np.sort(values)
         panel.step(x, 1.0 - np.arange(len(x)) / len(x), where="post", label=name)
-    panel.set_xscale("log")
     panel.set_xlabel("flicker along a path")
     panel.set_ylabel("share of paths above")
     panel.set_title("6.3: raw or smoothed normal", fontsize=10)
@@ -73,7 +73,7 @@ def _bars(
     heights = [100 * rows[name][column] for name in names]
     spread = [50 * rows[name][f"{column}, spread"] for name in names]
     panel.bar(range(len(names)), heights, yerr=spread, color=DIRECT, width=0.6, capsize=4)
-    panel.set_xticks(range(len(names)), names, fontsize=8)
+    panel.set_xticks(range(len(names)), [SHORT.get(name, name) for name in names], fontsize=8)
     panel.set_title(title, fontsize=10)
 
 
@@ -87,7 +87,7 @@ def _void(panel: Any, void: dict[str, list[list[float]]]) -> None:
         )
         for x, name in zip(at, names, strict=True):
             panel.plot([x] * len(void[name]), [100 * row[side] for row in void[name]], "k.", markersize=4)
-    panel.set_xticks(range(len(names)), [name.replace(" of the ", "\nof the ") for name in names], fontsize=7)
+    panel.set_xticks(range(len(names)), [SHORT.get(name, name) for name in names], fontsize=8)
     panel.set_title("6.6: what a void behind changes [%]", fontsize=10)
     panel.legend(fontsize=7)
 
@@ -115,8 +115,8 @@ def _cost(panel: Any, ways: dict[str, dict[str, Any]]) -> None:
         row = ways[name]
         panel.plot(row["MFLOP"], row["flicker"], "o", color=colour, label=name)
         panel.plot(row["MFLOP"], row["turned"], "^", color=colour)
-    panel.set_xscale("log")
-    panel.set_yscale("log")
+    panel.set_xlim(0.0, 1.8)
+    panel.set_ylim(0.0, 0.2)
     panel.set_xlabel("network, MFLOP a point")
     panel.set_title("6.7: flicker (triangles: where frames turn)", fontsize=10)
     panel.legend(fontsize=7)
