@@ -69,7 +69,7 @@ def picture(path: Path, comparer: Comparer, comparison: SceneComparison, names: 
     pose, positions = comparer.motion.poses[frame], comparer.positions(frame)
     surface = comparer.body.mesh.surface_nodes
     deepest = surface[np.argmax(comparer.depth(positions["full"], pose))]
-    renderer = make_renderer(comparer.body.mesh, comparer.collider)
+    renderer = make_renderer(comparer.body.mesh, comparer.collider, pose)
     figure, axes = plt.subplots(1, len(names), figsize=(2.4 * len(names), 2.1), layout="constrained")
     for panel, name in zip(axes, names, strict=True):
         shot = renderer.cut(positions[name], pose, positions["full"][deepest], name)

@@ -37,7 +37,7 @@ from runtime.colliders import Cylinder, Placed, RigidPose, SmoothDifference
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.corrections.correction import BoundCorrection, Correction
-from runtime.corrections.correction_file import correction_maker
+from runtime.corrections.correction_file import read_correction
 from runtime.corrections.descriptor_model import DescriptorModel
 from runtime.dynamics.model import correction_path
 from runtime.errors import SoftprintError
@@ -133,7 +133,7 @@ def main() -> None:
     trained = variants(run, body)
     rigid = {name: build_collider(experiment.collider(name), experiment.base_dir) for name in WITH_HOLES}
     known = {
-        name: correction_maker(correction_path(run, name), body)
+        name: read_correction(correction_path(run, name), body).on
         for name in ("mechanics", "ours")
         if correction_path(run, name).is_file()
     }
