@@ -3,7 +3,6 @@ tangents."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -71,6 +70,12 @@ class GridOfDescriptors:
             weights.append(np.prod(np.where(corner, f, 1.0 - f), axis=1))
         return self.place[np.stack(numbers, axis=1)], np.stack(weights, axis=1)
 
+    def turning(self, z: Array) -> Array:
+        """(n,) largest angle between the frames of the first corner and of another one of the cells of z (n, dim)."""
+        R = self.rotation[self.corners(z)[0]]
+        cosine = 0.5 * (np.einsum("nab,ncab->nc", R[:, 0], R) - (z.shape[1] - 2))
+        return np.arccos(np.clip(cosine.min(axis=1), -1.0, 1.0))
+
 
 class CornerDeformations(BoundDescriptorContact):
     """The thesis's way: the network at the eight corners of a cell, their deformations interpolated (6.3.2)."""
@@ -93,15 +98,24 @@ class CornerDeformations(BoundDescriptorContact):
 
 
 class CornerDescriptors(CornerDeformations):
-    """The cheaper way that the thesis rejects: descriptors and frames interpolated, the network once (figure 6.7)."""
+    """The cheaper way that the thesis rejects: descriptors and frames interpolated, the network once (figure 6.7).
+
+    mended: the nearest frame is taken of what interpolation makes of frames; otherwise it is used as it is."""
+
+    def __init__(
+        self, correction: DescriptorContact, points: MaterialPoints, grid: GridOfDescriptors, mended: bool
+    ) -> None:
+        super().__init__(correction, points, grid)
+        self._mended = mended
 
     def predict(self, z: Array, relative: Array) -> Array:
         """See `BoundDescriptorContact.predict`."""
         numbers, weights = self._grid.corners(z)
         phi = np.einsum("nc,ncm->nm", weights, self._grid.phi[numbers])
-        mixed = np.einsum("nc,ncab->nab", weights, self._grid.rotation[numbers])
-        left, _, right = np.linalg.svd(mixed)
-        R = left @ right  # the nearest frame
+        R = np.einsum("nc,ncab->nab", weights, self._grid.rotation[numbers])
+        if self._mended:
+            left, _, right = np.linalg.svd(R)
+            R = left @ right
         return np.einsum("nab,nb->na", R, self._model.evaluate(inputs_in_frame(phi, relative, R)))
 
 
@@ -112,6 +126,3 @@ def one_bias(normal: Array) -> Array:
     first = np.cross(normal, [1.0, 0.0, 0.0])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([normal, first, np.cross(normal, first)], axis=-1)
-
-
-Way = Callable[[DescriptorContact, MaterialPoints, Collider], BoundDescriptorContact]

@@ -1,12 +1,14 @@
 """How much truth to buy? Error on shapes never seen, against the contacts and the shapes that were learned from.
 
-    python -m benchmarks.how_much_truth examples/jelly_library_small.toml [--out RUN] [--steps 2500] [--plot FILE.png]
+    python -m benchmarks.how_much_truth examples/jelly_library_small.toml [--out RUN] [--steps 2500] [--seeds 1]
+        [--plot FILE.png]
 
 Needs the truth of a library (`softprint generate`). Trains `ours` from the first contacts of every training shape, and
 from all contacts of the first shapes of every other family, with the same settings each time, and prints a table in
 Markdown: the relative error over the volume of the contact displacement, sqrt(sum |u - u*|^2 / sum |u*|^2), and its
-square, on validation shapes and on testing shapes. Nothing is chosen here. The table also goes to
-RUN/bench_how_much_truth.json, which `softprint report` shows.
+square, on validation shapes and on testing shapes: means over several seeds of training, and how far these are apart
+on testing shapes. Nothing is chosen here but the best weights of a run, by the validation shapes. The table also goes
+to RUN/bench_how_much_truth.json, which `softprint report` shows.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +38,15 @@ from surrogate.train import train
 
 @dataclass(frozen=True)
 class Row:
-    """What was learned from, and the errors; contacts: of a shape in a state."""
+    """What was learned from, and the errors; contacts: of a shape in a state; testing_spread: between seeds, highest
+    minus lowest; seconds: CPU time of one training."""
 
     shapes: int
     contacts: int
     samples: int
     validation_error: float
     testing_error: float
+    testing_spread: float
     testing_squared: float
     seconds: float
 
@@ -87,16 +91,16 @@ def _order_of_contacts(truth: TruthData, rows: IntArray) -> IntArray:
     return order
 
 
-def rows(parts: Parts, context: Context, spec: ModelSpec, n_rows: int) -> Iterator[Row]:
+def rows(parts: Parts, context: Context, spec: ModelSpec, n_rows: int, seeds: int) -> Iterator[Row]:
     """Fewer contacts first, then fewer shapes."""
     # Every so manieth shape: families stand together in the catalogue.
     shapes = list(parts.by_shape)
     most = min(len(own) for own in parts.by_shape.values())
     for contacts in _halvings(most):
-        yield _trained(parts, context, spec, n_rows, shapes, contacts)
+        yield _trained(parts, context, spec, n_rows, shapes, contacts, seeds)
     for count in _halvings(len(shapes))[:-1]:
         few = [shapes[round(k)] for k in np.linspace(0, len(shapes) - 1, count)]
-        yield _trained(parts, context, spec, n_rows, few, most)
+        yield _trained(parts, context, spec, n_rows, few, most, seeds)
 
 
 def _halvings(count: int) -> list[int]:
@@ -105,17 +109,33 @@ def _halvings(count: int) -> list[int]:
 
 
 def _trained(
-    parts: Parts, context: Context, spec: ModelSpec, n_rows: int, shapes: Sequence[str], contacts: int
+    parts: Parts,
+    context: Context,
+    spec: ModelSpec,
+    n_rows: int,
+    shapes: Sequence[str],
+    contacts: int,
+    seeds: int,
 ) -> Row:
     data = parts.some(shapes, contacts)
     settings = training_settings(context.experiment.training, spec.form, context.seed)
     task = LoadTask(parts.options, parts.metric, data, parts.validation, n_rows)
+    on_testing = LoadTask(parts.options, parts.metric, data, parts.testing, n_rows)
+    validation, testing = np.zeros(seeds), np.zeros(seeds)
     started = time.process_time()
-    result = train(task, settings, None, "", lambda steps, note: None)
-    seconds = time.process_time() - started
-    testing = LoadTask(parts.options, parts.metric, data, parts.testing, n_rows).held_out_error(result.model)
+    for k in range(seeds):
+        result = train(task, replace(settings, seed=context.seed + k))
+        validation[k] = result.held_out.rms
+        testing[k] = on_testing.held_out_error(result.model).rms
     return Row(
-        len(shapes), contacts, len(data), result.held_out.rms, testing.rms, testing.squared, round(seconds, 1)
+        len(shapes),
+        contacts,
+        len(data),
+        float(validation.mean()),
+        float(testing.mean()),
+        float(np.ptp(testing)),
+        float(np.square(testing).mean()),
+        round((time.process_time() - started) / seeds, 1),
     )
 
 
@@ -136,14 +156,17 @@ def plot(path: Path, found: Sequence[Row]) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True, layout="constrained")
     for panel, (label, points) in zip(axes, panels.items(), strict=True):
         x = [at for at, _ in points]
-        panel.plot(x, [100 * row.testing_error for _, row in points], "o-", label="testing shapes")
+        spread = [50 * row.testing_spread for _, row in points]
+        panel.errorbar(
+            x, [100 * row.testing_error for _, row in points], spread, fmt="o-", label="testing shapes"
+        )
         panel.plot(x, [100 * row.validation_error for _, row in points], "s--", label="validation shapes")
         panel.set_xscale("log", base=2)
         panel.set_xticks(x, [str(at) for at in x])
         panel.set_xlabel(label)
-        panel.set_ylim(bottom=0)
         panel.grid(alpha=0.3)
     axes[0].set_ylabel("relative RMS error [%]")
+    axes[0].set_ylim(bottom=0)  # of both: only now is everything drawn
     axes[0].legend()
     figure.savefig(path, dpi=140)
 
@@ -155,6 +178,7 @@ def main() -> None:
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="run directory (default: runs/NAME)")
     parser.add_argument("--steps", type=int, default=2500, help="optimiser steps each time")
+    parser.add_argument("--seeds", type=int, default=1, help="trainings of each row")
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw the table too")
     options = parser.parse_args()
     overrides = (f"training.steps={options.steps}",)
@@ -173,10 +197,10 @@ def main() -> None:
         print(f"| {' | '.join(column.replace('_', ' ') for column in columns)} |")
         print("| " + " | ".join("---" for _ in columns) + " |")
         found = []
-        for row in rows(parts, context, spec, body.n_rows):
+        for row in rows(parts, context, spec, body.n_rows, options.seeds):
             found.append(row)
             shown = [
-                f"{value:.2%}" if "error" in key or "squared" in key else f"{value:g}"
+                f"{value:.2%}" if key.startswith(("validation", "testing")) else f"{value:g}"
                 for key, value in asdict(row).items()
             ]
             print(f"| {' | '.join(shown)} |", flush=True)

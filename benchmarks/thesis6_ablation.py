@@ -1,68 +1,126 @@
 """What of the thesis's descriptor model matters? Variants trained alike on one truth, judged by shapes not learned from
 (thesis, figures 6.3, 6.4 and 6.6; for 6.5 and 6.7 see `descriptor_ways.py`).
 
-    python -m benchmarks.thesis6_ablation EXPERIMENT [--out RUN] [--steps 1500] [--only NAME ...]
-    python -m benchmarks.thesis6_ablation EXPERIMENT [--out RUN] --trained thesis6 [--test]
+    python -m benchmarks.thesis6_ablation EXPERIMENT [--out RUN] [--steps 1200] [--points 48] [--seeds 3]
 
-Needs a truth of the library (`softprint generate`). Every variant has the same number of steps, settings, seed and
-points. A table in Markdown, of held-out samples:
+Needs a truth of the library (`softprint generate`). Every variant has the same number of steps, settings and points of
+interest (thesis 6.2.4), and is trained from several seeds. A table in Markdown, of means over the seeds and, in
+brackets, of highest minus lowest. Errors are the thesis's measure, sum w |u_pred - u|^2 / sum w |u|^2 over points of
+interest, u attenuated as it is learned, and averaged over two random tangent frames a point:
 
-    volume        sqrt(<|u_pred - u|^2> / <|u|^2>) over the body, in the frames of run time; what lies beyond d is
-                  missed by every variant
-    of interest   the same over points of interest (thesis 6.2.4) and the attenuated displacement that is learned
-    squared       of that, the thesis's measure
-    tangents      what two random tangent frames disagree about, RMS relative to that of the displacement
-    learned from  "of interest" for the samples that were learned from
+    learned from   the samples that were learned from
+    states known   validation shapes, in states that were learned from with other shapes
+    new state      validation shapes, in a state not learned from
+    testing        the 22 testing shapes, in all states
+    tangents       what two random tangent frames disagree about, RMS relative to that of the displacement, on
+                   validation shapes in known states
 
-With --trained the model of that name in the run is judged instead, with --test also by the 22 testing shapes. Nothing
-may be chosen by these.
+Nothing is chosen here. The networks are kept as RUN/variants/NAME_SEED.safetensors, for `thesis6_figures.py`, and not
+trained again while they are there; the table also goes to RUN/bench_thesis6_ablation.json, which `softprint report`
+shows.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from runtime.arrays import IntArray
+from runtime.arrays import BoolArray, IntArray
+from runtime.body.body import ReducedBody
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
-from runtime.colliders.build import build_collider
-from runtime.corrections.correction_file import load_correction
+from runtime.colliders import Sphere
+from runtime.corrections.correction_file import load_correction, read_header, save_correction
 from runtime.corrections.descriptor_contact import DescriptorContact
 from runtime.corrections.descriptor_model import DescriptorModel
-from runtime.dynamics.model import correction_path
+from runtime.corrections.options import descriptor_model_options
+from runtime.descriptors import handle_spacing
+from runtime.descriptors.ball_rule import sample_pattern
+from runtime.descriptors.local_descriptor import Samples
 from runtime.errors import SoftprintError
-from runtime.experiment import Experiment
+from runtime.experiment.experiment import ANY_COLLIDER
 from runtime.experiment.training_schema import ModelSpec
-from runtime.shapes import names
+from runtime.files import atomic_path
+from runtime.shapes import names, validation_names
 from runtime.truth_file import TruthData, load_truth
 from surrogate.descriptor_data import DescriptorData
-from surrogate.descriptor_task import sample_errors
+from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
 from surrogate.run_training import Lessons, training_settings
 from surrogate.train import train
 
 THESIS6 = ModelSpec(
     name="thesis6", form="descriptor", hidden=(150, 150, 150, 150, 50, 10), activation="elu", fade_depth=2e-3
 )
-# Name in the table, what differs in the model, and in [training.descriptor].
-VARIANTS: dict[str, tuple[dict[str, object], dict[str, float]]] = {
-    "thesis6": ({}, {}),
-    "raw normal": ({"differences": 0}, {}),
-    "no consistency": ({}, {"consistency": 0.0}),
-    "half of the samples": ({"samples": "half"}, {}),
-    "the centre alone": ({"samples": "one"}, {}),
+# Name in the table -> what differs in the model, and the weight of the consistency loss.
+VARIANTS: dict[str, tuple[dict[str, object], float]] = {
+    "thesis6": ({}, 1.0),
+    "raw normal": ({"differences": 0}, 1.0),
+    "no consistency": ({}, 0.0),
+    "half of the samples": ({"samples": "half"}, 1.0),
+    "the centre alone": ({"samples": "one"}, 1.0),
 }
+SIDES = ("learned from", "states known", "new state", "testing")
+KNOWN = SIDES[1]
+
+
+def variant_path(run: Path, name: str, seed: int) -> Path:
+    """Where a trained variant is kept."""
+    return run / "variants" / f"{name.replace(' ', '_')}_{seed}.safetensors"
+
+
+def load_variant(path: Path, body: ReducedBody) -> DescriptorModel:
+    """A variant that was trained earlier."""
+    found = load_correction(path, body, Sphere(0.01, body.dim))
+    assert isinstance(found, DescriptorContact)
+    return found.model
+
+
+class Course:
+    """Data of all sides, descriptors with all samples; those of variants are parts of them."""
+
+    def __init__(self, lessons: Lessons, sets: int, most: int) -> None:
+        spec = THESIS6.model_copy(update={"differences": sets})
+        options = descriptor_model_options(spec, handle_spacing(lessons.body))
+        sides = dict(zip(SIDES, _samples(lessons, most), strict=True))
+        self.data = {
+            side: lessons.descriptors(options, samples, lessons.drawing()) for side, samples in sides.items()
+        }
+
+    def side(self, name: str, samples: Samples) -> DescriptorData:
+        """Points of a side, told of some samples of the descriptor."""
+        below = np.flatnonzero(sample_pattern(3)[:, 0] <= 0.0)
+        kept = {"all": np.arange(len(sample_pattern(3))), "half": below, "one": np.array([0])}[samples]
+        whole = self.data[name]
+        return replace(whole, descriptor=whole.descriptor[..., torch.from_numpy(kept)])
+
+
+def _samples(lessons: Lessons, most: int) -> Iterator[IntArray]:
+    """Rows of the truth of each side, evenly drawn where there are more than `most`."""
+    truth, rng = lessons.truth, np.random.default_rng(0)
+    states = np.unique(truth.sample_state[lessons.split.train])
+    validation = truth.usable & _of_shapes(truth, validation_names())
+    known = np.flatnonzero(validation & np.isin(truth.sample_state, states))
+    testing = np.flatnonzero(truth.usable & _of_shapes(truth, names("test")))
+    yield lessons.split.train
+    for rows in (known, lessons.held_out, testing):
+        yield np.sort(rng.permutation(rows)[:most])
+
+
+def _of_shapes(truth: TruthData, shapes: list[str]) -> BoolArray:
+    numbers = [truth.header.colliders.index(name) for name in shapes if name in truth.header.colliders]
+    return np.asarray(np.isin(truth.contacts["collider"][truth.samples["contact"]], numbers))
 
 
 @torch.no_grad()
 def of_interest(model: DescriptorModel, data: DescriptorData) -> tuple[float, float]:
-    """Error and disagreement of tangents, relative, over points of interest."""
+    """Squared error, relative, and RMS disagreement of tangents, relative, over points of interest."""
     missed = apart = whole = 0.0
     for index in torch.arange(len(data)).split(4096):
         u = (data.rotation[index] @ model(data.inputs(index))[..., None])[..., 0]
@@ -71,87 +129,77 @@ def of_interest(model: DescriptorModel, data: DescriptorData) -> tuple[float, fl
         missed += float(weight @ (u - target[:, None]).square().sum(-1).mean(1).double())
         apart += float(weight @ (u - u.mean(1, keepdim=True)).square().sum(-1).mean(1).double())
         whole += float(weight @ target.square().sum(-1).double())
-    return float(np.sqrt(missed / whole)), float(np.sqrt(apart / whole))
+    return missed / whole, float(np.sqrt(apart / whole))
 
 
-def judge(lessons: Lessons, model: DescriptorModel, samples: IntArray) -> list[str]:
-    """volume, of interest, squared, tangents."""
-    missed, whole = sample_errors(model, lessons.descriptors(model.options, samples, None))
-    drawn = lessons.descriptors(model.options, samples, lessons.drawing())
-    error, tangents = of_interest(model, drawn)
-    volume = float((missed.sum() / whole.sum()).sqrt())
-    return [f"{number:.1%}" for number in (volume, error, error**2, tangents)]
+def trained(context: Context, lessons: Lessons, course: Course, name: str, seed: int) -> DescriptorModel:
+    """One variant from one seed; read where it is there."""
+    changes, consistency = VARIANTS[name]
+    options = descriptor_model_options(THESIS6.model_copy(update=changes), handle_spacing(lessons.body))
+    path, settings = variant_path(context.out_dir, name, seed), context.experiment.training.descriptor
+    recipe = {"truth": lessons.truth.content_hash, "settings": settings.model_dump(mode="json")}
+    if path.is_file() and read_header(path).training == recipe:
+        return load_variant(path, lessons.body)
+    data, judged = (course.side(side, options.samples) for side in (SIDES[0], KNOWN))
+    task = DescriptorTask(options, DescriptorLoss(consistency, settings.input_gain), data, judged)
+    steps = training_settings(context.experiment.training, "descriptor", seed)
+    # The last weights: nothing is to be chosen.
+    model = train(task, replace(steps, validations=1)).model
+    rms = of_interest(model, judged)[0] ** 0.5
+    path.parent.mkdir(exist_ok=True)
+    save_correction(path, name, model, lessons.body, ANY_COLLIDER, lessons.truth.content_hash, rms, recipe)
+    return model
 
 
-def of_testing_shapes(truth: TruthData, most: int) -> IntArray:
-    """Some of the usable samples of the shapes to test with, evenly drawn."""
-    numbers = [truth.header.colliders.index(name) for name in names("test") if name in truth.header.colliders]
-    ours = np.isin(truth.contacts["collider"][truth.samples["contact"]], numbers)
-    return np.sort(np.random.default_rng(0).permutation(np.flatnonzero(truth.usable & ours))[:most])
-
-
-def variants(
-    lessons: Lessons, experiment: Experiment, wanted: Sequence[str]
-) -> Iterator[tuple[str, list[str]]]:
-    """Train them, one after the other."""
-    for name in wanted:
-        model_changes, changes = VARIANTS[name]
-        started = time.process_time()
-        task = lessons.descriptor_task(THESIS6.model_copy(update=model_changes))
-        task.weights = replace(task.weights, **changes)
-        settings = training_settings(experiment.training, "descriptor", experiment.seed)
-        # The last weights: judging all along the run would cost more than training.
-        model = train(task, replace(settings, validations=1)).model
-        learned = of_interest(model, task.data)[0]
-        seconds = time.process_time() - started
-        yield name, [*judge(lessons, model, lessons.held_out), f"{learned:.1%}", f"{seconds:.0f}"]
-
-
-def trained(
-    lessons: Lessons, context: Context, name: str, sides: dict[str, IntArray]
-) -> Iterator[tuple[str, list[str]]]:
-    """Judge a trained model by samples of each side."""
-    some = lessons.truth.header.colliders[0]
-    collider = build_collider(context.experiment.collider(some), context.experiment.base_dir)
-    correction = load_correction(correction_path(context.out_dir, name), lessons.body, collider)
-    if not isinstance(correction, DescriptorContact):
-        raise SoftprintError(f"{name} is not a correction of form descriptor")
-    for side, samples in sides.items():
-        yield f"{name}, {side}", judge(lessons, correction.model, samples)
+def rows(context: Context, lessons: Lessons, seeds: int, most: int) -> Iterator[dict[str, str | float]]:
+    """The lines of the table."""
+    courses: dict[int, Course] = {}
+    for name, (changes, _) in VARIANTS.items():
+        spec = THESIS6.model_copy(update=changes)
+        if spec.differences not in courses:
+            courses[spec.differences] = Course(lessons, spec.differences, most)
+        course, started = courses[spec.differences], time.process_time()
+        found = []
+        for k in range(seeds):
+            model = trained(context, lessons, course, name, context.seed + k)
+            judged = [of_interest(model, course.side(side, spec.samples)) for side in SIDES]
+            found.append([error for error, _ in judged] + [judged[SIDES.index(KNOWN)][1]])
+        mean, spread = np.mean(found, axis=0), np.ptp(found, axis=0)
+        row: dict[str, str | float] = {"variant": name}
+        for column, value, between in zip((*SIDES, "tangents"), mean, spread, strict=True):
+            row |= {column: float(value), f"{column}, spread": float(between)}
+        yield row | {"seconds": round((time.process_time() - started) / seeds, 1)}
 
 
 def main() -> None:
-    """Judge, and print line by line."""
+    """Train, judge, and print line by line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="run directory with truth.h5 (default: runs/NAME)")
-    parser.add_argument("--steps", type=int, default=1500, help="optimiser steps of each variant")
-    parser.add_argument("--points", type=int, default=64, help="points of interest of a sample")
-    parser.add_argument("--only", nargs="+", choices=list(VARIANTS), help="these variants alone")
-    parser.add_argument("--trained", help="judge this correction of the run instead")
-    parser.add_argument("--test", action="store_true", help="by the testing shapes too")
+    parser.add_argument("--steps", type=int, default=1200, help="optimiser steps of each variant")
+    parser.add_argument("--points", type=int, default=48, help="points of interest of a sample")
+    parser.add_argument("--seeds", type=int, default=3, help="trainings of each variant")
+    parser.add_argument("--most", type=int, default=200, help="samples of each side to judge by, at most")
     options = parser.parse_args()
     overrides = (f"training.descriptor.steps={options.steps}", f"training.descriptor.points={options.points}")
     context = Context(experiment_path=options.experiment, overrides=overrides, out=options.out, quiet=True)
-    experiment, body = context.experiment, body_of_run(context)
-    columns = ["volume", "of interest", "squared", "tangents"]
-    if not options.trained:
-        columns += ["learned from", "CPU seconds"]
+    body = body_of_run(context)
+    if body.dim != 3:
+        raise SoftprintError("descriptors of the thesis are in space: give an experiment in 3D")
+    found = []
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         lessons = Lessons(truth, body, context)
-        print(f"{len(lessons.split.train)} samples to learn from, {len(lessons.held_out)} held out\n")
-        print(f"| | {' | '.join(columns)} |\n| --- {'| --- ' * len(columns)}|", flush=True)
-        if options.trained:
-            sides = {"held out": lessons.held_out}
-            if options.test:
-                sides["testing shapes"] = of_testing_shapes(truth, experiment.training.validation_samples)
-            lines = trained(lessons, context, options.trained, sides)
-        else:
-            lines = variants(lessons, experiment, options.only or list(VARIANTS))
-        for name, cells in lines:
-            print(f"| {name} | {' | '.join(cells)} |", flush=True)
+        print(f"{len(lessons.split.train)} samples to learn from\n")
+        columns = (*SIDES, "tangents")
+        print(f"| | {' | '.join(columns)} | CPU s |\n| --- {'| --- ' * (len(columns) + 1)}|", flush=True)
+        for row in rows(context, lessons, options.seeds, options.most):
+            found.append(row)
+            cells = [f"{row[column]:.1%} ({row[f'{column}, spread']:.1%})" for column in columns]
+            print(f"| {row['variant']} | {' | '.join(cells)} | {row['seconds']:.0f} |", flush=True)
+    with atomic_path(context.out_dir / "bench_thesis6_ablation.json") as temporary:
+        temporary.write_text(json.dumps({"rows": found}, indent=1))
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
     experiment, folder = context.experiment, context.out_dir
     files = find_run_files(folder, experiment)
     body = body_of_run(context)
-    scenes = [_judge(context, files, body, scene) for scene in judged_scenes(experiment)]
+    scenes = [judge_scene(context, files, body, scene) for scene in judged_scenes(experiment)]
     with ExitStack() as stack:
         truth = None if files.truth is None else stack.enter_context(load_truth(files.truth, body))
         model = _judged_model(experiment, files)
@@ -87,7 +87,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
     return Made(page, numbers, console_lines(content.summary, cards))
 
 
-def _judge(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpec) -> JudgedScene:
+def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpec) -> JudgedScene:
     """Compare all models on one test scene; full-space solves that an earlier run finished are read."""
     experiment = context.experiment
     motions = load_motions(files, experiment, scene, body)

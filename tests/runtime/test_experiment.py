@@ -63,7 +63,9 @@ def complaint(path, *overrides) -> str:
 def test_examples_are_read(path):
     experiment = load_experiment(path)
     assert experiment.name == path.stem
-    assert {scene.role for scene in experiment.scenes} == {"record", "test"}
+    # One that trains nothing plays its scenes with what another has learned.
+    learns = {"record"} if experiment.training.models else set()
+    assert {scene.role for scene in experiment.scenes} == {"test"} | learns
     assert set(experiment.sampled_colliders) <= set(experiment.collider_names)
 
 
