@@ -14,8 +14,8 @@ Gamma belongs to the body; of each sample only h at its loads and c are kept. Th
     |G^T phi - w|_M^2 / (c + kappa <c>),
 
 <c> the mean of c: between errors relative to each sample's own displacement (kappa = 0) and to that of all of them.
-Without the first, contacts that dent little, under thin walls, would not count, and be left worse than mechanics leaves
-them; without the second, those that hardly touch would count as much as all others.
+Without the first, contacts that dent little, under thin walls, would not count, and more of them be left worse than
+mechanics leaves them; without the second, those that hardly touch would count as much as all others.
 """
 
 from __future__ import annotations
