@@ -94,6 +94,9 @@ class DescriptorTask:
             float((missed.sum() / whole.sum()).sqrt()), float((missed / whole).max().sqrt()), len(whole)
         )
 
+    def finish(self, model: DescriptorModel) -> None:
+        """Nothing."""
+
 
 @torch.no_grad()
 def sample_errors(model: DescriptorModel, data: DescriptorData, batch: int = 4096) -> tuple[Tensor, Tensor]:

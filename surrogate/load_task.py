@@ -37,6 +37,7 @@ from runtime.corrections.compliance import Compliance
 from runtime.corrections.contact_loads import ContactLoadsProbe
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.rest_mechanics import RestMechanics
+from runtime.corrections.trust import squared_ratio
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData
 from surrogate.losses import FieldError
@@ -45,6 +46,8 @@ from surrogate.touching import touching_samples
 
 # kappa. The error on validation shapes is the same as for infinity, and their shallow half comes out by a fifth better.
 _SHALLOW = 0.1
+# Rows of Gamma that are worked out together: only its upper half is, but for the blocks on the diagonal.
+_PANEL = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +95,18 @@ class LoadMetric:
 
     def _gamma(self, metric: sp.csr_matrix) -> Tensor:
         n_loads, dim, n_nodes, _ = self._columns.shape
-        metric = metric.astype(np.float32)
-        gamma = np.zeros((n_loads * dim, n_loads * dim), dtype=np.float32)
+        size, metric = n_loads * dim, metric.astype(np.float32)
+        gamma = np.zeros((size, size), dtype=np.float32)
         for axis in range(dim):
             # One component of the displacement at a time, for memory; contiguous, for the fast matrix product.
-            columns = np.ascontiguousarray(self._columns[..., axis].reshape(n_loads * dim, n_nodes).T)
-            gamma += columns.T @ np.asarray(metric @ columns)
+            columns = np.ascontiguousarray(self._columns[..., axis].reshape(size, n_nodes).T)
+            weighted = np.asarray(metric @ columns)
+            for start in range(0, size, _PANEL):
+                panel = slice(start, start + _PANEL)
+                gamma[panel, start:] += columns[:, panel].T @ weighted[:, start:]
+        for start in range(0, size, _PANEL):
+            panel = slice(start, start + _PANEL)
+            gamma[start:, panel] = gamma[panel, start:].T
         blocks = gamma.reshape(n_loads, dim, n_loads, dim).transpose(0, 2, 1, 3)
         return torch.from_numpy(np.ascontiguousarray(blocks))
 
@@ -190,6 +199,7 @@ class LoadTask:
         some = some_samples(len(data), seed, self.device)
         there = data.present[some] > 0
         model.normalise(data.local[some][there], data.depth, data.load[some][there], data.lever[some][there])
+        model.trust.span(model.normalised(data.local[data.present > 0]))
         return model
 
     def loss(self, model: LoadModel, index: Tensor) -> Tensor:
@@ -212,16 +222,41 @@ class LoadTask:
             len(data),
         )
 
+    @torch.no_grad()
+    def finish(self, model: LoadModel, batch: int = 256) -> None:
+        """No contact is to be corrected much more than those learned from were."""
+        data = self._data
+        ratios = []
+        for part in torch.arange(len(data), device=self.device).split(batch):
+            load = data.load[part]
+            correction = model.correction(data.local[part], data.depth[part], load, data.lever[part])
+            ratios.append(squared_ratio(load, correction).sqrt())
+        model.trust.limit(torch.cat(ratios))
+
     @staticmethod
     def _missed(
         model: LoadModel, data: LoadData, index: Tensor, gamma: Tensor, volume_only: bool
     ) -> tuple[Tensor, Tensor]:
         """Squared error and squared displacement (b,) of samples `index`."""
-        m = int(data.present[index].sum(1).max())
+        count = data.present[index].sum(1).long()
+        m = int(count.max())
         loads, present = data.index[index, :m], data.present[index, :m, None]
         lever = data.lever[index, :m]
         phi = model(data.local[index, :m], data.depth[index], data.load[index, :m], lever) * present
         h, c = (data.volume_h, data.volume_squared) if volume_only else (data.h, data.squared)
-        block = gamma[loads[:, :, None], loads[:, None, :]]
-        quadratic = torch.einsum("bxi,bxyij,byj->b", phi, block, phi)
+        quadratic = quadratic_form(gamma, loads, count, phi)
         return quadratic - 2.0 * (phi * h[index, :m]).sum((1, 2)) + c[index], c[index]
+
+
+def quadratic_form(gamma: Tensor, loads: Tensor, count: Tensor, phi: Tensor) -> Tensor:
+    """phi^T Gamma phi (b,) of the first `count` (b,) of the loads (b, m) of every sample, with phi (b, m, dim); as
+    2 phi . p - p . phi' with p = Gamma phi and phi' held, whose derivative is 2 p, without a tape of blocks of Gamma.
+
+    Sample by sample: the largest has some ten times as many loads as most, and the cost is in the squares.
+    """
+    pressed = torch.zeros_like(phi)
+    with torch.no_grad():
+        for k, m in enumerate(count.tolist()):
+            block = gamma[loads[k, :m, None], loads[k, :m]]
+            pressed[k, :m] = torch.einsum("xyij,yj->xi", block, phi[k, :m])
+    return (2.0 * phi * pressed - phi.detach() * pressed).sum((1, 2))

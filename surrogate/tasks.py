@@ -41,6 +41,9 @@ class LearningTask(Protocol[ModelT]):
         ...
 
     def held_out_error(self, model: ModelT) -> FieldError: ...
+    def finish(self, model: ModelT) -> None:
+        """What a model is given once it is trained, beside its weights."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,9 @@ class FieldTask:
     def held_out_error(self, model: ContactModel) -> FieldError:
         """At all nodes of the validation samples."""
         return field_error(model, self._validation)
+
+    def finish(self, model: ContactModel) -> None:
+        """Nothing."""
 
 
 def seeded(make: Callable[[], ModelT], seed: int) -> ModelT:

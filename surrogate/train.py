@@ -99,6 +99,7 @@ def train(
                     checkpoint, Checkpoint(fingerprint, step + 1, history, pack(model, best, optimiser))
                 )
     model.load_state_dict(best)
+    task.finish(model)
     return TrainingResult(model, task.held_out_error(model), history)
 
 

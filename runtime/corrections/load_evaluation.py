@@ -13,6 +13,7 @@ from torch import Tensor
 
 from runtime.corrections.contact_loads import ContactLoads
 from runtime.corrections.load_model import SATURATION, LoadModel
+from runtime.corrections.trust import TrustEvaluation
 
 Floats = NDArray[np.floating[Any]]
 
@@ -29,6 +30,7 @@ class LoadEvaluation:
     def __init__(self, model: LoadModel) -> None:
         network = model.network
         self._fade, self._scale = model.fade, float(model.traction_scale)
+        self._trust = TrustEvaluation(model.trust)
         self._mean, self._spread = _shared(model.local_mean), _shared(model.local_scale)
         self._depth_mean, self._depth_spread = float(model.depth_mean), float(model.depth_scale)
         assert network.shared is not None  # the depth of the contact
@@ -45,9 +47,11 @@ class LoadEvaluation:
     def loads(self, contact: ContactLoads) -> Floats:
         """phi (m, dim) [N], as `LoadModel`, in the precision of the model."""
         kind, load, depth = self.dtype, contact.load, contact.depth
-        y = self._network(_saturated((contact.inputs.astype(kind) - self._mean) / self._spread), depth)
+        z = (contact.inputs.astype(kind) - self._mean) / self._spread
+        y = self._network(_saturated(z), depth)
         traction = (y[:, None, 1:] @ contact.lever)[:, 0]
-        phi = load + self._fade.value(depth) * (load * y[:, :1] + self._scale * traction)
+        correction = self._fade.value(depth) * (load * y[:, :1] + self._scale * traction)
+        phi = load + self._trust.of(z, load, correction) * correction
         return np.asarray(phi.astype(kind))
 
     def _network(self, local: Floats, depth: float) -> Floats:

@@ -1,13 +1,13 @@
 """What the network adds to the mechanics: corrected contact forces, under any collider.
 
-    phi_j = l_j + fade(D) [ y_0 l_j + w_j c F_j^T sum_k y_k v_jk ],        u_X = F_X sum_j G_Xj phi_j
+    phi_j = l_j + t fade(D) [ y_0 l_j + w_j c F_j^T sum_k y_k v_jk ],        u_X = F_X sum_j G_Xj phi_j
 
 l_j the load that balances a linearly elastic body (`load_press.py`), w_j [m^(dim-1)] an area that fades with
-distance, D the depth of the contact, c [N/m^(dim-1)] a scale, v_jk directions that the contact itself gives, and
-y(a_j, D) a network that runs on the few loads in contact and not on all points of the body. Its inputs a_j are
-invariants of the contact at the load and around it (`contact_loads.py`): body and collider may be turned together, or
-the collider's axes chosen otherwise, and nothing changes but that u turns along. Nothing is told of which collider it
-is, or where on it. With y = 0 the field is that of linear elasticity.
+distance, D the depth of the contact, t how far it is believed (`trust.py`), c [N/m^(dim-1)] a scale, v_jk directions
+that the contact itself gives, and y(a_j, D) a network that runs on the few loads in contact and not on all points of
+the body. Its inputs a_j are invariants of the contact at the load and around it (`contact_loads.py`): body and collider
+may be turned together, or the collider's axes chosen otherwise, and nothing changes but that u turns along. Nothing is
+told of which collider it is, or where on it. With y = 0 the field is that of linear elasticity.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from runtime.corrections.fade import Fade
 from runtime.corrections.load_inputs import DIRECTIONS, least_spread, n_load_inputs
 from runtime.corrections.network import Mlp, spread
+from runtime.corrections.trust import Trust
 
 SATURATION = 4.0  # R
 
@@ -65,6 +66,7 @@ class LoadModel(nn.Module):
         nn.init.zeros_(self.network.head.weight)
         nn.init.zeros_(self.network.head.bias)
         self.fade = Fade("saturating", options.fade_depth)
+        self.trust = Trust(n_local)
         self.register_buffer("local_mean", torch.zeros(n_local))
         self.register_buffer("local_scale", torch.ones(n_local))
         self.register_buffer("depth_mean", torch.zeros(1))
@@ -87,16 +89,18 @@ class LoadModel(nn.Module):
     def forward(self, local: Tensor, depth: Tensor, load: Tensor, lever: Tensor) -> Tensor:
         """phi (..., m, dim) [N] from the columns of `ContactLoads`: inputs a (..., m, n_local), D (...), loads (..., m,
         dim) and levers (..., m, DIRECTIONS, dim)."""
-        y = self.network(self._local(local), self._depth(depth))
-        return load + self.fade.value(depth)[..., None, None] * self._correction(load, lever, y)
+        correction = self.correction(local, depth, load, lever)
+        return load + self.trust(self.normalised(local), load, correction) * correction
 
-    def _correction(self, load: Tensor, lever: Tensor, y: Tensor) -> Tensor:
-        """y_0 l + c sum_k y_k w F^T v_k."""
+    def correction(self, local: Tensor, depth: Tensor, load: Tensor, lever: Tensor) -> Tensor:
+        """fade(D) [y_0 l + c sum_k y_k w F^T v_k] (..., m, dim), believed or not."""
+        y = self.network(saturated(self.normalised(local)), self._depth(depth))
         traction = torch.einsum("...ki,...k->...i", lever, y[..., 1:])
-        return load * y[..., :1] + self.traction_scale * traction
+        return self.fade.value(depth)[..., None, None] * (load * y[..., :1] + self.traction_scale * traction)
 
-    def _local(self, local: Tensor) -> Tensor:
-        return saturated((local - self.local_mean) / self.local_scale)
+    def normalised(self, local: Tensor) -> Tensor:
+        """z of inputs (..., n_local): mean zero and spread one over what was learned from."""
+        return (local - self.local_mean) / self.local_scale
 
     def _depth(self, depth: Tensor) -> Tensor:
         return saturated((depth[..., None] - self.depth_mean) / self.depth_scale)

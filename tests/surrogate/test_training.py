@@ -27,7 +27,7 @@ from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from surrogate.dataset import PoolSize, load_dataset
 from surrogate.descriptor_data import Drawing, join_descriptor_data, load_descriptor_data
 from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
-from surrogate.load_task import LoadMetric, LoadTask, load_load_data
+from surrogate.load_task import LoadMetric, LoadTask, load_load_data, quadratic_form
 from surrogate.splits import split_by_state
 from surrogate.tasks import FieldTask, InputGains
 from surrogate.train import TrainingSettings, train
@@ -178,6 +178,48 @@ def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
         block = gamma[loads][:, loads].double().numpy()
         value = np.einsum("xi,xyij,yj->", phi, block, phi) - 2.0 * (phi * linear).sum() + constant
         assert value == pytest.approx(expected, rel=1e-5)  # Gamma is float32
+
+
+def test_quadratic_form_and_its_derivative():
+    """Against the whole of Gamma, for samples of different numbers of loads, in double precision."""
+    rng = torch.Generator().manual_seed(2)
+    root = torch.randn(18, 18, generator=rng, dtype=torch.float64)
+    whole = root @ root.T
+    gamma = whole.view(9, 2, 9, 2).permute(0, 2, 1, 3).contiguous()
+    loads = torch.tensor([[3, 1, 8, 0], [5, 2, 0, 0]])
+    count = torch.tensor([4, 2])
+    phi = torch.randn(2, 4, 2, generator=rng, dtype=torch.float64)
+    phi[1, 2:] = 0.0
+    phi.requires_grad_()
+    found = quadratic_form(gamma, loads, count, phi)
+    derivative = torch.autograd.grad(found.sum(), phi)[0]
+    for k, m in enumerate(count):
+        full = torch.zeros(9, 2, dtype=torch.float64)
+        full[loads[k, :m]] = phi[k, :m].detach()
+        assert float(found[k].detach()) == pytest.approx(
+            float(full.view(-1) @ whole @ full.view(-1)), rel=1e-12
+        )
+        expected = 2.0 * (whole @ full.view(-1)).view(9, 2)[loads[k, :m]]
+        torch.testing.assert_close(derivative[k, :m], expected, rtol=1e-12, atol=0.0)
+        assert not derivative[k, m:].any()
+
+
+def test_training_tells_what_is_to_be_believed(truth, jelly2d_body, mechanics):
+    """The inputs of all samples, and half as much again as the corrections of 99 in 100 of them."""
+    task = load_task(truth, jelly2d_body, mechanics)
+    model = train(task, TrainingSettings(60, 8, 3e-3, 0.0, 2, 0)).model
+    split = split_by_state(truth, "ball", 1)
+    metric = LoadMetric(jelly2d_body, mechanics.compliance, 0.3)
+    data = load_load_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
+    z = model.normalised(data.local[data.present > 0])
+    torch.testing.assert_close(model.trust.lowest, z.amin(0))
+    torch.testing.assert_close(model.trust.highest, z.amax(0))
+    with torch.no_grad():
+        correction = model.correction(data.local, data.depth, data.load, data.lever)
+        ratio = (correction.square().sum((1, 2)) / data.load.square().sum((1, 2))).sqrt()
+        assert float(model.trust.ceiling) == pytest.approx(1.5 * float(torch.quantile(ratio, 0.99)), rel=1e-4)
+        believed = model.trust(model.normalised(data.local), data.load, correction)
+    assert float(believed.median()) > 0.95
 
 
 def test_shallow_contacts_count_in_the_loss_of_load_models(truth, jelly2d_body, mechanics):
