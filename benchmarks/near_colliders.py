@@ -34,7 +34,6 @@ def main() -> None:
     probes = {ball.name: LoadProbe(body, ball, mechanics, STIFFNESS) for ball in balls}
     (joint,) = grouped({name: ContactPotential(probe) for name, probe in probes.items()})
     rows, top = body.rest_rows, body.mesh.points[:, -1].max()
-    turn = probes["left"].turn(rows)
     print(f"{'apart':>6}{'energy':>10}{'force':>10}   of the sum of each alone, against both together")
     for apart in APART:
         half = 0.5 * apart * np.sqrt(RADIUS * DEPTH)
@@ -46,14 +45,14 @@ def main() -> None:
         }
         energy, force = 0.0, 0.0
         for name, probe in probes.items():
-            press = probe.press(rows, poses[name], turn)
+            press = probe.press(rows, poses[name], rows)
             if press is not None:
                 energy += press.solution.energy
                 force -= press.solution.force[:, -1].sum()
-        together = joint.pressed(rows, poses, turn).values()
+        together = joint.pressed(rows, poses, rows).values()
         pushed = -sum(float(loads.pressure @ loads.normal[:, -1]) for loads in together)
         print(
-            f"{apart:>6.1f}{energy / joint.energy(rows, poses, turn) - 1:>10.1%}{force / pushed - 1:>10.1%}"
+            f"{apart:>6.1f}{energy / joint.energy(rows, poses, rows) - 1:>10.1%}{force / pushed - 1:>10.1%}"
         )
 
 

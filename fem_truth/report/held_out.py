@@ -60,7 +60,7 @@ class Corrected:
         """(n_nodes, dim) [m] without contact; zero where the correction has no internal response."""
         if self.internal is None:
             return np.zeros((), dtype=np.float64)
-        return self.internal.displacement(rows, self.internal.turn(rows))
+        return self.internal.displacement(rows, rows)
 
 
 class Comparer:

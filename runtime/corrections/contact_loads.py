@@ -67,7 +67,7 @@ class ContactLoadsProbe:
     ) -> ContactLoads | None:
         """The loads at handle rows (n_rows, dim), or None where no load is inside the collider. turn: of the body,
         that of the rows themselves by default; joint: in which this collider is pressed together with others."""
-        turn = self.loads.turn(rows) if turn is None else turn
+        turn = rows if turn is None else turn
         if joint is not None:
             return self._measure(rows, pose, turn, joint)
         if self._last is not None:

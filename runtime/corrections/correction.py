@@ -70,8 +70,8 @@ class Potential(Protocol):
     """The energy of contact of one body with one collider, the detail condensed out: a function of the reduced
     state alone. Dynamics minimises it in place of penalty contact at corrected points.
 
-    turn: (dim, dim), the rotation of the body that its internal response follows (`InternalResponse.turn`), held
-    fixed in derivatives; the identity where there is no such response.
+    turn: (n_rows, dim), the handle rows at which the rotations of the body that its internal response follows are taken
+    (`turning.py`), held fixed in derivatives; nobody asks for it where there is no such response.
     """
 
     @property

@@ -1,5 +1,5 @@
-"""The internal response of some nodes (m,), read where it lies: modes L (n, dim, n_rows, dim), weight w (n, dim,
-dim)."""
+"""The internal response of some nodes (m,), read where it lies: modes L (n, dim, n_rows, dim), weight w (n, dim, dim),
+turns R (n, dim, dim)."""
 
 from __future__ import annotations
 
@@ -16,31 +16,41 @@ Floats = NDArray[np.floating[Any]]
 
 @summing
 def displacement(
-    modes: Floats, weight: Floats, index: IntArray, strain: Floats, hanging: Floats, turn: Array
+    modes: Floats, weight: Floats, index: IntArray, rows: Array, rest: Array, gravity: Array, turns: Array
 ) -> Array:
-    """R (L d + w R^T g) (m, dim) for strain d (n_rows*dim,), hanging = R^T g (dim,) and turn R."""
-    dim, size = len(turn), len(strain)
+    """R (L d + w R^T g) (m, dim) for the strain d = R^T rows - rest, rows and rest (n_rows, dim)."""
+    n_rows, dim = rows.shape
     u = np.zeros((len(index), dim))
+    strain = np.empty(n_rows * dim, modes.dtype)
     for k in range(len(index)):
-        node = modes[index[k]].reshape(dim, size)
+        turn, node = turns[index[k]], modes[index[k]].reshape(dim, n_rows * dim)
+        for r in range(n_rows):
+            for b in range(dim):
+                turned = -rest[r, b]
+                for c in range(dim):
+                    turned += rows[r, c] * turn[c, b]
+                strain[r * dim + b] = turned
         for b in range(dim):
-            turned = strain[0] * node[b, 0]
-            for column in range(1, size):
-                turned += node[b, column] * strain[column]
+            moved = strain[0] * node[b, 0]
+            for column in range(1, n_rows * dim):
+                moved += node[b, column] * strain[column]
             for c in range(dim):
-                turned += weight[index[k], b, c] * hanging[c]
+                hanging = gravity[0] * turn[0, c]
+                for a in range(1, dim):
+                    hanging += gravity[a] * turn[a, c]
+                moved += weight[index[k], b, c] * hanging
             for a in range(dim):
-                u[k, a] += turn[a, b] * turned
+                u[k, a] += turn[a, b] * moved
     return u
 
 
 @summing
-def derivative(modes: Floats, index: IntArray, mean: Array, positions: Array, turn: Array) -> Array:
-    """R (L - (L mean) (x) positions) R^T (m, dim, n_rows, dim) [a, r, b]: du_a/drows_rb with the turn R held. mean
+def derivative(modes: Floats, index: IntArray, mean: Array, positions: Array, turns: Array) -> Array:
+    """R (L - (L mean) (x) positions) R^T (m, dim, n_rows, dim) [a, r, b]: du_a/drows_rb with the turns R held. mean
     (n_rows,): weights of the rows' mean translation, which strains nothing; positions (n_rows,): what it moves."""
-    dim, n_rows = len(turn), len(mean)
+    dim, n_rows = turns.shape[1], len(mean)
     result = np.empty((len(index), dim, n_rows, dim))
-    strained, right = np.empty((dim, n_rows, dim)), np.empty((dim, dim))
+    strained = np.empty((dim, n_rows, dim))
     for k in range(len(index)):
         strained[:] = modes[index[k]]
         for a in range(dim):
@@ -50,16 +60,32 @@ def derivative(modes: Floats, index: IntArray, mean: Array, positions: Array, tu
                     drift += strained[a, r, b] * mean[r]
                 for r in range(n_rows):
                     strained[a, r, b] -= drift * positions[r]
-        for r in range(n_rows):
-            for a in range(dim):
-                for b in range(dim):
-                    right[a, b] = 0.0
-                    for c in range(dim):
-                        right[a, b] += strained[a, r, c] * turn[b, c]
-            for a in range(dim):
-                for b in range(dim):
-                    entry = 0.0
-                    for c in range(dim):
-                        entry += turn[a, c] * right[c, b]
-                    result[k, a, r, b] = entry
+        _to_world(strained, turns[index[k]], result[k])
     return result
+
+
+@summing
+def to_world(blocks: Array, turns: Array) -> Array:
+    """R B_r R^T (n, dim, k, dim) of blocks B_r [i, r, j] (n, dim, k, dim), turned by R (n, dim, dim)."""
+    result = np.empty(blocks.shape)
+    for k in range(len(blocks)):
+        _to_world(blocks[k], turns[k], result[k])
+    return result
+
+
+@summing
+def _to_world(blocks: Array, turn: Array, result: Array) -> None:
+    dim, n_blocks = turn.shape[0], blocks.shape[1]
+    right = np.empty((dim, dim))
+    for r in range(n_blocks):
+        for a in range(dim):
+            for b in range(dim):
+                right[a, b] = 0.0
+                for c in range(dim):
+                    right[a, b] += blocks[a, r, c] * turn[b, c]
+        for a in range(dim):
+            for b in range(dim):
+                entry = 0.0
+                for c in range(dim):
+                    entry += turn[a, c] * right[c, b]
+                result[a, r, b] = entry

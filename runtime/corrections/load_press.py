@@ -28,6 +28,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
 from runtime.corrections import load_kernels
+from runtime.corrections.internal_reach import InternalReach
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.rest_mechanics import RestMechanics
@@ -237,14 +238,11 @@ class LoadProbe:
         self.points = points
         self.internal = None if internal is None else internal.at(compliance.nodes)
         self._stiffness, self._band = stiffness * compliance.areas, band
+        self._reach = None if self.internal is None else InternalReach(self.internal, body.handles)
         self._no_reach = np.zeros(len(compliance.nodes))
         self._among_near = NearLoads(self.among_loads)
         self._last: tuple[Array, RigidPose, Array, LoadPress | None] | None = None
         self._held: LoadPress | None = None
-
-    def turn(self, rows: Array) -> Array:
-        """Of the body at handle rows, see `InternalResponse.turn`; the identity where there is none."""
-        return np.eye(rows.shape[1]) if self.internal is None else self.internal.turn(rows)
 
     def positions(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
         """x (m, dim) [m] of some of the loads (all by default), internal response included."""
@@ -270,7 +268,7 @@ class LoadProbe:
 
     def surroundings(self, rows: Array, turn: Array) -> Surroundings:
         """Of all loads U rows (n, dim) [m], and by how much the internal response may move them (n,) [m]."""
-        reach = self._no_reach if self.internal is None else self.internal.reach(rows, turn)
+        reach = self._no_reach if self._reach is None else self._reach(rows, turn)
         return self.points.basis @ rows, reach
 
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
@@ -377,7 +375,7 @@ class LoadProbe:
 
     def motion(self, index: IntArray, turn: Array) -> LoadMotion:
         """How the loads `index` move with the handle rows."""
-        basis, dim = self.points.basis[index], len(turn)
+        basis, dim = self.points.basis[index], turn.shape[1]
         if self.internal is None:
             moved = np.zeros((len(index), dim, basis.shape[1], dim))
         else:

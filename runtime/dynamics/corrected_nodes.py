@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
-import numpy as np
-
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.corrections.correction import BoundCorrection, Correction
@@ -38,22 +36,20 @@ class CorrectedNodes:
     def positions(self, state: ReducedState) -> Array:
         """(n, dim) [m]."""
         x: Array = self._basis @ state.rows
-        turn = state.turn
+        turn = state.rows if state.turn is None else state.turn
         if self._internal is not None:
-            turn = self._internal.turn(state.rows) if turn is None else turn
             x += self._internal.displacement(state.rows, turn)
         for collider, correction in self._bound:
             x += self._displacement(collider, correction, state, turn)
         return x
 
     def _displacement(
-        self, collider: str, correction: BoundCorrection, state: ReducedState, turn: Array | None
+        self, collider: str, correction: BoundCorrection, state: ReducedState, turn: Array
     ) -> Array | float:
         """(n, dim) [m] by one collider; where it presses together with others, by its share of what all of them do."""
         rows, pose = state.rows, state.poses[collider]
         if collider not in self._joint:
             return correction.displacement(rows, pose, turn)
-        turn = np.eye(self._body.dim) if turn is None else turn
         press = self._joint[collider].press(rows, state.poses, turn)
         if press is None:
             return 0.0

@@ -22,8 +22,8 @@ from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 
 class Elastic(Protocol):
-    """The elastic energy of a body; displacements and fields are those of the watched points, turn (dim, dim) is
-    what an internal response is turned by."""
+    """The elastic energy of a body; displacements and fields are those of the watched points, turn
+    (n_rows, dim) is where an internal response is turned (`turning.py`)."""
 
     def energy(self, rows: Array, turn: Array, displacement: Array | None) -> float:
         """E [J]; displacement: u (n, dim) [m]."""

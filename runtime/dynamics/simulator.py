@@ -52,9 +52,9 @@ _NEGLIGIBLE_STRAIN = 1e-9
 # A surface point whose reduced position is farther from the collider than this share of the collider's size
 # is taken not to be pushed into it by a correction, and so needs none.
 _REACH = 0.25
-# A static solve takes the turn of the internal response anew until it changes by less than this [rad], but not more
-# often than so many times: it converges fast, for the turn hardly matters where strain is small.
-_SAME_TURN = 1e-7
+# A static solve turns the internal response anew until no part of it turns by more than this [rad], but not more often
+# than so many times: it converges fast, for the turn hardly matters where strain is small.
+_SAME_TURN = 1e-6
 _TURNS = 10
 
 
@@ -184,7 +184,7 @@ class Simulator:
             self._movers.step(state, h, self._gravity, self._friction is not None) if self._movers else None
         )
         inertia = _about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
-        turn = self._turn(state.rows)
+        turn = state.rows
         contact = None
         if self._friction is not None:
             before = turn if state.turn is None else state.turn
@@ -223,11 +223,11 @@ class Simulator:
         timings = Timings()
         rows, iterations = begin.rows, 0
         for _ in range(_TURNS):
-            turn = self._turn(rows)
-            energy = self._static_energy(begin, turn, timings)
+            energy = self._static_energy(begin, rows, timings)
+            turned = self._turns(rows)
             solved = minimise(energy, Configuration(rows, begin.poses), settings, timings.solve)
             rows, iterations = solved.x.rows, iterations + solved.iterations
-            if not solved.converged or np.abs(self._turn(rows) - turn).max() < _SAME_TURN:
+            if not solved.converged or np.abs(self._turns(rows) - turned).max(initial=0.0) < _SAME_TURN:
                 break
         return self._static_result(replace(solved, iterations=iterations), begin, energy, timings)
 
@@ -235,12 +235,16 @@ class Simulator:
         """The rest state as the result of no step at all: its energies and contact forces."""
         state, timings = self.rest_state(), Timings()
         solved = NewtonResult(Configuration(state.rows, state.poses), Status.CONVERGED, 0, 0.0, 0.0)
-        energy = self._static_energy(state, self._turn(state.rows), timings)
+        energy = self._static_energy(state, state.rows, timings)
         return self._static_result(solved, state, energy, timings)
 
-    def _turn(self, rows: Array) -> Array:
-        """R (dim, dim) of `InternalResponse`; the identity where there is none."""
-        return np.eye(self.body.dim) if self._internal is None else self._internal.turn(rows)
+    def _turns(self, turn: Array) -> Array:
+        """(n, dim, dim), see `InternalResponse.turns`; none where there is no such response."""
+        return (
+            np.empty((0, self.body.dim, self.body.dim))
+            if self._internal is None
+            else self._internal.turns(turn)
+        )
 
     def _pulled(self, time: float) -> QuadraticForm:
         """By the springs, at a time [s]; that of the last one asked for is kept."""
@@ -361,7 +365,7 @@ class Simulator:
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
-        turn = self._turn(state.rows) if state.turn is None else state.turn
+        turn = state.rows if state.turn is None else state.turn
         at_points = self._surface.forces(self._surface_of(state, turn, Timings()), state.poses, None)[2]
         return {**at_points, **self._condensed.forces(state.rows, state.poses, turn, None)[2]}
 

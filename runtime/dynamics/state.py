@@ -27,8 +27,8 @@ class Configuration(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class ReducedState:
     """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: where each
-    collider stands at this time; turn (dim, dim): the rotation that the internal response of the body followed in the
-    step that led here, None where no step did; motions: how the colliders move that move freely."""
+    collider stands at this time; turn (n_rows, dim): the handle rows at which the internal response of the body was
+    turned in the step that led here, None where no step did; motions: how the colliders move that move freely."""
 
     time: float
     rows: Array

@@ -6,7 +6,7 @@
 M = U^T diag(node_mass) U. W_contact is penalty at the (corrected) surface samples, or, for a collider whose
 correction brings it, the energy with the detail condensed out (`condensed_contact.py`). Corrections are
 quasi-static: they carry neither inertia nor weight. The internal response, where there is one, has no inertia
-either, but it has weight. The rotation of the body that it follows, its turn, is that of the start of the
+either, but it has weight. The rotations of the body that it follows, its turn, are those of the start of the
 step. Newton's unknowns are the free minimal coordinates v of `Handles.retract`; with T = d rows/dv the chain
 rule is
 

@@ -132,7 +132,7 @@ class SurfaceEnergy:
 
     def _jacobian(self, index: IntArray, turn: Array, field: CorrectionField | None) -> Array:
         """J (m*dim, n_rows*dim) of the surface samples ``index``."""
-        dim = len(turn)
+        dim = turn.shape[1]
         jacobian: Array = np.einsum("mr,ik->mirk", self._basis[index], np.eye(dim))
         if self._internal is not None:
             jacobian += self._internal.derivative(turn, index)

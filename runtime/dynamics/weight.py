@@ -1,18 +1,23 @@
 """The weight of a body: of U rows, and of the internal response that hangs on it.
 
-    E(rows) = -sum_i m_i g . (U rows + u)_i,    u = R [L (R^T rows - rest) + w R^T g],
+    E(rows) = -sum_i m_i g . (U rows + u)_i,    u_i = R [L_i (R^T rows - rest) + w_i R^T g],
 
-linear in the rows while the turn R is held. Without the second part the body would not hang where it balances: u gives
-way to gravity, and what it gives way by does work.
+linear in the rows while the turn is held; R is that of the region of the body where i is (`body_regions.py`). Without
+the second part the body would not hang where it balances: u gives way to gravity, and what it gives way by does work.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from runtime.arrays import Array
 from runtime.body.body import ReducedBody
 from runtime.corrections.internal_response import InternalResponse
+from runtime.dynamics.body_regions import BodyRegions
 
 
 class Weight:
@@ -22,15 +27,28 @@ class Weight:
         self._linear = np.outer(body.basis.T @ body.node_mass, gravity)
         self._internal = internal
         if internal is not None:
-            # Summed over the nodes: (dim, n_rows, dim) and (dim, dim).
-            self._modes = np.einsum("n,narb->arb", body.node_mass, internal.modes, optimize=True)
-            self._hanging = np.einsum("n,nab->ab", body.node_mass, internal.weight, optimize=True)
+            regions = BodyRegions(body, internal)
+            self._turning = regions.turning
+            # Summed over the nodes of a region: (n, dim, n_rows, dim) and (n, dim, dim).
+            shares = sp.csr_matrix(
+                (body.node_mass, (regions.of_nodes, np.arange(body.n_nodes))),
+                shape=(regions.count, body.n_nodes),
+            )
+            self._modes = _summed(shares, internal.modes)
+            self._hanging = _summed(shares, internal.weight)
 
     def form(self, turn: Array) -> tuple[Array, float]:
-        """The force F (n_rows, dim) [N] and c [J] of E = c - tr(F^T rows); turn: (dim, dim)."""
+        """The force F (n_rows, dim) [N] and c [J] of E = c - tr(F^T rows); turn: (n_rows, dim), see `turning.py`."""
         if self._internal is None:
             return self._linear, 0.0
-        hanging = self._internal.gravity @ turn
-        force = np.tensordot(hanging, self._modes, 1)
-        constant = np.vdot(force, self._internal.rest_rows) - hanging @ self._hanging @ hanging
-        return self._linear + force @ turn.T, float(constant)
+        rotations = self._turning.rotations(turn)
+        hanging = self._internal.gravity @ rotations
+        force = np.einsum("na,narb->nrb", hanging, self._modes)
+        constant = np.vdot(force.sum(axis=0), self._internal.rest_rows)
+        constant -= np.einsum("na,nab,nb", hanging, self._hanging, hanging)
+        return self._linear + np.einsum("nrb,nab->ra", force, rotations), float(constant)
+
+
+def _summed(shares: sp.csr_matrix, values: NDArray[np.floating[Any]]) -> Array:
+    """Over the nodes (n_nodes, ...), by their shares (n, n_nodes) in regions."""
+    return np.asarray(shares @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])

@@ -121,7 +121,7 @@ def test_derivatives_of_the_energy_of_a_step(jelly_body, dim, correction, monkey
 @pytest.mark.parametrize("slip_velocity", [0.01, 1.0], ids=["slips", "sticks"])
 def test_friction_alone_has_exact_derivatives(jelly_body, dim, correction, slip_velocity):
     """eps = slip_velocity h is 0.1 mm and 10 mm, for a ball that moved on by 1 mm."""
-    rows, turn, law = strained(jelly_body), np.eye(dim), CoulombFriction(0.4, slip_velocity)
+    rows, turn, law = strained(jelly_body), jelly_body.rest_rows, CoulombFriction(0.4, slip_velocity)
     begin, end = ball_at(dim, 0.005), ball_at(dim, 0.006, 0.001)
     contact, poses, step, _ = lag_at(correction, law, begin, end, rows, jelly_body.rest_rows, turn)
     friction = contact._friction
@@ -140,7 +140,7 @@ def test_friction_alone_has_exact_derivatives(jelly_body, dim, correction, slip_
 
 def test_body_and_collider_push_each_other_alike(jelly_body, dim, correction):
     """What moves the body as a whole does to the energy is the force on the collider, friction included."""
-    rows, turn = strained(jelly_body), np.eye(dim)
+    rows, turn = strained(jelly_body), jelly_body.rest_rows
     begin, end = ball_at(dim, 0.005), ball_at(dim, 0.006, 0.001)
     law = CoulombFriction(0.4)
     contact, poses, step, found = lag_at(correction, law, begin, end, rows, rows, turn)
@@ -164,7 +164,9 @@ def test_moving_along_with_the_collider_is_no_slip(jelly_body, dim, correction):
     rows = start @ motion.rotation.T
     rows[[*range(jelly_body.handles.n_points), -1]] += motion.translation
     law = CoulombFriction(0.4)
-    contact, poses, step, _ = lag_at(correction, law, begin, motion.compose(begin), rows, start, np.eye(dim))
+    contact, poses, step, _ = lag_at(
+        correction, law, begin, motion.compose(begin), rows, start, jelly_body.rest_rows
+    )
     terms = contact._friction.terms("ball", rows, poses, step)
     assert len(terms.index) >= 3
     weight = 0.4 * step.sliding["ball"].lagged.force

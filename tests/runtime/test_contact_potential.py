@@ -37,7 +37,7 @@ def pressed(jelly_body, dim, request):
     rows = jelly_body.rest_rows + 1e-3 * rng.normal(size=jelly_body.rest_rows.shape)
     turned = [0.3] if dim == 2 else [0.3, -0.2, 0.5]
     pose = RigidPose.from_rotation_vector(turned, np.append(np.full(dim - 1, 0.004), 0.06 + 0.02 - 0.006))
-    return ContactPotential(probe), rows, pose, probe.turn(rows)
+    return ContactPotential(probe), rows, pose, rows
 
 
 def test_second_derivatives_along_some_directions(pressed):
@@ -123,8 +123,8 @@ def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim):
         np.append(np.zeros(dim), 1.0), len(jelly_body.handles.frames)
     )
     moved = rows @ motion.rotation.T + linear[:, None] * motion.translation
-    energy, gradient, _ = potential.linearise(rows, pose, probe.turn(rows))
-    again, turned, _ = potential.linearise(moved, motion.compose(pose), probe.turn(moved))
+    energy, gradient, _ = potential.linearise(rows, pose, rows)
+    again, turned, _ = potential.linearise(moved, motion.compose(pose), moved)
     # The modes are rounded to float32, and so annihilate translations to 1e-7.
     assert again == pytest.approx(energy, rel=2e-6)
     assert np.abs(turned - gradient @ motion.rotation.T).max() < 2e-5 * np.abs(gradient).max()
@@ -142,7 +142,7 @@ def test_colliders_near_each_other_are_pressed_together(jelly_body, dim):
     (joint,) = grouped(potentials)
     two = SmoothUnion([Placed(ball, poses[ball.name]) for ball in balls[:2]], 1e-9, "two")
     one = ContactPotential(LoadProbe(jelly_body, two, mechanics, STIFFNESS))
-    rows, turn, at_rest = jelly_body.rest_rows, np.eye(dim), RigidPose.identity(dim)
+    rows, turn, at_rest = jelly_body.rest_rows, jelly_body.rest_rows, RigidPose.identity(dim)
     energy, gradient, hessian = joint.linearise(rows, poses, turn)
     expected = one.linearise(rows, at_rest, turn)
     # Balanced to 1e-6 of the depth each.

@@ -17,6 +17,7 @@ from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.corrections.rest_response import RestResponse
 from runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider, Simulator
 from runtime.dynamics.state import ReducedState
+from runtime.dynamics.weight import Weight
 from runtime.elasticity import make_material
 from runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient, element_hessians
 from runtime.errors import SoftprintError
@@ -94,21 +95,102 @@ def test_small_sag_is_exact_whatever_the_cubature(dim):
     assert sag_error(simulator, full_space_statics(body, gravity)) < 1e-4
 
 
-def test_elastic_energy_is_that_of_the_positions(dim):
-    """With every cell in the cubature there is nothing to make up for, at any deformation."""
-    body = make_body(dim)
+def all_cells(body):
+    """With every cell in the cubature, so that there is nothing to make up for, at any deformation."""
     cells = elastic_cells(body.mesh, body.handles)
-    body = replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
-    simulator = Simulator(body, contact=CONTACT, gravity=down(dim), internal=respond(body, down(dim)))
-    rows = body.handles.retract(body.rest_rows, 4e-3 * np.random.default_rng(0).normal(size=body.n_dofs))
-    state = replace(simulator.rest_state(), rows=rows)
-    turn = simulator._turn(rows)
+    return replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
+
+
+def strained(body, seed=0, scale=4e-3):
+    way = np.random.default_rng(seed).normal(size=body.n_dofs)
+    return body.handles.retract(body.rest_rows, scale * way)
+
+
+def test_elastic_energy_is_that_of_the_positions(dim):
+    """Where all of the body turns as one, by any rotation."""
+    body = all_cells(make_body(dim))
+    internal = respond(body, down(dim))
+    mean = internal.turning.mean(axis=0)
+    internal = replace(internal, turning=np.broadcast_to(mean, internal.turning.shape))
+    simulator = Simulator(body, contact=CONTACT, gravity=down(dim), internal=internal)
+    rows, turn = strained(body), strained(body, seed=1, scale=0.03)
+    state = replace(simulator.rest_state(), rows=rows, turn=turn)
     found = simulator._elastic.energy(rows, turn, None)
     # float32 of the displacements of all nodes.
     expected = elastic_energy(body.mesh, body.material, simulator.positions(state))
     assert found == pytest.approx(expected, rel=1e-6)
     field = simulator.deformation_gradients(state, np.array([5]))
     np.testing.assert_allclose(field, body.mesh.deformation_gradients(simulator.positions(state))[[5]])
+
+
+def test_elastic_energy_of_a_cell_is_as_seen_from_it(dim):
+    """Its corners are where they would be, had they turned with the cell."""
+    body = all_cells(make_body(dim))
+    internal = respond(body, down(dim))
+    rows, turn = strained(body), strained(body, seed=1)
+    simulator = Simulator(body, contact=CONTACT, gravity=down(dim), internal=internal)
+    corners = body.mesh.cells[body.cubature.cells]
+    turning = internal.turning[corners].mean(axis=1).repeat(dim + 1, axis=0)
+    at_corners = replace(internal.at(corners.ravel()), turning=turning)
+    x = body.basis[corners.ravel()] @ rows + at_corners.displacement(rows, turn)
+    turns = at_corners.turns(turn)
+    assert np.abs(turns - turns[0]).max() > 0.01
+    F = np.einsum(
+        "cai,caj->cij", x.reshape(*corners.shape, dim), body.mesh.cell_gradients[body.cubature.cells]
+    )
+    expected = body.cubature.weights @ body.material.at(body.cubature.cells).energy_density(F)
+    assert simulator._elastic.energy(rows, turn, None) == pytest.approx(expected, rel=1e-6)  # float32
+
+
+def test_derivatives_of_the_elastic_energy(dim):
+    """With a turn far from the rows, in single precision for the Hessian only."""
+    body = make_body(dim, divisions=(16, 8, 4))
+    assert len(body.cubature.cells) < len(elastic_cells(body.mesh, body.handles))
+    elastic = Simulator(body, contact=CONTACT, gravity=down(dim), internal=respond(body, down(dim)))._elastic
+    rows, turn = strained(body), strained(body, seed=1, scale=0.02)
+    _, gradient, hessian = elastic.linearise(rows, turn, None)
+    way, h = np.random.default_rng(2).normal(size=rows.shape), 1e-6
+    ahead, behind = (elastic.linearise(rows + side * h * way, turn, None) for side in (1, -1))
+    # Central differences: h^2 = 1e-12 over the square of a strain of some per cent, and round-off.
+    assert (ahead[0] - behind[0]) / (2 * h) == pytest.approx(np.vdot(gradient, way), rel=1e-6)
+    change = (ahead[1] - behind[1]).ravel() / (2 * h)
+    assert np.abs(hessian() @ way.ravel() - change).max() < 1e-5 * np.abs(change).max()
+    along = np.random.default_rng(3).normal(size=(rows.size, 3))
+    np.testing.assert_allclose(
+        hessian(along), along.T @ hessian() @ along, rtol=1e-4, atol=1e-5 * np.abs(hessian(along)).max()
+    )
+
+
+def test_what_the_cubature_misses_turns_along_by_regions(dim):
+    """Expanded about the turn, it is the sum over regions of what each of them sees."""
+    body = make_body(dim, divisions=(16, 8, 4))
+    internal = respond(body, down(dim))
+    simulator = Simulator(body, contact=CONTACT, gravity=down(dim), internal=internal)
+    missed = simulator._elastic._missed
+    rows, turn = strained(body), strained(body, seed=1, scale=0.02)
+    value, slope, stiffness = missed.about(turn)
+    change = (rows - turn).ravel()
+    expected = 0.0
+    for M, R in zip(missed._missed, missed._turning.rotations(turn), strict=True):
+        z = np.vstack([internal.strain(rows, R), internal.gravity @ R]).ravel()
+        expected += 0.5 * z @ M.reshape(z.size, z.size) @ z
+    found = value + slope @ change + 0.5 * change @ stiffness @ change
+    # float32 of the modes, which annihilate translations.
+    assert found == pytest.approx(expected, rel=1e-6)
+    assert len(missed._missed) > 1
+
+
+def test_the_weight_is_that_of_the_positions(dim):
+    """Region by region, which is the same where all of the body turns as one."""
+    body = make_body(dim)
+    internal = respond(body, down(dim))
+    mean = internal.turning.mean(axis=0)
+    internal = replace(internal, turning=np.broadcast_to(mean, internal.turning.shape))
+    rows, turn = strained(body), strained(body, seed=1, scale=0.03)
+    force, height = Weight(body, down(dim), internal).form(turn)
+    x = body.basis @ rows + internal.displacement(rows, turn)
+    # float32 of the response.
+    assert height - np.vdot(force, rows) == pytest.approx(-body.node_mass @ x @ down(dim), rel=1e-6)
 
 
 def test_settled_is_left_alone(dim):

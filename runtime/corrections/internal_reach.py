@@ -1,0 +1,51 @@
+"""How far the internal response may have moved the nodes of a body, without asking at every node.
+
+Within a step u is affine in the rows, and they have not moved far since the turn was taken: with the change of
+handle h since then, of where it is (dp) and of how it is turned (dA),
+
+    |u_X(rows)| <= |u_X(turn)| + sum_h |L_Xp| |dp| + |L_XA| |dA|
+
+in Frobenius norms. Frames change about their pivots, not about the far-away origin, for the sum to stay small.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from runtime.arrays import Array
+from runtime.body.handles import Handles
+from runtime.corrections.internal_response import InternalResponse
+
+
+class InternalReach:
+    """Of n nodes, by their response."""
+
+    def __init__(self, internal: InternalResponse, handles: Handles) -> None:
+        self._internal, dim = internal, handles.dim
+        n_points, n_frames = handles.n_points, len(handles.frames)
+        pivots = np.array([frame.pivot for frame in handles.frames]).reshape(n_frames, dim)
+        # From rows to the places of the handles, and back to what their translations and turns move.
+        self._places = np.zeros((n_points + n_frames, handles.n_rows))
+        self._places[:n_points, :n_points] = np.eye(n_points)
+        self._linear = n_points + (np.arange(n_frames)[:, None] * (dim + 1) + np.arange(dim))
+        last = n_points + np.arange(n_frames) * (dim + 1) + dim
+        for frame, pivot in enumerate(pivots):
+            self._places[n_points + frame, self._linear[frame]] = pivot
+            self._places[n_points + frame, last[frame]] = 1.0
+        modes = internal.modes
+        moved = modes[:, :, np.r_[np.arange(n_points), last].astype(np.int64)]
+        turned = modes[:, :, self._linear] - pivots[:, :, None] * moved[:, :, n_points:, None]
+        self._by_place = np.sqrt(np.square(moved).sum(axis=(1, 3), dtype=np.float64))
+        self._by_turn = np.sqrt(np.square(turned).sum(axis=(1, 3, 4), dtype=np.float64))
+        self._last: tuple[Array, Array] | None = None
+
+    def __call__(self, rows: Array, turn: Array) -> Array:
+        """(n,) [m], what |u| does not exceed."""
+        if self._last is None or not np.array_equal(self._last[0], turn):
+            self._last = turn.copy(), np.linalg.norm(self._internal.displacement(turn, turn), axis=1)
+        change = rows - turn
+        places = self._places @ change
+        places -= places.mean(axis=0)  # a translation of everything moves nothing inside
+        turned = np.linalg.norm(change[self._linear], axis=(1, 2))
+        reach = self._by_place @ np.linalg.norm(places, axis=1) + self._by_turn @ turned
+        return np.asarray(self._last[1] + reach)
