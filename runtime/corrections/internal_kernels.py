@@ -22,14 +22,18 @@ def displacement(
     n_rows, dim = rows.shape
     u = np.zeros((len(index), dim))
     strain = np.empty(n_rows * dim, modes.dtype)
+    by_axis, at_rest = np.ascontiguousarray(rows.T), np.ascontiguousarray(rest.T)
+    along = np.empty(n_rows)
     for k in range(len(index)):
         turn, node = turns[index[k]], modes[index[k]].reshape(dim, n_rows * dim)
-        for r in range(n_rows):
-            for b in range(dim):
-                turned = -rest[r, b]
-                for c in range(dim):
-                    turned += rows[r, c] * turn[c, b]
-                strain[r * dim + b] = turned
+        for b in range(dim):
+            for r in range(n_rows):
+                along[r] = by_axis[0, r] * turn[0, b] + by_axis[1, r] * turn[1, b] - at_rest[b, r]
+            for c in range(2, dim):
+                for r in range(n_rows):
+                    along[r] += by_axis[c, r] * turn[c, b]
+            for r in range(n_rows):
+                strain[r * dim + b] = along[r]
         for b in range(dim):
             moved = strain[0] * node[b, 0]
             for column in range(1, n_rows * dim):
@@ -76,16 +80,17 @@ def to_world(blocks: Array, turns: Array) -> Array:
 @summing
 def _to_world(blocks: Array, turn: Array, result: Array) -> None:
     dim, n_blocks = turn.shape[0], blocks.shape[1]
-    right = np.empty((dim, dim))
-    for r in range(n_blocks):
-        for a in range(dim):
+    # In 2D the third of every three products is with zero.
+    last = dim - 1
+    left = np.empty(n_blocks * dim)
+    across = np.zeros((dim, 3))
+    across[:, :dim] = turn
+    first, second, third = blocks[0].ravel(), blocks[1].ravel(), blocks[last].ravel()
+    for a in range(dim):
+        for m in range(n_blocks * dim):
+            left[m] = across[a, 0] * first[m] + across[a, 1] * second[m] + across[a, 2] * third[m]
+        turned = result[a].ravel()
+        for r in range(n_blocks):
+            x, y, z = left[dim * r], left[dim * r + 1], left[dim * r + last]
             for b in range(dim):
-                right[a, b] = 0.0
-                for c in range(dim):
-                    right[a, b] += blocks[a, r, c] * turn[b, c]
-        for a in range(dim):
-            for b in range(dim):
-                entry = 0.0
-                for c in range(dim):
-                    entry += turn[a, c] * right[c, b]
-                result[a, r, b] = entry
+                turned[dim * r + b] = x * across[b, 0] + y * across[b, 1] + z * across[b, 2]

@@ -98,12 +98,12 @@ def _spread(body: ReducedBody) -> Array:
 @summing
 def _about(missed: Array, z: Array, rotations: Array) -> tuple[float, Array, Array]:
     """1/2 z^T M z, R M z and R M R^T by the rows, summed over M (k, n_rows + 1, dim, n_rows + 1, dim)."""
-    k, n, dim = z.shape
+    n_regions, n, dim = z.shape
     size = (n - 1) * dim
-    value, slope, total = 0.0, np.zeros((n - 1, dim)), np.zeros((n - 1, dim, n - 1, dim))
-    right = np.empty((dim, dim))
-    for region in range(k):
-        R, own = rotations[region], z[region].ravel()
+    value, slope, total = 0.0, np.zeros((n - 1, dim)), np.zeros((n - 1, dim, size))
+    left = np.empty(size)
+    for region in range(n_regions):
+        turn, own = rotations[region], z[region].ravel()
         for r in range(n):
             for a in range(dim):
                 row = missed[region, r, a].ravel()
@@ -113,21 +113,17 @@ def _about(missed: Array, z: Array, rotations: Array) -> tuple[float, Array, Arr
                 value += 0.5 * force * own[r * dim + a]
                 if r < n - 1:
                     for i in range(dim):
-                        slope[r, i] += R[i, a] * force
+                        slope[r, i] += turn[i, a] * force
         for r in range(n - 1):
-            for s in range(r, n - 1):
-                for a in range(dim):
-                    for j in range(dim):
-                        right[a, j] = 0.0
-                        for b in range(dim):
-                            right[a, j] += missed[region, r, a, s, b] * R[j, b]
-                for i in range(dim):
-                    for j in range(dim):
-                        for a in range(dim):
-                            total[r, i, s, j] += R[i, a] * right[a, j]
-    for r in range(n - 1):
-        for s in range(r):
             for i in range(dim):
-                for j in range(dim):
-                    total[r, i, s, j] = total[s, j, r, i]
+                left[:] = 0.0
+                for a in range(dim):
+                    row, share = missed[region, r, a].ravel(), turn[i, a]
+                    for column in range(size):
+                        left[column] += share * row[column]
+                summed = total[r, i]
+                for s in range(0, size, dim):
+                    for j in range(dim):
+                        for b in range(dim):
+                            summed[s + j] += left[s + b] * turn[j, b]
     return value, slope.ravel(), total.reshape(size, size)
