@@ -20,7 +20,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from runtime.arrays import Array, RowHessian
@@ -92,8 +91,7 @@ class InternalElasticEnergy:
         def hessian(along: Array | None = None) -> Array:
             if along is None:
                 return stiffness(elasticity, at.F, single) + missed.stiffness
-            # A handle's directions move its own rows only.
-            strained = np.ascontiguousarray((sp.csr_matrix(along.T.astype(single.dtype)) @ single.T).T)
+            strained = single @ along.astype(single.dtype)
             return stiffness(elasticity, at.F, strained) + along.T @ missed.stiffness @ along
 
         return at.energy, slope.reshape(rows.shape), hessian
