@@ -37,7 +37,8 @@ class Turning:
 
     def __init__(self, gradients: NDArray[np.floating[Any]], positions: Array) -> None:
         """gradients: G^T (n, dim, n_rows) [1/m]; positions: see `InternalResponse`."""
-        self._gradients = np.ascontiguousarray(gradients)
+        # In double precision, so that turning everything turns them alike to round-off.
+        self._gradients = np.ascontiguousarray(gradients, dtype=np.float64)
         self._positions, self._mean = positions, positions / positions.sum()
         self._last: tuple[Array, Array] | None = None
 
@@ -47,9 +48,8 @@ class Turning:
             n, dim, n_rows = self._gradients.shape
             # Translations, which turn nothing, would only be rounded: a body may be far from where it began.
             centred = turn - np.outer(self._positions, self._mean @ turn)
-            transposed = self._gradients.reshape(n * dim, n_rows) @ centred.astype(self._gradients.dtype)
-            F = transposed.reshape(n, dim, dim).transpose(0, 2, 1)
-            self._last = turn.copy(), nearest_rotations(F.astype(np.float64))
+            transposed = self._gradients.reshape(n * dim, n_rows) @ centred
+            self._last = turn.copy(), nearest_rotations(transposed.reshape(n, dim, dim).transpose(0, 2, 1))
         return self._last[1]
 
 
