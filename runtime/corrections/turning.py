@@ -43,14 +43,16 @@ class Turning:
         self._last: tuple[Array, Array] | None = None
 
     def rotations(self, turn: Array) -> Array:
-        """R (n, dim, dim) at a turn (n_rows, dim); those of the last one are kept."""
-        if self._last is None or not np.array_equal(self._last[0], turn):
+        """R (n, dim, dim) at a turn (n_rows, dim); those of the last one are kept, whichever thread asked."""
+        last = self._last
+        if last is None or not np.array_equal(last[0], turn):
             n, dim, n_rows = self._gradients.shape
             # Translations, which turn nothing, would only be rounded: a body may be far from where it began.
             centred = turn - np.outer(self._positions, self._mean @ turn)
             transposed = self._gradients.reshape(n * dim, n_rows) @ centred
-            self._last = turn.copy(), nearest_rotations(transposed.reshape(n, dim, dim).transpose(0, 2, 1))
-        return self._last[1]
+            last = turn.copy(), nearest_rotations(transposed.reshape(n, dim, dim).transpose(0, 2, 1))
+            self._last = last
+        return last[1]
 
 
 def turning_gradients(body: ReducedBody) -> NDArray[np.float32]:
