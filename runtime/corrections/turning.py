@@ -7,9 +7,9 @@ as a mean over its surroundings,
 
 within the body, so that a finger does not see the one beside it. For l = 0 that is the rotation of the point itself,
 which jumps from bone to flesh; for l = inf that of the body as a whole. In between lies a length that is best, for
-every body tried and by a flat optimum: 0.4 of the distance of handles. Then the internal response misses, of the
-internal equilibria of full space (RMS; one turn for the whole body in brackets), on the motions of the report, 22 %
-(228 %) on the Hand, 2.1 % (2.4 %) on the Finger, 13.2 % (13.9 %) on the Ball and 1.0 % (1.1 %) on the Jelly.
+every body tried and by a flat optimum, at about 0.4 of the distance of handles. With it the internal response misses,
+of the internal equilibria of full space (RMS; one turn for the whole body in brackets), on the motions of the report,
+21 % (229 %) on the Hand, 2.4 % (2.4 %) on the Finger, 13.4 % (14.0 %) on the Ball and 2.2 % (2.5 %) on the Jelly.
 
 A *turn* is handle rows (n_rows, dim), at which all these rotations are taken. It is an argument of all that asks for
 them, and held within a time step.
@@ -28,7 +28,7 @@ from runtime.arrays import Array, scatter_sum
 from runtime.body.body import ReducedBody
 from runtime.body.rotations import nearest_rotations
 
-# The length l, in distances of handles (V / n_handles)^(1/dim). From 0.3 to 0.6 nothing changes by more than a tenth.
+# The length l, in distances of handles (V / n_handles)^(1/dim). From 0.3 to 0.6 little changes.
 _LENGTH = 0.4
 
 

@@ -6,9 +6,10 @@ Elastic energy does not change with a rotation, so that of a cell is best seen f
     F_c = R_c (I + B_c z),    z = (d, R_c^T g),    E = sum_c w_c Psi(F_c) + what the cubature misses at rest,
 
 with B_c constant. The last term (`missed_stiffness.py`) leaves to the cubature only what is not linear; without it the
-modes L, rougher than U, would need twice the cells. Of the forces on the handles, internal equilibria of full space,
-that leaves 19 % on the Hand, whose fingers bend by right angles, and 0.8 % on the Finger (RMS, motions of the report;
-without it 36 % and 22 %, and with one turn for all of the body 699 % and 0.7 %).
+modes L, rougher than U, would need twice the cells. Of the forces on the handles in the internal equilibria of full
+space this misses 22 % on the Hand, whose fingers bend by right angles, 1.0 % on the Finger, 20 % on the Ball and 0.3 %
+on the Jelly (RMS, motions of the report); with one turn for the whole body 657 %, 0.7 %, 24 % and 0.1 %, with U rows
+alone 193 %, 139 %, 176 % and 28 %, however fine the cubature.
 
 With the turn held, F is affine in the rows: once in a step B is turned to the world, and then
 
