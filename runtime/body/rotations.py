@@ -62,47 +62,68 @@ def nearest_rotations(matrices: Array) -> Array:
     """`nearest_rotation` of each of many (n, dim, dim), by Newton's iteration Q <- (c Q + Q^-T / c) / 2 for the polar
     factor, scaled by c^2 = |Q^-T| / |Q| (Higham 1986)."""
     rotations = np.empty(matrices.shape)
-    for k in np.flatnonzero(_polar(np.ascontiguousarray(matrices), rotations)):
+    polar = _polar_2d if matrices.shape[1] == 2 else _polar_3d
+    for k in np.flatnonzero(polar(np.ascontiguousarray(matrices), rotations)):
         rotations[k] = nearest_rotation(matrices[k])
     return rotations
 
 
 @compiled
-def _polar(matrices: Array, rotations: Array) -> BoolArray:
+def _polar_2d(matrices: Array, rotations: Array) -> BoolArray:
     """Writes the polar factors; which of them it left alone (n,)."""
-    n, dim, _ = matrices.shape
+    left = np.zeros(len(matrices), dtype=np.bool_)
+    for k in range(len(matrices)):
+        F, Q = matrices[k], rotations[k]
+        c, s = F[0, 0] + F[1, 1], F[1, 0] - F[0, 1]
+        length = np.sqrt(c * c + s * s)
+        left[k] = length == 0.0
+        Q[0, 0] = Q[1, 1] = c / length
+        Q[1, 0], Q[0, 1] = s / length, -s / length
+    return left
+
+
+@compiled
+def _polar_3d(matrices: Array, rotations: Array) -> BoolArray:
+    """As `_polar_2d`. Of some tens of matrices at a time, entry by entry, for the processor to take several at once."""
+    n, together = len(matrices), 64
     left = np.zeros(n, dtype=np.bool_)
-    inverse = np.empty((3, 3))
-    for k in range(n):
-        Q = rotations[k]
-        Q[:] = matrices[k]
-        if dim == 2:
-            c, s = Q[0, 0] + Q[1, 1], Q[1, 0] - Q[0, 1]
-            length = np.sqrt(c * c + s * s)
-            left[k] = length == 0.0
-            Q[0, 0] = Q[1, 1] = c / length
-            Q[1, 0], Q[0, 1] = s / length, -s / length
-            continue
+    q, moved, first = np.empty((9, together)), np.empty(together), np.empty(together)
+    for start in range(0, n, together):
+        count = min(together, n - start)
+        for i in range(9):
+            for k in range(together):
+                q[i, k] = matrices[start + min(k, count - 1), i // 3, i % 3]
         for iteration in range(30):
-            size, size_inverse, det = 0.0, 0.0, 0.0
-            for i in range(3):
-                i1, i2 = (i + 1) % 3, (i + 2) % 3
-                for j in range(3):
-                    j1, j2 = (j + 1) % 3, (j + 2) % 3
-                    inverse[i, j] = Q[i1, j1] * Q[i2, j2] - Q[i1, j2] * Q[i2, j1]
-                    size += Q[i, j] * Q[i, j]
-                    size_inverse += inverse[i, j] * inverse[i, j]
-                det += Q[i, 0] * inverse[i, 0]
-            if iteration == 0 and det <= _FLAT * (size / 3.0) ** 1.5:
-                left[k] = True
+            for k in range(together):
+                a, b, c = q[0, k], q[1, k], q[2, k]
+                d, e, f = q[3, k], q[4, k], q[5, k]
+                g, h, i9 = q[6, k], q[7, k], q[8, k]
+                A, B, C = e * i9 - f * h, f * g - d * i9, d * h - e * g
+                D, E, F = c * h - b * i9, a * i9 - c * g, b * g - a * h
+                G, H, J = b * f - c * e, c * d - a * f, a * e - b * d
+                det = a * A + b * B + c * C
+                size = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i9 * i9
+                inverse = A * A + B * B + C * C + D * D + E * E + F * F + G * G + H * H + J * J
+                if iteration == 0:
+                    first[k] = det - _FLAT * (size / 3.0) * np.sqrt(size / 3.0)
+                scale = np.sqrt(np.sqrt(inverse / size) / det)
+                x, y = 0.5 * scale, 0.5 / (det * scale)
+                a1, b1, c1 = x * a + y * A, x * b + y * B, x * c + y * C
+                d1, e1, f1 = x * d + y * D, x * e + y * E, x * f + y * F
+                g1, h1, j1 = x * g + y * G, x * h + y * H, x * i9 + y * J
+                q[0, k], q[1, k], q[2, k] = a1, b1, c1
+                q[3, k], q[4, k], q[5, k] = d1, e1, f1
+                q[6, k], q[7, k], q[8, k] = g1, h1, j1
+                change = (a1 - a) ** 2 + (b1 - b) ** 2 + (c1 - c) ** 2
+                change += (d1 - d) ** 2 + (e1 - e) ** 2 + (f1 - f) ** 2
+                moved[k] = change + (g1 - g) ** 2 + (h1 - h) ** 2 + (j1 - i9) ** 2
+            going = False
+            for k in range(together):  # the next change would be the square
+                going |= first[k] > 0.0 and moved[k] > 1e-16
+            if not going:
                 break
-            scale = np.sqrt(np.sqrt(size_inverse / size) / det)
-            moved = 0.0
-            for i in range(3):
-                for j in range(3):
-                    after = 0.5 * (scale * Q[i, j] + inverse[i, j] / (det * scale))
-                    moved += (after - Q[i, j]) ** 2
-                    Q[i, j] = after
-            if not moved > 1e-16:  # the next change would be its square
-                break
+        for k in range(count):
+            left[start + k] = first[k] <= 0.0
+            for i in range(9):
+                rotations[start + k, i // 3, i % 3] = q[i, k]
     return left
