@@ -44,48 +44,31 @@ def apply(
 
 
 @compiled
-def carried_compliance(among: NDArray[np.float32], loads: IntArray, F: Array) -> Array:
-    """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads (m,); among: G (n_loads, n_loads, dim, dim), symmetric; F (m,
-    dim, dim)."""
-    m, dim, _ = F.shape
-    result = np.empty((m * dim, m * dim))
-    half = np.empty((dim, dim))
+def gathered(pairs: NDArray[np.float32], loads: IntArray) -> NDArray[np.float32]:
+    """G (m*dim, m*dim) [m/N] among the loads (m,); pairs: G (n_loads, n_loads, dim, dim)."""
+    m, dim = len(loads), pairs.shape[2]
+    result = np.empty((m * dim, m * dim), dtype=pairs.dtype)
     for i in range(m):
-        for j in range(i, m):
-            G = among[loads[i], loads[j]]
+        for j in range(m):
+            G = pairs[loads[i], loads[j]]
             for a in range(dim):
                 for b in range(dim):
-                    half[a, b] = 0.0
-                    for c in range(dim):
-                        half[a, b] += F[i, a, c] * G[c, b]
-            for a in range(dim):
-                for b in range(dim):
-                    entry = 0.0
-                    for c in range(dim):
-                        entry += half[a, c] * F[j, b, c]
-                    result[i * dim + a, j * dim + b] = entry
-                    result[j * dim + b, i * dim + a] = entry
+                    result[i * dim + a, j * dim + b] = G[a, b]
     return result
 
 
-@compiled
-def carried_displacement(
-    among: NDArray[np.float32], at: IntArray, F: Array, loads: IntArray, forces: Array
-) -> Array:
-    """F_i sum_j G_ij f_j (n, dim) [m] at the loads `at` (n,) by forces (m, dim) on the loads (m,); among, F: as for
-    `carried_compliance`."""
-    n, dim, _ = F.shape
-    result, v = np.zeros((n, dim)), np.empty(dim)
+@summing
+def displacement(pairs: NDArray[np.float32], at: IntArray, loads: IntArray, forces: Array) -> Array:
+    """sum_j G_ij phi_j (n, dim) [m] at the loads `at` (n,) by forces (m, dim) on the loads (m,); pairs: as for
+    `gathered`."""
+    n, dim = len(at), pairs.shape[2]
+    result = np.zeros((n, dim))
     for i in range(n):
-        v[:] = 0.0
         for j in range(len(loads)):
-            G = among[at[i], loads[j]]
+            G = pairs[at[i], loads[j]]
             for a in range(dim):
                 for b in range(dim):
-                    v[a] += G[a, b] * forces[j, b]
-        for a in range(dim):
-            for b in range(dim):
-                result[i, a] += F[i, a, b] * v[b]
+                    result[i, a] += G[a, b] * forces[j, b]
     return result
 
 

@@ -104,7 +104,7 @@ class JointProbe:
         names = tuple(touching)
         around, owner = _nearest(list(touching.values()))
         distances = tuple(PosedDistance(self.probes[name].collider, poses[name]) for name in names)
-        problem, F = self._any.problem(rows, around, NearestDistance(distances, owner))
+        problem = self._any.problem(rows, around, NearestDistance(distances, owner))
         start = None if near is None else near.predict(rows, poses, around.index)
         solution = problem.solve(start)
         motion = self._any.motion(around.index[solution.bearing], turn)
@@ -114,7 +114,6 @@ class JointProbe:
             around.index,
             around.position,
             around.index,
-            F,
             motion,
             problem,
             solution,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
-from runtime.corrections.compliance_kernels import carried_compliance, carried_displacement
+from runtime.corrections.compliance_kernels import displacement, gathered
 
 # Loads that are kept; more are made room for when they are asked for at once.
 _ROOM = 384
@@ -25,17 +25,21 @@ class NearLoads:
         self._slot: IntArray = np.empty(len(among), dtype=np.int64)
         self._count = 0
         self._forget(_ROOM)
+        self._gathered_for: IntArray = np.empty(0, dtype=np.int64)
+        self._gathered: NDArray[np.float32] = np.empty((0, 0), dtype=np.float32)
 
-    def carried(self, loads: IntArray, F: Array) -> Array:
-        """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads (m,); F: (m, dim, dim)."""
-        slots = self._slots(loads)
-        return carried_compliance(self._pairs, slots, F)
+    def compliance(self, loads: IntArray) -> NDArray[np.float32]:
+        """G (m*dim, m*dim) [m/N] among the loads (m,). The last one is kept: from one state to the next the loads are
+        often the same."""
+        if not np.array_equal(loads, self._gathered_for):
+            slots = self._slots(loads)  # which may move the pairs
+            self._gathered_for, self._gathered = loads.copy(), gathered(self._pairs, slots)
+        return self._gathered
 
-    def displacement(self, at: IntArray, F: Array, loads: IntArray, forces: Array) -> Array:
-        """F_i sum_j G_ij f_j (n, dim) [m] at some loads (n,) by forces (m, dim) [N] in rest coordinates on others (m,);
-        F: (n, dim, dim)."""
+    def displacement(self, at: IntArray, loads: IntArray, forces: Array) -> Array:
+        """sum_j G_ij phi_j (n, dim) [m] at some loads (n,) by forces phi (m, dim) [N] on others (m,), at rest."""
         slots = self._slots(np.concatenate([at, loads]))
-        return carried_displacement(self._pairs, slots[: len(at)], F, slots[len(at) :], forces)
+        return displacement(self._pairs, slots[: len(at)], slots[len(at) :], forces)
 
     def _slots(self, loads: IntArray) -> IntArray:
         """Where the rows and columns of the loads are kept."""
