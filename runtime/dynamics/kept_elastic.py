@@ -18,7 +18,7 @@ from runtime.dynamics.elastic import Elastic
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 # By so much the deformation gradient may have changed (root mean square over the cells) before a new one is found.
-_SAME = 0.02
+_SAME = 0.01
 
 
 class _Kept(NamedTuple):
