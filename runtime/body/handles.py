@@ -191,7 +191,7 @@ class Handles:
         points, flat = self.n_points * self.dim, change.ravel()
         frames = self._frame_tangents(rows)
         transposed = frames.transpose(0, 2, 1)
-        moved = flat[points:].reshape(len(frames), -1, 1)
+        moved = flat[points:].reshape(*frames.shape[:2], 1)
         rigid = np.linalg.solve(transposed @ frames, transposed @ moved)
         return np.concatenate([flat[:points], rigid.ravel()])
 

@@ -11,7 +11,7 @@ from runtime.arrays import Array, IntArray
 from runtime.compiled import compiled, summing
 
 
-@compiled
+@summing
 def apply(
     loads: IntArray,
     forces: NDArray[Any],
@@ -26,20 +26,29 @@ def apply(
     n_anchors, dim, size = operator.shape
     total = np.zeros(size, dtype=forces.dtype)
     shared = np.zeros((n_anchors, dim), dtype=forces.dtype)
+    starts, columns, entries = near
     for j in range(len(loads)):
         for entry in range(share[0][loads[j]], share[0][loads[j] + 1]):
             shared[share[1][entry]] += share[2][entry] * forces[j]
+        # The rows of one load have their entries in the same columns.
+        first = starts[loads[j] * dim]
+        count = starts[loads[j] * dim + 1] - first
         for i in range(dim):
-            row = loads[j] * dim + i
-            for entry in range(near[0][row], near[0][row + 1]):
-                total[near[1][entry]] += near[2][entry] * forces[j, i]
+            row, force = entries[first + i * count : first + (i + 1) * count], forces[j, i]
+            for entry in range(count):
+                total[columns[first + entry]] += row[entry] * force
     for anchor in range(n_anchors):
-        for i in range(dim):
-            force = shared[anchor, i]
-            if force != 0.0:
-                column = operator[anchor, i]
-                for at in range(size):
-                    total[at] += force * column[at]
+        force = shared[anchor]
+        if not force.any():
+            continue
+        column = operator[anchor]
+        # All of them at once, for it is the memory that takes the time.
+        if dim == 3:
+            for at in range(size):
+                total[at] += force[0] * column[0, at] + force[1] * column[1, at] + force[2] * column[2, at]
+        else:
+            for at in range(size):
+                total[at] += force[0] * column[0, at] + force[1] * column[1, at]
     return total
 
 

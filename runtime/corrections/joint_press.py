@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -72,6 +73,17 @@ class JointPress:
             follows[mine] = after.apply(before.apply_inverse(y[mine])) - y[mine]
             turns[mine] = after.rotation @ before.rotation.T
         return self.press.nearby(rows, index, follows, turns)
+
+
+@runtime_checkable
+class BoundPressed(Protocol):
+    """A correction at points whose loads may be pressed together with those of others."""
+
+    def later(
+        self, joint: JointPress | None, rows: Array, pose: RigidPose, turn: Array | None = None
+    ) -> Callable[[], Array]:
+        """Measures the contact; what is returned works out u (n, dim) [m], on any thread. joint: with others."""
+        ...
 
 
 class JointProbe:

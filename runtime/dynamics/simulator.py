@@ -351,6 +351,10 @@ class Simulator:
         cost that does not grow with the mesh."""
         return self._samples.positions(state)
 
+    def surface_later(self, state: ReducedState) -> Callable[[], Array]:
+        """The same in two parts, see `CorrectedNodes.later`: what is called later may run beside the next step."""
+        return self._samples.later(state)
+
     def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
         """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state, corrections included: bound
         once, at a cost that does not grow with the mesh."""
