@@ -5,9 +5,9 @@
 Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
 correction of form loads, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
 Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS.safetensors. A body whose
-run is elsewhere is given as EXPERIMENT=DIRECTORY. On two threads the surface of a step is drawn beside the next step, by
-ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says. Figures to reach
-on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4 times the cost of
+run is elsewhere is given as EXPERIMENT=DIRECTORY. On two threads the surface of a step is drawn beside the next step,
+by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says. Figures to
+reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4 times the cost of
 the bare subspace.
 """
 

@@ -27,7 +27,7 @@ from runtime.dynamics.corrected_nodes import CorrectedNodes
 from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.dynamics.elastic import Elastic, ElasticEnergy
 from runtime.dynamics.internal_elastic import InternalElasticEnergy
-from runtime.dynamics.kept_elastic import KeptElastic
+from runtime.dynamics.kept_elastic import kept_if_dear
 from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
 from runtime.dynamics.movers import FreeStep, Movers
 from runtime.dynamics.newton import NewtonResult, NewtonSettings, Status, minimise
@@ -137,7 +137,7 @@ class Simulator:
             if internal is None
             else InternalElasticEnergy(body, self._points, internal)
         )
-        self._elastic = KeptElastic(elastic, ReducedElasticity.of(body))
+        self._elastic = kept_if_dear(elastic, ReducedElasticity.of(body))
         self._surface = SurfaceEnergy(body, self._points, penalised, contact, friction, internal)
         self._nodes = CorrectedNodes(body, self._corrections, internal, joint=self._condensed.joint)
         self._samples = CorrectedNodes(
