@@ -7,8 +7,8 @@ correction of form loads, that is timed; where not, an untrained one of the same
 Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS.safetensors. A body whose
 run is elsewhere is given as EXPERIMENT=DIRECTORY. On two threads the surface of a step is drawn beside the next step,
 by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says. Figures to
-reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4 times the cost of
-the bare subspace.
+reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4 times the
+cost of the bare subspace.
 """
 
 from __future__ import annotations

@@ -193,16 +193,16 @@ class StepEnergy:
             slope = quadratic_gradient + elastic_gradient + contact_gradient
 
         def hessian() -> Array:
-            with self._timings.elastic:
-                total = elastic_hessian(along)
-            with self._timings.contact:
-                for condensed_hessian in condensed_hessians:
-                    total += condensed_hessian(along)
             with self._timings.solve:
                 curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
                 by_rows = self._blocks if contact_hessian is None else self._blocks + contact_hessian
-                total += known_hessian(by_rows)(along) + self._units[:, None] * curvature * self._units
-                return total
+                total = known_hessian(by_rows)(along) + self._units[:, None] * curvature * self._units
+            with self._timings.elastic:
+                total += elastic_hessian(along)
+            with self._timings.contact:
+                for condensed_hessian in condensed_hessians:
+                    total += condensed_hessian(along)
+            return total
 
         quadratic = self._quadratic.energy(rows)
         found = Linearisation(
