@@ -301,7 +301,11 @@ class LoadProbe:
         """(n,) which of the loads around, not among those that could bear pressure, the dent pushes into the
         collider."""
         b, pushed = solution.bearing, np.zeros(len(around.index), dtype=bool)
-        beside = np.flatnonzero(~around.could_bear)
+        # Nothing beside the loads that are pressed is moved farther than they are.
+        farthest = np.sqrt((solution.moved[b] ** 2).sum(axis=1).max(initial=0.0))
+        beside = np.flatnonzero(~around.could_bear & (around.distance < farthest))
+        if not beside.size:
+            return pushed
         index, bearing = around.index[beside], around.index[around.could_bear][b]
         load = load_step.pulled_back(problem.F[b], solution.pressure[b], solution.normal[b])
         v = self._among_near.displacement(index, bearing, load)

@@ -27,7 +27,7 @@ Floats = NDArray[np.floating[Any]]
 
 # Of an iteration: directions that change what they meet by less than this share are left out of the linear system, not
 # of the balance that it is solved for.
-_SLIGHT = 1e-3
+_SLIGHT = 0.03
 _SWEEPS = 12
 
 
