@@ -81,12 +81,13 @@ class BoundElasticContact:
     def later(
         self, joint: JointPress | None, rows: Array, pose: RigidPose, turn: Array | None = None
     ) -> Callable[[], Array]:
-        """The same in two parts: the contact is measured now; what it does to the points is worked out by what is
+        """The same in two parts: the loads are pressed now; what they do to the points is worked out by what is
         called later, on any thread, whatever is pressed in the meantime. joint: in which this collider is pressed
         together with others; it is the share of this one then, and their sum is what they do to the body."""
-        contact = self._probe.measure(rows, pose, turn, joint)
+        measured = self._probe.later(rows, pose, turn, joint)
 
         def displacement() -> Array:
+            contact = measured()
             if contact is None:
                 return np.zeros(self._points.rest.shape)
             given = self._compliance.apply(contact.index, self._model.loads(contact))

@@ -82,7 +82,7 @@ class BoundPressed(Protocol):
     def later(
         self, joint: JointPress | None, rows: Array, pose: RigidPose, turn: Array | None = None
     ) -> Callable[[], Array]:
-        """Measures the contact; what is returned works out u (n, dim) [m], on any thread. joint: with others."""
+        """Presses the loads; what is returned works out u (n, dim) [m], on any thread. joint: with others."""
         ...
 
 

@@ -36,8 +36,8 @@ class CorrectedNodes:
         return self.later(state)()
 
     def later(self, state: ReducedState) -> Callable[[], Array]:
-        """The same in two parts: contacts are measured now; what is called later, on any thread and beside other
-        steps, does the rest, most of the work."""
+        """The same in two parts: loads are pressed now, if they have not been; what is called later, on any thread
+        and beside other steps, does the rest, most of the work."""
         rows, turn, internal, basis = state.rows, state.turn, self._internal, self._basis
         if internal is not None:
             turn = internal.turn(rows) if turn is None else turn
