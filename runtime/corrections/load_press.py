@@ -257,7 +257,8 @@ class LoadProbe:
         last = None
         if self._last is not None:
             last_rows, last_pose, last_turn, last = self._last
-            if last_pose is pose and last_turn is turn and np.array_equal(last_rows, rows):
+            same = last_pose is pose and np.array_equal(last_turn, turn)
+            if same and np.array_equal(last_rows, rows):
                 return last
         press = self._press(rows, pose, turn, self._held or last)
         self._last = (rows.copy(), pose, turn, press)
