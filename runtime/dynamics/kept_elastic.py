@@ -3,7 +3,8 @@
 With many handles the Hessian of all cubature cells costs more than all else of a step in the subspace, and it changes
 little from one iteration to the next, or from step to step: the tangent of a material changes by as much as the
 deformation gradient. Newton's method takes only a direction from it; energy and gradient are exact, and so is what it
-converges to. The hand of `examples/hand.toml` takes as many iterations as with a new one each time, and half the time.
+converges to. On the bare subspace the hand of `examples/hand.toml` takes no more iterations than with a new one each
+time, and 13 ms a step in place of 22.
 """
 
 from __future__ import annotations
