@@ -1,12 +1,14 @@
 """The speed columns of a table of bodies: frames a second of the bare subspace, of ours and of full space, in contact.
 
-    python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--loads N] [--no-full]
+    python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--loads N] [--no-full] [--threads 2]
 
 Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
 correction of form loads, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
 Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS.safetensors. A body whose
-run is elsewhere is given as EXPERIMENT=DIRECTORY. Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60
-frames/s with the correction in contact, and at most 4 times the cost of the bare subspace.
+run is elsewhere is given as EXPERIMENT=DIRECTORY. On two threads the surface of a step is drawn beside the next step,
+by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says. Figures to
+reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4 times the
+cost of the bare subspace.
 """
 
 from __future__ import annotations
@@ -75,7 +77,9 @@ def measured(context: Context, options: argparse.Namespace) -> str:
     if find_spec("dolfinx") is not None and not options.no_full:
         models["full"] = build_model(experiment, body, scene, context.out_dir, "full")
     n = scene_steps(experiment, scene)
-    speeds = {name: measure(name, model, n, options.steps) for name, model in models.items()}
+    speeds = {
+        name: measure(name, model, n, options.steps, options.threads == 2) for name, model in models.items()
+    }
     handles = body.handles
     counts = (body.mesh.n_cells, handles.n_points, len(handles.frames), handles.n_dofs)
     name = experiment.name if trained else f"{experiment.name}*"
@@ -116,9 +120,13 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, help="of Newton a step at most (default: to convergence)")
     parser.add_argument("--loads", type=int, help="of an untrained stand-in (default: the experiment's)")
     parser.add_argument("--no-full", action="store_true", help="leave full space out")
+    parser.add_argument("--threads", type=int, choices=(1, 2), default=1, help="(default: 1)")
     options = parser.parse_args()
     here = machine()
-    print(f"{here['processor']}, {here['cores']} cores, threads {here['threads'] or 'not limited'}")
+    print(
+        f"{here['processor']}, {here['cores']} cores, {options.threads} used, "
+        f"BLAS {here['threads'] or 'not limited'}"
+    )
     print(table_head())
     for given in options.experiments:
         file, _, out = given.partition("=")

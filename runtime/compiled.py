@@ -3,7 +3,7 @@ number of numpy's calls is what costs, not the arithmetic.
 
 What is compiled is kept on disk beside the source, or, where that cannot be written, in the user's cache; with neither
 it is compiled anew in every process. What was kept is used until its file changes, so a kernel may call kernels of its
-own file only.
+own file only. None of them holds Python's lock, so that other threads run beside them.
 """
 
 from __future__ import annotations
@@ -28,6 +28,6 @@ def summing(kernel: Kernel) -> Kernel:
 
 def _compiled(kernel: Kernel, **options: Any) -> Kernel:
     try:
-        return cast(Kernel, njit(cache=True, error_model="numpy", **options)(kernel))
+        return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy", **options)(kernel))
     except RuntimeError:  # numba found no place to keep it
-        return cast(Kernel, njit(error_model="numpy", **options)(kernel))
+        return cast(Kernel, njit(nogil=True, error_model="numpy", **options)(kernel))

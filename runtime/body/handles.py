@@ -17,6 +17,7 @@ region.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -152,29 +153,47 @@ class Handles:
 
     def tangent(self, rows: Array) -> Array:
         """T (n_rows*dim, n_dofs): d rows.ravel() = T v, to first order in the v of :meth:`retract`."""
-        dim, spin = self.dim, rotation_dofs(self.dim)
-        tangent = np.eye(self.n_rows * dim, self.n_dofs)  # of points; what frames do follows
-        tangent[self.n_points * dim :] = 0.0
-        for index, frame in enumerate(self.frames):
-            block = rows[self._frame_rows(index)]
-            row = (self.n_points + index * (dim + 1)) * dim
-            column = self.n_points * dim + index * (dim + spin)
-            last = slice(row + dim * dim, row + dim * (dim + 1))
-            tangent[last, column : column + dim] = np.eye(dim)
-            for axis in range(spin):
-                # exp(w)^T = I - W + ...: d(R^T) = -R^T W and, the pivot staying, dt = X_pivot R^T W.
-                turned = block[:-1] @ skew(np.eye(spin)[axis])
-                tangent[row : row + dim * dim, column + dim + axis] = -turned.ravel()
-                tangent[last, column + dim + axis] = frame.pivot @ turned
+        tangent = np.eye(self.n_rows * self.dim, self.n_dofs)  # of points; what frames do follows
+        start = self.n_points * self.dim
+        blocks = self._frame_tangents(rows)
+        n_frames, height, width = blocks.shape
+        tangent[start:] = 0.0
+        by_frame = tangent[start:, start:].reshape(n_frames, height, n_frames, width)
+        each = np.arange(n_frames)
+        by_frame[each, :, each] = blocks
+        tangent[start:, start:] = by_frame.reshape(n_frames * height, n_frames * width)
         return tangent
+
+    def _frame_tangents(self, rows: Array) -> Array:
+        """Of every frame (n_frames, (dim+1)*dim, dim+spin): d rows of the frame by its own coordinates."""
+        dim, spin = self.dim, rotation_dofs(self.dim)
+        transposed = self._frames_of(rows)[:, :-1]
+        blocks = np.zeros((len(transposed), dim + 1, dim, dim + spin))
+        blocks[:, -1, :, :dim] = np.eye(dim)
+        # exp(w)^T = I - W + ...: d(R^T) = -R^T W and, the pivot staying, dt = X_pivot R^T W.
+        turned = np.einsum("fij,sjk->fiks", transposed, _generators(dim))
+        blocks[:, :-1, :, dim:] = -turned
+        blocks[:, -1, :, dim:] = np.einsum("fi,fiks->fks", self._pivots, turned)
+        return blocks.reshape(len(transposed), (dim + 1) * dim, dim + spin)
+
+    def _frames_of(self, rows: Array) -> Array:
+        """R^T and t (n_frames, dim+1, dim) of every frame."""
+        return rows[self.n_points :].reshape(-1, self.dim + 1, self.dim)
+
+    @cached_property
+    def _pivots(self) -> Array:
+        """(n_frames, dim)."""
+        return np.array([frame.pivot for frame in self.frames]).reshape(-1, self.dim)
 
     def increment(self, rows: Array, change: Array) -> Array:
         """The v (n_dofs,) of :meth:`retract` that comes nearest to a change of the rows (n_rows, dim), to first order:
         points take all of it, frames what keeps them rigid."""
         points, flat = self.n_points * self.dim, change.ravel()
-        frames = self.tangent(rows)[points:, points:]
-        rigid = np.linalg.solve(frames.T @ frames, frames.T @ flat[points:])
-        return np.concatenate([flat[:points], rigid])
+        frames = self._frame_tangents(rows)
+        transposed = frames.transpose(0, 2, 1)
+        moved = flat[points:].reshape(*frames.shape[:2], 1)
+        rigid = np.linalg.solve(transposed @ frames, transposed @ moved)
+        return np.concatenate([flat[:points], rigid.ravel()])
 
     def retract(self, rows: Array, increment: Array) -> Array:
         """Rows after the increment v (n_dofs,) [m, rad]: points add it, frames take its exponential map."""
@@ -199,11 +218,18 @@ class Handles:
         """
         dim, spin = self.dim, rotation_dofs(self.dim)
         curvature = np.zeros((self.n_dofs, self.n_dofs))
-        for index, frame in enumerate(self.frames):
-            block, slope = rows[self._frame_rows(index)], gradient[self._frame_rows(index)]
-            moment = block[:-1].T @ (slope[:-1] - np.outer(frame.pivot, slope[-1]))
+        frames, slopes = self._frames_of(rows), self._frames_of(gradient)
+        levered = slopes[:, :-1] - self._pivots[:, :, None] * slopes[:, -1:]
+        moments = np.einsum("fki,fkj->fij", frames[:, :-1], levered)
+        for index, moment in enumerate(moments):
             start = self.n_points * dim + index * (dim + spin) + dim
             turn = slice(start, start + spin)
             symmetric = 0.5 * (moment + moment.T) if dim == 3 else np.zeros((1, 1))
             curvature[turn, turn] = symmetric - np.trace(moment) * np.eye(spin)
         return curvature
+
+
+@cache
+def _generators(dim: int) -> Array:
+    """(spin, dim, dim): the skew matrices of the unit rotation vectors."""
+    return np.array([skew(axis) for axis in np.eye(rotation_dofs(dim))])

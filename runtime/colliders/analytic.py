@@ -6,6 +6,9 @@ centre or axis only. Box and cylinder are rounded and C1 at every depth (see `ro
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -112,16 +115,15 @@ class Cone(ColliderBase):
         self.upper = np.maximum(self.start + start_radius, self.end + end_radius)
 
     def sdf(self, z: Array) -> Array:
-        return cone_kernels.values(np.ascontiguousarray(z), *self._shape)
+        return cone_kernels.values(np.ascontiguousarray(z), self._cones, 1.0)
 
     def sdf_derivatives(self, z: Array) -> SdfDerivatives:
-        return SdfDerivatives(*cone_kernels.derivatives(np.ascontiguousarray(z), *self._shape))
+        return SdfDerivatives(*cone_kernels.derivatives(np.ascontiguousarray(z), self._cones, 1.0))
 
-    @property
-    def _shape(self) -> tuple[Array, Array, float, tuple[float, float], float, float]:
-        """What the kernels take."""
-        radii = self.start_radius, self.end_radius
-        return self.start, self.axis, self.length, radii, self.sin, self.cos
+    @cached_property
+    def _cones(self) -> cone_kernels.Cones:
+        """What the kernels take: a union of this one, where there is nothing to blend."""
+        return side_by_side([self])
 
 
 class Capsule(Cone):
@@ -129,6 +131,18 @@ class Capsule(Cone):
 
     def __init__(self, start: ArrayLike, end: ArrayLike, radius: float, name: str = "capsule") -> None:
         super().__init__(start, end, radius, radius, name)
+
+
+def side_by_side(cones: Sequence[Cone]) -> cone_kernels.Cones:
+    """Of p cones: start and axis (p, dim), length, radius at the start, sin and cos (p,)."""
+    return (
+        np.array([cone.start for cone in cones]),
+        np.array([cone.axis for cone in cones]),
+        np.array([cone.length for cone in cones]),
+        np.array([cone.start_radius for cone in cones]),
+        np.array([cone.sin for cone in cones]),
+        np.array([cone.cos for cone in cones]),
+    )
 
 
 class Cylinder(ColliderBase):

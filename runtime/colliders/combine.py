@@ -16,6 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from runtime.arrays import Array
+from runtime.colliders import cone_kernels
+from runtime.colliders.analytic import Cone, side_by_side
 from runtime.colliders.collider import Collider, ColliderBase, SdfDerivatives
 from runtime.colliders.pose import RigidPose
 from runtime.compiled import compiled
@@ -107,13 +109,22 @@ class SmoothUnion(ColliderBase):
         self.lower = np.min([part.lower for part in parts], axis=0) - swell
         self.upper = np.max([part.upper for part in parts], axis=0) + swell
 
+        # Cones, and so capsules, are what unions are made of as a rule.
+        cones = [part for part in parts if isinstance(part, Cone)]
+        self._cones = side_by_side(cones) if len(cones) == len(parts) else None
+
     def sdf(self, z: Array) -> Array:
+        if self._cones is not None:
+            return cone_kernels.values(np.ascontiguousarray(z), self._cones, self.blend)
         value = self.parts[0].sdf(z)
         for part in self.parts[1:]:
             value = smooth_minimum_value(value, part.sdf(z), self.blend)
         return value
 
     def sdf_derivatives(self, z: Array) -> SdfDerivatives:
+        if self._cones is not None:
+            found = cone_kernels.derivatives(np.ascontiguousarray(z), self._cones, self.blend)
+            return SdfDerivatives(*found)
         total = self.parts[0].sdf_derivatives(z)
         for part in self.parts[1:]:
             total = smooth_minimum(total, part.sdf_derivatives(z), self.blend)

@@ -1,4 +1,8 @@
-"""The signed distance of a blunt cone, point by point; formulas: `Cone`."""
+"""The signed distance of blunt cones, and of smooth unions of them, point by point; formulas: `Cone`, `combine.py`.
+
+A cone is told by start and axis (dim,), length, radius at the start, sin and cos; cones are these side by side, each
+with a further first dimension.
+"""
 
 from __future__ import annotations
 
@@ -7,73 +11,95 @@ import numpy as np
 from runtime.arrays import Array
 from runtime.compiled import compiled
 
+Cones = tuple[Array, Array, Array, Array, Array, Array]
+
 
 @compiled
-def values(
-    z: Array, start: Array, axis: Array, length: float, radii: tuple[float, float], sin: float, cos: float
-) -> Array:
-    """s (n,) [m] at points z (n, dim); radii: at the start and at the end."""
-    n, dim = z.shape
+def _value(z: Array, i: int, cones: Cones, c: int) -> float:
+    """s [m] of the cone c at the point z_i: the distance from the ball that is nearest of those between the ends."""
+    start, axis, length, radius, sin, cos = cones
+    y, square = 0.0, 0.0
+    for a in range(z.shape[1]):
+        v = z[i, a] - start[c, a]
+        y += v * axis[c, a]
+        square += v * v
+    across = max(square - y * y, 0.0)
+    centre = min(max(y - np.sqrt(across) * (sin[c] / cos[c]), 0.0), length[c])
+    return float(np.sqrt(across + (y - centre) ** 2) - (radius[c] - sin[c] * centre))
+
+
+@compiled
+def _derivatives(z: Array, i: int, cones: Cones, c: int, gradient: Array, hessian: Array) -> float:
+    """s [m] of the cone c at the point z_i, its gradient (dim,) and Hessian (dim, dim) into those given. On the axis,
+    and in the middle of an end's ball, the norm has no derivatives: there they are those of zero."""
+    start, axis, length, radius, sin, cos = cones
+    dim = z.shape[1]
+    y, across, square = 0.0, 0.0, 0.0
+    for a in range(dim):
+        y += (z[i, a] - start[c, a]) * axis[c, a]
+    for a in range(dim):
+        across += (z[i, a] - start[c, a] - y * axis[c, a]) ** 2
+    foot = y - np.sqrt(across) * (sin[c] / cos[c])
+    centre = min(max(foot, 0.0), length[c])
+    for a in range(dim):
+        square += (z[i, a] - start[c, a] - centre * axis[c, a]) ** 2
+    r = np.sqrt(square)
+    inverse = 1.0 / r if r > 0.0 else 0.0
+    for a in range(dim):
+        gradient[a] = (z[i, a] - start[c, a] - centre * axis[c, a]) * inverse
+    # On the side the distance does not bend along the line to the axis, on an end's ball along the normal.
+    on_side = foot == centre and across > 0.0
+    for a in range(dim):
+        for b in range(a + 1):
+            if on_side:
+                v = z[i, a] - start[c, a] - y * axis[c, a]
+                w = z[i, b] - start[c, b] - y * axis[c, b]
+                bent = v * w / across + axis[c, a] * axis[c, b]
+            else:
+                bent = gradient[a] * gradient[b]
+            hessian[a, b] = hessian[b, a] = ((1.0 if a == b else 0.0) - bent) * inverse
+    return float(r - (radius[c] - sin[c] * centre))
+
+
+@compiled
+def values(z: Array, cones: Cones, blend: float) -> Array:
+    """s (n,) [m] at points z (n, dim) of the smooth union of p cones."""
+    n, p = len(z), len(cones[0])
     value = np.empty(n)
     for i in range(n):
-        y, square = 0.0, 0.0
-        for a in range(dim):
-            v = z[i, a] - start[a]
-            y += v * axis[a]
-            square += v * v
-        across = 0.0
-        for a in range(dim):
-            across += (z[i, a] - start[a] - y * axis[a]) ** 2
-        x = np.sqrt(across)
-        foot = y - x * sin / cos
-        if foot < 0.0:
-            value[i] = np.sqrt(square) - radii[0]
-        elif foot > length:
-            value[i] = np.sqrt(across + (y - length) ** 2) - radii[1]
-        else:
-            value[i] = cos * x + sin * y - radii[0]
+        total = _value(z, i, cones, 0)
+        for c in range(1, p):
+            part = _value(z, i, cones, c)
+            t = min(abs(total - part) / blend, 1.0)
+            total = min(total, part) - blend / 6.0 * (1.0 - t) ** 3
+        value[i] = total
     return value
 
 
 @compiled
-def derivatives(
-    z: Array, start: Array, axis: Array, length: float, radii: tuple[float, float], sin: float, cos: float
-) -> tuple[Array, Array, Array]:
-    """s (n,), its gradient (n, dim) and Hessian (n, dim, dim). On the axis, and in the middle of an end's ball, the
-    norm has no derivatives: there they are those of zero."""
-    n, dim = z.shape
-    value, gradient, hessian = np.empty(n), np.zeros((n, dim)), np.zeros((n, dim, dim))
-    v = np.empty(dim)
+def derivatives(z: Array, cones: Cones, blend: float) -> tuple[Array, Array, Array]:
+    """The same with gradient (n, dim) and Hessian (n, dim, dim). Cones that the others hide are only measured."""
+    (n, dim), p = z.shape, len(cones[0])
+    value, gradient, hessian = np.empty(n), np.empty((n, dim)), np.empty((n, dim, dim))
+    slope, curvature = np.empty(dim), np.empty((dim, dim))
     for i in range(n):
-        y, across = 0.0, 0.0
-        for a in range(dim):
-            y += (z[i, a] - start[a]) * axis[a]
-        for a in range(dim):
-            v[a] = z[i, a] - start[a] - y * axis[a]
-            across += v[a] * v[a]
-        x = np.sqrt(across)
-        foot = y - x * sin / cos
-        at_start, at_end = foot < 0.0, foot > length
-        if at_start or at_end:
-            along = y if at_start else y - length
-            square = 0.0
+        g, H = gradient[i], hessian[i]
+        total = _derivatives(z, i, cones, 0, g, H)
+        for c in range(1, p):
+            part = _value(z, i, cones, c)
+            if part >= total + blend:
+                continue
+            _derivatives(z, i, cones, c, slope, curvature)
+            difference = total - part
+            t = min(abs(difference) / blend, 1.0)
+            first = 0.5 * np.sign(difference) * ((1.0 - t) ** 2 - 1.0)
+            second, of_total, of_part = -(1.0 - t) / blend, 0.5 + first, 0.5 - first
             for a in range(dim):
-                v[a] += along * axis[a]
-                square += v[a] * v[a]
-            r = np.sqrt(square)
-            value[i] = r - (radii[0] if at_start else radii[1])
+                for b in range(dim):
+                    apart = (g[a] - slope[a]) * (g[b] - slope[b])
+                    H[a, b] = of_total * H[a, b] + of_part * curvature[a, b] + second * apart
             for a in range(dim):
-                if r > 0.0:
-                    gradient[i, a] = v[a] / r
-                    for b in range(dim):
-                        hessian[i, a, b] = ((1.0 if a == b else 0.0) - v[a] * v[b] / square) / r
-        else:
-            value[i] = cos * x + sin * y - radii[0]
-            for a in range(dim):
-                gradient[i, a] = sin * axis[a]
-                if x > 0.0:
-                    gradient[i, a] += cos * v[a] / x
-                    for b in range(dim):
-                        flat = (1.0 if a == b else 0.0) - v[a] * v[b] / across - axis[a] * axis[b]
-                        hessian[i, a, b] = cos * flat / x
+                g[a] = of_total * g[a] + of_part * slope[a]
+            total = min(total, part) - blend / 6.0 * (1.0 - t) ** 3
+        value[i] = total
     return value, gradient, hessian

@@ -11,7 +11,7 @@ from runtime.arrays import Array, IntArray
 from runtime.compiled import compiled, summing
 
 
-@compiled
+@summing
 def apply(
     loads: IntArray,
     forces: NDArray[Any],
@@ -26,66 +26,58 @@ def apply(
     n_anchors, dim, size = operator.shape
     total = np.zeros(size, dtype=forces.dtype)
     shared = np.zeros((n_anchors, dim), dtype=forces.dtype)
+    starts, columns, entries = near
     for j in range(len(loads)):
         for entry in range(share[0][loads[j]], share[0][loads[j] + 1]):
             shared[share[1][entry]] += share[2][entry] * forces[j]
+        # The rows of one load have their entries in the same columns.
+        first = starts[loads[j] * dim]
+        count = starts[loads[j] * dim + 1] - first
         for i in range(dim):
-            row = loads[j] * dim + i
-            for entry in range(near[0][row], near[0][row + 1]):
-                total[near[1][entry]] += near[2][entry] * forces[j, i]
+            row, force = entries[first + i * count : first + (i + 1) * count], forces[j, i]
+            for entry in range(count):
+                total[columns[first + entry]] += row[entry] * force
     for anchor in range(n_anchors):
-        for i in range(dim):
-            force = shared[anchor, i]
-            if force != 0.0:
-                column = operator[anchor, i]
-                for at in range(size):
-                    total[at] += force * column[at]
+        force = shared[anchor]
+        if not force.any():
+            continue
+        column = operator[anchor]
+        # All of them at once, for it is the memory that takes the time.
+        if dim == 3:
+            for at in range(size):
+                total[at] += force[0] * column[0, at] + force[1] * column[1, at] + force[2] * column[2, at]
+        else:
+            for at in range(size):
+                total[at] += force[0] * column[0, at] + force[1] * column[1, at]
     return total
 
 
 @compiled
-def carried_compliance(among: NDArray[np.float32], loads: IntArray, F: Array) -> Array:
-    """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads (m,); among: G (n_loads, n_loads, dim, dim), symmetric; F (m,
-    dim, dim)."""
-    m, dim, _ = F.shape
-    result = np.empty((m * dim, m * dim))
-    half = np.empty((dim, dim))
+def gathered(pairs: NDArray[np.float32], loads: IntArray) -> NDArray[np.float32]:
+    """G (m*dim, m*dim) [m/N] among the loads (m,); pairs: G (n_loads, n_loads, dim, dim)."""
+    m, dim = len(loads), pairs.shape[2]
+    result = np.empty((m * dim, m * dim), dtype=pairs.dtype)
     for i in range(m):
-        for j in range(i, m):
-            G = among[loads[i], loads[j]]
+        for j in range(m):
+            G = pairs[loads[i], loads[j]]
             for a in range(dim):
                 for b in range(dim):
-                    half[a, b] = 0.0
-                    for c in range(dim):
-                        half[a, b] += F[i, a, c] * G[c, b]
-            for a in range(dim):
-                for b in range(dim):
-                    entry = 0.0
-                    for c in range(dim):
-                        entry += half[a, c] * F[j, b, c]
-                    result[i * dim + a, j * dim + b] = entry
-                    result[j * dim + b, i * dim + a] = entry
+                    result[i * dim + a, j * dim + b] = G[a, b]
     return result
 
 
-@compiled
-def carried_displacement(
-    among: NDArray[np.float32], at: IntArray, F: Array, loads: IntArray, forces: Array
-) -> Array:
-    """F_i sum_j G_ij f_j (n, dim) [m] at the loads `at` (n,) by forces (m, dim) on the loads (m,); among, F: as for
-    `carried_compliance`."""
-    n, dim, _ = F.shape
-    result, v = np.zeros((n, dim)), np.empty(dim)
+@summing
+def displacement(pairs: NDArray[np.float32], at: IntArray, loads: IntArray, forces: Array) -> Array:
+    """sum_j G_ij phi_j (n, dim) [m] at the loads `at` (n,) by forces (m, dim) on the loads (m,); pairs: as for
+    `gathered`."""
+    n, dim = len(at), pairs.shape[2]
+    result = np.zeros((n, dim))
     for i in range(n):
-        v[:] = 0.0
         for j in range(len(loads)):
-            G = among[at[i], loads[j]]
+            G = pairs[at[i], loads[j]]
             for a in range(dim):
                 for b in range(dim):
-                    v[a] += G[a, b] * forces[j, b]
-        for a in range(dim):
-            for b in range(dim):
-                result[i, a] += F[i, a, b] * v[b]
+                    result[i, a] += G[a, b] * forces[j, b]
     return result
 
 

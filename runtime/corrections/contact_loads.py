@@ -6,18 +6,19 @@ the linear body is not pushed. The last answer is kept, because the same state i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, BoolArray, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.carried_normal import SHORTEST
 from runtime.corrections.joint_press import JointPress
 from runtime.corrections.load_inputs import RANGE, inputs_around, load_inputs
-from runtime.corrections.load_press import LoadProbe
+from runtime.corrections.load_press import LoadPress, LoadProbe
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.elasticity.determinant import cofactor
 
@@ -60,40 +61,50 @@ class ContactLoadsProbe:
         self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
         self._areas = mechanics.compliance.areas
-        self._last: tuple[Array, RigidPose, Array, ContactLoads | None] | None = None
+        self._last: tuple[LoadPress, ContactLoads] | None = None
 
     def measure(
         self, rows: Array, pose: RigidPose, turn: Array | None = None, joint: JointPress | None = None
     ) -> ContactLoads | None:
         """The loads at handle rows (n_rows, dim), or None where no load is inside the collider. turn: of the body,
         that of the rows themselves by default; joint: in which this collider is pressed together with others."""
+        return self.later(rows, pose, turn, joint)()
+
+    def later(
+        self, rows: Array, pose: RigidPose, turn: Array | None = None, joint: JointPress | None = None
+    ) -> Callable[[], ContactLoads | None]:
+        """The same in two parts: the loads are pressed now; what is called later, on any thread, measures them."""
         turn = rows if turn is None else turn
-        if joint is not None:
-            return self._measure(rows, pose, turn, joint)
-        if self._last is not None:
-            last_rows, last_pose, last_turn, loads = self._last
-            if last_pose is pose and np.array_equal(last_rows, rows) and np.array_equal(last_turn, turn):
-                return loads
-        loads = self._measure(rows, pose, turn, None)
-        self._last = (rows.copy(), pose, turn, loads)
-        return loads
+        if joint is None:
+            press = self.loads.press(rows, pose, turn)
+            return lambda: None if press is None else self._kept(press, rows, pose)
+        around = self.loads.around(rows, pose, turn)
+        if around is None:
+            return lambda: None
+        mine = joint.borne_by(self.collider.name)
+        return lambda: self._measure(rows, pose, joint.press, mine, around.index, around.position)
+
+    def _kept(self, press: LoadPress, rows: Array, pose: RigidPose) -> ContactLoads:
+        """Of a press, measured once."""
+        last = self._last
+        if last is None or last[0] is not press:
+            everyone = np.ones(press.bearing.size, dtype=bool)
+            loads = self._measure(rows, pose, press, everyone, press.around, press.around_position)
+            self._last = last = press, loads
+        return last[1]
 
     def _measure(
-        self, rows: Array, pose: RigidPose, turn: Array, joint: JointPress | None
-    ) -> ContactLoads | None:
+        self,
+        rows: Array,
+        pose: RigidPose,
+        press: LoadPress,
+        mine: BoolArray,
+        index: IntArray,
+        x_around: Array,
+    ) -> ContactLoads:
+        """The loads `index` about the collider, undisplaced at x_around; mine: which of the loads that bear pressure
+        press on it."""
         probe = self.loads
-        if joint is None:
-            press = probe.press(rows, pose, turn)
-            if press is None:
-                return None
-            index, x_around = press.around, press.around_position
-            mine = np.ones(press.bearing.size, dtype=bool)
-        else:
-            around = probe.around(rows, pose, turn)
-            if around is None:
-                return None
-            press, mine = joint.press, joint.borne_by(self.collider.name)
-            index, x_around = around.index, around.position
         m, pressed = len(index), press.index[press.bearing]
         F = pose.rotation.T @ probe.deformation(rows, index)
         moved = probe.moved_by(press, index, F)

@@ -8,6 +8,8 @@ contact stands for it (`contact_potential.py`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -74,14 +76,21 @@ class BoundElasticContact:
     def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
         rows by default."""
-        return self.displacement_among(None, rows, pose, turn)
+        return self.later(None, rows, pose, turn)()
 
-    def displacement_among(
+    def later(
         self, joint: JointPress | None, rows: Array, pose: RigidPose, turn: Array | None = None
-    ) -> Array:
-        """The share of this collider where several press together; their sum is what they do to the body."""
-        contact = self._probe.measure(rows, pose, turn, joint)
-        if contact is None:
-            return np.zeros(self._points.rest.shape)
-        given = self._compliance.apply(contact.index, self._model.loads(contact))
-        return turned(given, self._gradient, rows.astype(given.dtype))
+    ) -> Callable[[], Array]:
+        """The same in two parts: the loads are pressed now; what they do to the points is worked out by what is
+        called later, on any thread, whatever is pressed in the meantime. joint: in which this collider is pressed
+        together with others; it is the share of this one then, and their sum is what they do to the body."""
+        measured = self._probe.later(rows, pose, turn, joint)
+
+        def displacement() -> Array:
+            contact = measured()
+            if contact is None:
+                return np.zeros(self._points.rest.shape)
+            given = self._compliance.apply(contact.index, self._model.loads(contact))
+            return turned(given, self._gradient, rows.astype(given.dtype))
+
+        return displacement

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -74,6 +75,17 @@ class JointPress:
         return self.press.nearby(rows, index, follows, turns)
 
 
+@runtime_checkable
+class BoundPressed(Protocol):
+    """A correction at points whose loads may be pressed together with those of others."""
+
+    def later(
+        self, joint: JointPress | None, rows: Array, pose: RigidPose, turn: Array | None = None
+    ) -> Callable[[], Array]:
+        """Presses the loads; what is returned works out u (n, dim) [m], on any thread. joint: with others."""
+        ...
+
+
 class JointProbe:
     """Presses the loads of one body against several colliders: probes by name, all of one compliance."""
 
@@ -104,7 +116,7 @@ class JointProbe:
         names = tuple(touching)
         around, owner = _nearest(list(touching.values()))
         distances = tuple(PosedDistance(self.probes[name].collider, poses[name]) for name in names)
-        problem, F = self._any.problem(rows, around, NearestDistance(distances, owner))
+        problem = self._any.problem(rows, around, NearestDistance(distances, owner))
         start = None if near is None else near.predict(rows, poses, around.index)
         solution = problem.solve(start)
         motion = self._any.motion(around.index[solution.bearing], turn)
@@ -114,7 +126,6 @@ class JointProbe:
             around.index,
             around.position,
             around.index,
-            F,
             motion,
             problem,
             solution,

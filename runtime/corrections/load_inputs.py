@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from runtime.arrays import Array
-from runtime.compiled import compiled
+from runtime.compiled import compiled, summing
 
 # g, N and u / band.
 DIRECTIONS = 3
@@ -114,7 +114,7 @@ def load_inputs(
     return result
 
 
-@compiled
+@summing
 def inputs_around(
     x: Array, weight: Array, value: Array, gradient: Array, moved: Array, carried: Array, reach: float
 ) -> Array:
@@ -122,38 +122,40 @@ def inputs_around(
     for `load_inputs`."""
     m, dim = x.shape
     result = np.zeros((m, _MEANS))
-    centre, u, N, after = np.empty(dim), np.empty(dim), np.empty(dim), np.empty(dim)
+    # What is summed, one after the other in memory: a thousand loads have a million pairs.
+    told = np.empty((4 + 4 * dim, m))
+    for k in range(m):
+        told[0, k], told[1, k] = value[k], value[m + k]
+        told[2, k], told[3, k] = max(-value[k], 0.0), max(-value[m + k], 0.0) ** 2
+        for a in range(dim):
+            told[4 + a, k], told[4 + dim + a, k] = x[k, a], moved[k, a]
+            told[4 + 2 * dim + a, k], told[4 + 3 * dim + a, k] = carried[k, a], gradient[m + k, a]
+    share, mean = np.empty(m), np.empty(4 + 4 * dim)
     for j in range(m):
-        total = value_mean = left = depth = pressed = 0.0
-        centre[:] = u[:] = N[:] = after[:] = 0.0
+        share[:] = 0.0
+        for a in range(dim):
+            along = told[4 + a]
+            for k in range(m):
+                share[k] += (along[k] - x[j, a]) ** 2
+        total = 0.0
         for k in range(m):
-            square = 0.0
-            for a in range(dim):
-                square += (x[k, a] - x[j, a]) ** 2
-            if square >= reach**2:
-                continue
-            share = weight[k] * (1.0 - square / reach**2) ** 2
-            total += share
-            value_mean += share * (value[k] - value[j])
-            left -= share * (value[m + k] - value[m + j])
-            depth += share * max(-value[k], 0.0)
-            pressed += share * max(-value[m + k], 0.0) ** 2
-            for a in range(dim):
-                centre[a] += share * (x[k, a] - x[j, a])
-                u[a] += share * moved[k, a]
-                N[a] += share * carried[k, a]
-                after[a] += share * gradient[m + k, a]
+            share[k] = weight[k] * max(1.0 - share[k] / reach**2, 0.0) ** 2
+            total += share[k]
         if total == 0.0:
             continue  # at the edge of the band, where a load bears nothing
+        for q in range(len(mean)):
+            summed, column = 0.0, told[q]
+            for k in range(m):
+                summed += share[k] * column[k]
+            mean[q] = summed / total
+        centre = mean[4 : 4 + dim] - x[j]
+        u, N = mean[4 + dim : 4 + 2 * dim], mean[4 + 2 * dim : 4 + 3 * dim]
+        after = mean[4 + 3 * dim :]
         row = result[j]
-        row[0], row[1], row[2], row[3] = value_mean, left, depth, pressed
-        row[4], row[5], row[6] = (
-            np.sqrt(_dot(centre, centre)),
-            _dot(centre, gradient[j]),
-            _dot(centre, moved[j]),
-        )
+        row[0], row[1], row[2], row[3] = mean[0] - value[j], value[m + j] - mean[1], mean[2], mean[3]
+        row[4] = np.sqrt(_dot(centre, centre))
+        row[5], row[6] = _dot(centre, gradient[j]), _dot(centre, moved[j])
         row[7], row[8] = _dot(u, carried[j]), _dot(u, moved[j])
         row[9], row[10] = _dot(after, gradient[m + j]), _dot(after, gradient[j])
         row[11], row[12] = _dot(N, carried[j]), _dot(N, gradient[j])
-        row /= total
     return result

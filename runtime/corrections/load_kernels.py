@@ -1,13 +1,11 @@
-"""One iteration of `LoadProblem`, and how its answer moves with the body, compiled: arrays are of some tens of loads.
-
-G (m*dim, m*dim) [m/N] is the compliance, k (m,) [N/m^2] the stiffness, e (m,) [m] the penetrations that are left,
-u = moved (m, dim) [m], and s = value (m,), g = gradient (m, dim), H = hessian (m, dim, dim) those of the signed
-distance at the displaced loads. Formulas: `load_solve.py`.
-"""
+"""How loads lie about a collider, and how they move with the body, compiled: arrays are of some tens of loads."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
 from runtime.compiled import compiled
@@ -54,60 +52,8 @@ def turned(vectors: Array, matrices: Array, R: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def balance(
-    G: Array, k: Array, e: Array, moved: Array, value: Array, gradient: Array
-) -> tuple[Array, Array, Array, float]:
-    """e with that of loads that bear nothing, which follow the distance; pressure p (m,); lag = u - G f (m, dim); and
-    the residual [m], the largest of |lag| and, where pressure is borne, |e + s|."""
-    m, dim = moved.shape
-    e, pressure, force = e.copy(), np.empty(m), np.empty(m * dim)
-    residual = 0.0
-    for j in range(m):
-        if e[j] > 0.0:
-            residual = max(residual, abs(e[j] + value[j]))
-        else:
-            e[j] = -value[j]
-        pressure[j] = k[j] * max(e[j], 0.0) ** 2
-        for a in range(dim):
-            force[j * dim + a] = pressure[j] * gradient[j, a]
-    lag = moved - (G @ force).reshape(m, dim)
-    # A load that left for infinity makes all of them nan, which no comparison would show.
-    return e, pressure, lag, max(residual, np.abs(lag).max()) if np.isfinite(lag.sum()) else np.inf
-
-
-@compiled
-def stiffening(
-    bearing: IntArray, k: Array, e: Array, pressure: Array, gradient: Array, hessian: Array
-) -> Array:
-    """D = S g g^T - p H (n, dim, dim) of the loads `bearing` (n,), S = 2 k e."""
-    n, dim = len(bearing), gradient.shape[1]
-    D = np.empty((n, dim, dim))
-    for i in range(n):
-        j = bearing[i]
-        S = 2.0 * k[j] * e[j]
-        for a in range(dim):
-            for b in range(dim):
-                D[i, a, b] = S * gradient[j, a] * gradient[j, b] - pressure[j] * hessian[j, a, b]
-    return D
-
-
-@compiled
-def softening(among: Array, D: Array) -> Array:
-    """I + G D (n*dim, n*dim) of G among n loads and D (n, dim, dim)."""
-    size, dim = len(among), D.shape[1]
-    product = np.zeros((size, size))
-    for row in range(size):
-        for j in range(len(D)):
-            for a in range(dim):
-                for b in range(dim):
-                    product[row, j * dim + b] += among[row, j * dim + a] * D[j, a, b]
-        product[row, row] += 1.0
-    return product
-
-
-@compiled
-def among(G: Array, loads: IntArray, dim: int) -> Array:
-    """G (n*dim, n*dim) among some of the loads (n,)."""
+def among(G: NDArray[np.floating[Any]], loads: IntArray, dim: int) -> Array:
+    """G (n*dim, n*dim) among some of the loads (n,), in float64."""
     n = len(loads)
     result = np.empty((n * dim, n * dim))
     for i in range(n):
@@ -120,67 +66,61 @@ def among(G: Array, loads: IntArray, dim: int) -> Array:
 
 
 @compiled
-def step(
-    G: Array,
-    k: Array,
-    e: Array,
-    pressure: Array,
-    moved: Array,
-    lag: Array,
-    value: Array,
-    gradient: Array,
-    hessian: Array,
-) -> tuple[Array, Array]:
-    """The next u and e, linearised in both: with du = -lag + G (S g de + p H du) and de = -(e + s) - g . du,
-
-        (I + G D) du = -lag - G S g (e + s)    at the loads that bear pressure.
-
-    Raises numpy.linalg.LinAlgError where a load is just about to slide off a tip.
-    """
-    m, dim = moved.shape
-    bearing = np.flatnonzero(e > 0.0)
-    n = len(bearing)
-    pushed, turned = np.zeros((m, dim)), np.zeros((m, dim))
-    for j in bearing:
-        pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j]) * gradient[j]
-    missing = lag + (G @ pushed.ravel()).reshape(m, dim)
-    right = np.empty((n, dim))
-    for i in range(n):
-        right[i] = -missing[bearing[i]]
-    D = stiffening(bearing, k, e, pressure, gradient, hessian)
-    du = np.linalg.solve(softening(among(G, bearing, dim), D), right.ravel()).reshape(n, dim)
-    e = e.copy()
-    for i in range(n):
-        j = bearing[i]
-        de = -(e[j] + value[j]) - np.sum(gradient[j] * du[i])
-        turned[j] = 2.0 * k[j] * e[j] * de * gradient[j] + pressure[j] * (hessian[j] @ du[i])
-        e[j] += de
-    return moved - lag + (G @ turned.ravel()).reshape(m, dim), e
+def carried(F: Array, c: Array) -> Array:
+    """F_i c_i (k*dim, n) of c (k*dim, n)."""
+    k, dim, _ = F.shape
+    result = np.empty(c.shape)
+    for i in range(k):
+        for a in range(dim):
+            into = result[i * dim + a]
+            into[:] = F[i, a, 0] * c[i * dim]
+            for b in range(1, dim):
+                into += F[i, a, b] * c[i * dim + b]
+    return result
 
 
 @compiled
-def carried_along(
-    inverse_F: Array, moved: Array, force: Array, position: Array, basis_gradient: Array
-) -> tuple[Array, Array]:
-    """dx + dF v with v = F^-1 moved, and eta = F^-T dF^T f, both (n*dim, n_rows*dim), of n loads.
+def gathered(load: IntArray, w: Array, c: Array) -> Array:
+    """w . c (r, n) of directions w (r, dim), each at one of the loads, and c (k*dim, n)."""
+    r, dim = w.shape
+    result = np.empty((r, c.shape[1]))
+    for at in range(r):
+        result[at] = w[at, 0] * c[load[at] * dim]
+        for b in range(1, dim):
+            result[at] += w[at, b] * c[load[at] * dim + b]
+    return result
 
-    inverse_F: F^-1 (n, dim, dim); moved, force (n, dim); position: dx (n, dim, n_rows*dim); basis_gradient: dU (n,
-    n_rows, dim), so that dF_aj = sum_r drow_ra dU_rj.
+
+@compiled
+def spread(load: IntArray, w: Array, y: Array, size: int) -> Array:
+    """sum w y (size, n) of y (r, n): the transpose of `gathered`, size = k*dim."""
+    r, dim = w.shape
+    result = np.zeros((size, y.shape[1]))
+    for at in range(r):
+        for b in range(dim):
+            result[load[at] * dim + b] += w[at, b] * y[at]
+    return result
+
+
+@compiled
+def carried_along(given: Array, force: Array, position: Array, basis_gradient: Array) -> tuple[Array, Array]:
+    """dx + dF v and dF^T f, both (n*dim, n_rows*dim), of n loads.
+
+    given: v, force: f (n, dim); position: dx (n, dim, n_rows*dim); basis_gradient: dU (n, n_rows, dim), so that dF_aj =
+    sum_r drow_ra dU_rj.
     """
     n, n_rows, dim = basis_gradient.shape
-    carried, eta = np.empty((n * dim, n_rows * dim)), np.empty((n * dim, n_rows * dim))
-    turned = np.empty(dim)
+    carried, turned = np.empty((n * dim, n_rows * dim)), np.empty((n * dim, n_rows * dim))
     for i in range(n):
+        for a in range(dim):
+            carried[i * dim + a] = position[i, a]
         for r in range(n_rows):
-            along = 0.0  # dU v = (F^-T dU) moved
-            for a in range(dim):
-                turned[a] = 0.0
-                for j in range(dim):
-                    turned[a] += inverse_F[i, j, a] * basis_gradient[i, r, j]
-                along += turned[a] * moved[i, a]
-            for a in range(dim):
+            along = 0.0
+            for j in range(dim):
+                slope = basis_gradient[i, r, j]
+                along += slope * given[i, j]
                 for b in range(dim):
-                    at = i * dim + a, r * dim + b
-                    carried[at] = position[i, a, r * dim + b] + (along if a == b else 0.0)
-                    eta[at] = turned[a] * force[i, b]
-    return carried, eta
+                    turned[i * dim + j, r * dim + b] = slope * force[i, b]
+            for a in range(dim):
+                carried[i * dim + a, r * dim + a] += along
+    return carried, turned

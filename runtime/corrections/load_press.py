@@ -1,14 +1,14 @@
 """The contact of a reduced state as mechanics alone gives it, and how it changes with the state.
 
 Loads near the collider are pressed by `load_solve.py` at their positions x(q), internal response included. Let f = p g
-be the forces in balance, D their stiffening, and G the compliance carried along, F_i G_ij F_j^T. With
-dxi = dx + dF v the motion of a load that keeps its displacement v in rest coordinates, and eta = F^-T dF^T f,
+be the forces in balance, D their stiffening, G the compliance at rest and G_w = F G F^T the same carried along. With
+dxi = dx + dF v the motion of a load that keeps its displacement v in rest coordinates, and dphi = dF^T f,
 
-    (I + G D) dy = dxi + G eta =: c,    df = -D dy.
+    (I + G_w D) dy = dxi + F G dphi =: c,    df = -D dy.
 
 So the energy W(q) of contact and dent together has (Clapeyron's theorem, envelope theorem)
 
-    dW = -sum_j f_j . dxi_j,    d2W = c^T D (I + G D)^-1 c - eta^T G eta,
+    dW = -sum_j f_j . dxi_j,    d2W = c^T D (I + G_w D)^-1 c - dphi^T G dphi,
 
 both exact: no derivative beyond the Hessian of the distance is needed, for x and F are affine in the handle rows while
 the body's turn is held.
@@ -21,14 +21,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
 
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections import load_kernels
+from runtime.corrections import load_kernels, load_step
 from runtime.corrections.internal_reach import InternalReach
+from runtime.corrections.load_factor import LoadFactor
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.rest_mechanics import RestMechanics
@@ -88,15 +88,14 @@ class LoadMotion:
 @dataclass(frozen=True, eq=False)
 class LoadPress:
     """rows, pose: of the state; around: the loads within the band around the collider, undisplaced at around_position
-    (.., dim) [m]; index: (m,) those of them that could bear pressure; for these F (m, dim, dim), the problem and its
-    solution; motion: how the k of them move that do bear pressure."""
+    (.., dim) [m]; index: (m,) those of them that could bear pressure, the problem of these and its solution;
+    motion: how the k of them move that do bear pressure."""
 
     rows: Array
     pose: RigidPose
     around: IntArray
     around_position: Array
     index: IntArray
-    F: Array
     motion: LoadMotion
     problem: LoadProblem
     solution: LoadSolution
@@ -105,7 +104,7 @@ class LoadPress:
         """Penetrations (m,) and normals (m, dim) of the loads `index` at a state nearby, to first order, where they
         bear pressure here; None for a state too far away. With dc what the collider carries a load along by,
 
-            dr = (I + G D)^-1 (dxi - dc + G eta),    de = -g . dr,    dg = H dr, turned with the collider.
+            dr = (I + G_w D)^-1 (dxi - dc + F G dphi),    de = -g . dr,    dg = H dr, turned with the collider.
         """
         if not self.bearing.size:
             return None
@@ -120,10 +119,11 @@ class LoadPress:
         of what they press."""
         b, solution = self.bearing, self.solution
         dq = (rows - self.rows).ravel()
-        if np.abs(self.carried @ dq - follows.ravel()).max() > self.problem.depth:
+        right = self.carried @ dq - follows.ravel()
+        if np.abs(right).max() > self.problem.depth:
             return None
-        right = self.carried @ dq + self.given(self.eta @ dq) - follows.ravel()
-        dr = self._soften(right).reshape(follows.shape)
+        right = right[:, None] + self.factor.carried(self.factor.given((self.turned @ dq)[:, None]))
+        dr = self.factor.soften(right).reshape(follows.shape)
         g = solution.normal[b]
         # Forces, as e^2, change linearly; a load that is about to let go keeps a little, so that it is seen.
         left_before = solution.left[b]
@@ -148,8 +148,8 @@ class LoadPress:
     @property
     def load(self) -> Array:
         """F^T f (k, dim) [N] of those that do."""
-        b = self.bearing
-        return np.asarray((self.F[b].transpose(0, 2, 1) @ self.solution.force[b][..., None])[..., 0])
+        b, solution = self.bearing, self.solution
+        return load_step.pulled_back(self.problem.F[b], solution.pressure[b], solution.normal[b])
 
     @property
     def gradient(self) -> Array:
@@ -158,26 +158,26 @@ class LoadPress:
 
     def second_derivative(self, along: Array | None = None) -> Array:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
-        carried, eta = self._carried_along
+        carried, turned = self._carried_along
         if along is not None:
-            carried, eta = carried @ along, eta @ along
-        given = self.given(eta)
-        c = carried + given
-        return c.T @ self.stiffen(c) - eta.T @ given
+            carried, turned = carried @ along, turned @ along
+        answer = self.factor.given(turned)
+        return self.factor.curvature(carried + self.factor.carried(answer)) - turned.T @ answer
 
-    def stiffen(self, c: Array) -> Array:
-        """D (I + G D)^-1 c (k*dim, n)."""
-        D = self._stiffening
-        return np.asarray((D @ self._soften(c).reshape(*D.shape[:2], -1)).reshape(c.shape))
+    @cached_property
+    def factor(self) -> LoadFactor:
+        """Solved with for rows, twists and predictions."""
+        return LoadFactor(self.problem, self.solution)
 
-    def given(self, eta: Array) -> Array:
-        """G eta (k*dim, n)."""
-        return self._among @ eta
+    @cached_property
+    def answer(self) -> Array:
+        """G dphi (k*dim, R), to the handle rows."""
+        return self.factor.given(self.turned)
 
     @cached_property
     def stiffened(self) -> Array:
-        """D (I + G D)^-1 c (k*dim, R) of the handle rows."""
-        return self.stiffen(self.carried + self.given(self.eta))
+        """D (I + G_w D)^-1 c (k*dim, R) of the handle rows."""
+        return self.factor.stiffen(self.carried + self.factor.carried(self.answer))
 
     @property
     def carried(self) -> Array:
@@ -185,38 +185,16 @@ class LoadPress:
         return self._carried_along[0]
 
     @property
-    def eta(self) -> Array:
-        """F^-T dF^T f (k*dim, R)."""
+    def turned(self) -> Array:
+        """dphi = dF^T f (k*dim, R), how their loads turn with their forces held."""
         return self._carried_along[1]
 
     @cached_property
     def _carried_along(self) -> tuple[Array, Array]:
         b, solution, motion = self.bearing, self.solution, self.motion
-        moved, force, inverse = solution.moved[b], solution.force[b], np.linalg.inv(self.F[b])
-        return load_kernels.carried_along(inverse, moved, force, motion.position, motion.basis_gradient)
-
-    @cached_property
-    def _among(self) -> Array:
-        return self.problem.among(self.bearing)
-
-    @cached_property
-    def _stiffening(self) -> Array:
-        return self.problem.stiffening(self.solution, self.bearing)
-
-    @cached_property
-    def _softening(self) -> Array:
-        """I + G D (k*dim, k*dim)."""
-        return load_kernels.softening(self._among, self._stiffening)
-
-    @cached_property
-    def _factor(self) -> tuple[Array, IntArray]:
-        """I + G D, factorised: it is solved with for rows, twists and predictions."""
-        lu, pivots = lu_factor(self._softening, check_finite=False)
-        return lu, pivots
-
-    def _soften(self, right: Array) -> Array:
-        """(I + G D)^-1 right."""
-        return np.asarray(lu_solve(self._factor, right, check_finite=False))
+        return load_kernels.carried_along(
+            solution.given[b], solution.force[b], motion.position, motion.basis_gradient
+        )
 
 
 class LoadProbe:
@@ -277,7 +255,8 @@ class LoadProbe:
         last = None
         if self._last is not None:
             last_rows, last_pose, last_turn, last = self._last
-            if last_pose is pose and last_turn is turn and np.array_equal(last_rows, rows):
+            same = last_pose is pose and np.array_equal(last_turn, turn)
+            if same and np.array_equal(last_rows, rows):
                 return last
         press = self._press(rows, pose, turn, self._held or last)
         self._last = (rows.copy(), pose, turn, press)
@@ -296,34 +275,40 @@ class LoadProbe:
         distance = PosedDistance(self.collider, pose)
         if near is not None:
             around = around.with_bearing(np.isin(around.index, near.index[near.bearing]))
-        problem, F = self.problem(rows, around, distance)
+        problem = self.problem(rows, around, distance)
         index = around.index[around.could_bear]
         solution = problem.solve(None if near is None else near.predict(rows, pose, index))
         for _ in range(_LOOKS):
-            pushed = self._pushed_in(rows, around, F, solution, distance)
+            pushed = self._pushed_in(rows, around, problem, solution, distance)
             if not pushed.any():
                 break
             before, around = around.could_bear, around.with_bearing(pushed)
-            problem, F = self.problem(rows, around, distance)
+            problem = self.problem(rows, around, distance)
             solution = problem.solve(solution.joined_by(before[around.could_bear]))
         index = around.index[around.could_bear]
         motion = self.motion(index[solution.bearing], turn)
-        return LoadPress(
-            rows.copy(), pose, around.index, around.position, index, F, motion, problem, solution
-        )
+        return LoadPress(rows.copy(), pose, around.index, around.position, index, motion, problem, solution)
 
     def _pushed_in(
-        self, rows: Array, around: LoadsAround, F: Array, solution: LoadSolution, distance: PosedDistance
+        self,
+        rows: Array,
+        around: LoadsAround,
+        problem: LoadProblem,
+        solution: LoadSolution,
+        distance: PosedDistance,
     ) -> BoolArray:
         """(n,) which of the loads around, not among those that could bear pressure, the dent pushes into the
         collider."""
-        beside, bearing = np.flatnonzero(~around.could_bear), solution.bearing
-        pushed = np.zeros(len(around.index), dtype=bool)
-        index = around.index[beside]
-        load = (F[bearing].transpose(0, 2, 1) @ solution.force[bearing][..., None])[..., 0]
-        moved = self._among_near.displacement(
-            index, self.deformation(rows, index), around.index[around.could_bear][bearing], load
-        )
+        b, pushed = solution.bearing, np.zeros(len(around.index), dtype=bool)
+        # Nothing beside the loads that are pressed is moved farther than they are.
+        farthest = np.sqrt((solution.moved[b] ** 2).sum(axis=1).max(initial=0.0))
+        beside = np.flatnonzero(~around.could_bear & (around.distance < farthest))
+        if not beside.size:
+            return pushed
+        index, bearing = around.index[beside], around.index[around.could_bear][b]
+        load = load_step.pulled_back(problem.F[b], solution.pressure[b], solution.normal[b])
+        v = self._among_near.displacement(index, bearing, load)
+        moved = load_step.moved_by(self.deformation(rows, index), v)
         pushed[beside] = distance.value(around.position[beside] + moved) < 0.0
         return pushed
 
@@ -342,13 +327,17 @@ class LoadProbe:
 
     def problem(
         self, rows: Array, around: LoadsAround, distance: Callable[[Array], SdfDerivatives]
-    ) -> tuple[LoadProblem, Array]:
-        """Of the loads that could bear pressure, and their F (m, dim, dim)."""
+    ) -> LoadProblem:
+        """Of the loads that could bear pressure."""
         index = around.index[around.could_bear]
-        F = self.deformation(rows, index)
-        compliance = self._among_near.carried(index, F)
-        x, stiffness = around.position[around.could_bear], self._stiffness[index]
-        return LoadProblem(compliance, stiffness, x, around.depth, distance), F
+        return LoadProblem(
+            self._among_near.compliance(index),
+            self.deformation(rows, index),
+            self._stiffness[index],
+            around.position[around.could_bear],
+            around.depth,
+            distance,
+        )
 
     def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:
         """y = x + F v (m, dim) [m] of any loads (m,) at handle rows (n_rows, dim)."""
@@ -367,11 +356,13 @@ class LoadProbe:
 
     def moved_by(self, press: LoadPress, index: IntArray, F: Array) -> Array:
         """F v (m, dim) [m] of any loads (m,) in the dent of a press; F: (m, dim, dim)."""
-        return self._among_near.displacement(index, F, press.index[press.bearing], press.load)
+        return load_step.moved_by(
+            F, self._among_near.displacement(index, press.index[press.bearing], press.load)
+        )
 
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """F (m, dim, dim)."""
-        return np.asarray(rows.T @ self.points.basis_gradient[index])
+        return np.ascontiguousarray(rows.T @ self.points.basis_gradient[index])
 
     def motion(self, index: IntArray, turn: Array) -> LoadMotion:
         """How the loads `index` move with the handle rows."""

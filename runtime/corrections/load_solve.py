@@ -1,13 +1,14 @@
 """Contact with the body's compliance: the forces with which a collider and a linearly elastic surface are in balance.
 
-At the m loads near the collider, with reduced positions x_j, compliance G (see `compliance.py`, carried along to the
-world) and the penalty law of the truth (thesis 5.4), displacements u, positions y and forces f satisfy
+At the m loads near the collider, with reduced positions x_j, deformation F_j, compliance G (see `compliance.py`) and
+the penalty law of the truth (thesis 5.4), displacements u, positions y and forces f satisfy
 
-    y_j = x_j + u_j,    u = G f,    f_j = p_j g(y_j),    p_j = a_j k max(0, -s(y_j))^2,
+    y_j = x_j + u_j,    u_j = F_j sum_i G_ji F_i^T f_i,    f_j = p_j g(y_j),    p_j = a_j k max(0, -s(y_j))^2,
 
-s being the signed distance and g its gradient *where the load has gone*. These are the conditions for a minimum of
+s being the signed distance and g its gradient *where the load has gone*. In rest coordinates, v = F^-1 u and phi = F^T
+f, the compliance needs not be carried along: v = G phi. These are the conditions for a minimum of
 
-    E(f) = 1/2 f . G f + sum_j (a_j k / 3) max(0, -s(x_j + (G f)_j))^3.
+    E(phi) = 1/2 phi . G phi + sum_j (a_j k / 3) max(0, -s(x_j + F_j (G phi)_j))^3.
 
 Newton's method is run on the displacement and on the penetrations e_j = -s(y_j) as unknowns of their own, which keeps
 the stiff penalty law out of the linearisation: two to six iterations, as a rule wherever it starts. Where that fails (a
@@ -15,7 +16,9 @@ collider so deep that a load slides off its tip, or walls so thin that it could 
 instead, with a line search. That starts from the state nearby too: E may have several minima, and only the one next to
 the last is a motion. Only loads that bear pressure, ten to a hundred in all, take part in linear systems:
 
-    (I + G D) du = ...,    D_j = S_j g g^T - p_j H_j,    S = dp/de,    H = dg/dy.
+    (I + G F^T D F) dv = ...,    D_j = S_j g g^T - p_j H_j,    S = dp/de,    H = dg/dy,
+
+and of the directions of D only those that matter (`load_step.py`).
 """
 
 from __future__ import annotations
@@ -24,12 +27,14 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import SdfDerivatives
-from runtime.corrections import load_kernels
+from runtime.corrections import load_step
 
 log = logging.getLogger(__name__)
 
@@ -51,13 +56,14 @@ _FIRST_GUESS = 0.1
 @dataclass(frozen=True, eq=False)
 class LoadSolution:
     """left: e (m,) [m], penetration left (negative: a gap); normal: g (m, dim), curvature: H (m, dim, dim) [1/m] at the
-    displaced loads; pressure: p (m,) [N]; moved: u (m, dim) [m]; energy: E [J]; converged, iterations and residual [m]:
-    how the solve ended."""
+    displaced loads; pressure: p (m,) [N]; given: v (m, dim) [m], in rest coordinates, and moved: u = F v (m, dim) [m];
+    energy: E [J]; converged, iterations and residual [m]: how the solve ended."""
 
     left: Array
     normal: Array
     curvature: Array
     pressure: Array
+    given: Array
     moved: Array
     energy: float
     converged: bool
@@ -84,13 +90,15 @@ class LoadSolution:
 
 @dataclass(frozen=True, eq=False)
 class LoadProblem:
-    """The m loads near the collider, in the world.
+    """The m loads near the collider.
 
-    compliance: G (m*dim, m*dim) [m/N]; stiffness: a_j k (m,) [N/m^2]; position: x (m, dim) [m]; depth: of the deepest
-    load [m]; distance: signed distance with derivatives at positions (n, dim).
+    compliance: G (m*dim, m*dim) [m/N] at rest, in any precision; F (m, dim, dim); stiffness: a_j k (m,) [N/m^2];
+    position: x (m, dim) [m] in the world; depth: of the deepest load [m]; distance: signed distance with derivatives at
+    positions (n, dim).
     """
 
-    compliance: Array
+    compliance: NDArray[np.floating[Any]]
+    F: Array
     stiffness: Array
     position: Array
     depth: float
@@ -98,8 +106,8 @@ class LoadProblem:
 
     def solve(self, near: tuple[Array, Array] | None = None) -> LoadSolution:
         """The forces in balance; near: penetrations e (m,) and normals (m, dim) of a state nearby, to start from."""
-        found = self._newton(near)
-        if not found.converged or (near is not None and found.energy > _HIGHER * self._bound(near)):
+        found, began = self._newton(near)
+        if not found.converged or (near is not None and found.energy > _HIGHER * began):
             found = self._descend(near)
         if not found.converged:
             log.warning(
@@ -109,128 +117,127 @@ class LoadProblem:
             )
         return found
 
-    def _bound(self, near: tuple[Array, Array]) -> float:
-        """E of the forces to start from: the minimum next to them is lower. Newton's method may go to another."""
-        force = self._pressure(near[0])[:, None] * near[1]
-        moved = self._apply(force)
-        return self._energy(force, moved, -self.distance(self.position + moved).value)
-
-    def stiffening(self, solution: LoadSolution, bearing: IntArray) -> Array:
-        """D (k, dim, dim) [N/m] of the loads that bear pressure."""
-        return load_kernels.stiffening(
-            bearing, self.stiffness, solution.left, solution.pressure, solution.normal, solution.curvature
-        )
-
-    def among(self, index: IntArray) -> Array:
-        """G (k*dim, k*dim) [m/N] among the loads `index`."""
-        return load_kernels.among(self.compliance, index, self.position.shape[1])
-
-    def _newton(self, near: tuple[Array, Array] | None) -> LoadSolution:
-        x, scale = self.position, self.depth
+    def _newton(self, near: tuple[Array, Array] | None) -> tuple[LoadSolution, float]:
+        """And E where it began: the minimum next to there is lower, but Newton's method may go to another."""
+        G, F, k, scale = self.compliance, self.F, self.stiffness, self.depth
         at_most = _ITERATIONS if near is None else _NEAR_ITERATIONS
         if near is None:
-            at = self.distance(x)
+            at = self.distance(self.position)
             near = np.minimum(-at.value, _FIRST_GUESS * scale), at.gradient
-        e = near[0]
-        moved = self._apply(self._pressure(e)[:, None] * near[1])
-        first = np.inf
+        e, phi = near[0], self._loads(*near)
+        v = self._apply(phi)
+        first = began = np.inf
         for iteration in range(at_most + 1):
-            at = self.distance(x + moved)
-            e, pressure, lag, residual = load_kernels.balance(
-                self.compliance, self.stiffness, e, moved, at.value, at.gradient
-            )
+            at = self._distance(v)
+            e, pressure, lag, residual = load_step.balance(G, F, k, e, v, at.value, at.gradient)
             converged = residual <= _TOLERANCE * scale
-            first = residual if iteration == 0 else first
+            if iteration == 0:
+                first, began = residual, self._energy(phi, v, -at.value)
             lost = not np.isfinite(residual) or residual > _GROWTH * max(first, scale)
             if converged or lost or iteration == at_most:
                 break
             try:
-                moved, e = load_kernels.step(self.compliance, self.stiffness, e, pressure, moved, lag, *at)
+                v, e = load_step.step(G, F, k, e, pressure, v, lag, *at)
             except np.linalg.LinAlgError:  # a load just about to slide off a tip
                 break
-        force = pressure[:, None] * at.gradient
-        return self._solution(e, at, force, lag, converged, iteration, residual)
+        phi = load_step.pulled_back(F, pressure, at.gradient)
+        return self._solution(e, at, phi, lag, converged, iteration, residual), began
 
     def _descend(self, near: tuple[Array, Array] | None = None) -> LoadSolution:
-        """Newton's method on E over the forces, with a line search: slower, but it always goes down. From no forces at
+        """Newton's method on E over the loads, with a line search: slower, but it always goes down. From no loads at
         all where no state is near."""
-        force = np.zeros_like(self.position) if near is None else self._pressure(near[0])[:, None] * near[1]
-        moved = self._apply(force)
-        at = self.distance(self.position + moved)
+        phi = np.zeros_like(self.position) if near is None else self._loads(*near)
+        v = self._apply(phi)
+        at = self._distance(v)
         for iteration in range(_DESCENT_ITERATIONS + 1):
             e = -at.value
-            balanced = self._pressure(e)[:, None] * at.gradient
-            lag = moved - self._apply(balanced)
-            residual = float(np.abs(lag).max(initial=0.0))
+            balanced = self._loads(e, at.gradient)
+            lag = v - self._apply(balanced)
+            residual = float(np.abs(load_step.moved_by(self.F, lag)).max(initial=0.0))
             converged = residual <= _TOLERANCE * self.depth
             if converged or iteration == _DESCENT_ITERATIONS:
                 break
-            step, slope = self._direction(e, at, force, balanced, lag)
-            energy, change = self._energy(force, moved, e), self._apply(step)
+            change, along, slope = self._direction(e, at, phi, balanced, lag)
+            energy = self._energy(phi, v, e)
             length = 1.0
             while True:
-                trial = moved + length * change
-                at = self.distance(self.position + trial)
-                gained = self._energy(force + length * step, trial, -at.value) - energy
+                trial = v + length * along
+                at = self._distance(trial)
+                gained = self._energy(phi + length * change, trial, -at.value) - energy
                 if gained <= 1e-4 * length * slope + 1e-14 * energy or length < 1e-6:
                     break
                 length *= 0.5
-            force, moved = force + length * step, trial
+            phi, v = phi + length * change, trial
         return self._solution(e, at, balanced, lag, converged, iteration, residual)
 
     def _direction(
-        self, e: Array, at: SdfDerivatives, force: Array, balanced: Array, lag: Array
-    ) -> tuple[Array, float]:
-        """A change of the forces (m, dim) along which E falls, and how fast; without the curvature of the distance
-        where with it E would rise."""
-        bearing = np.flatnonzero(e > 0.0)
-        among, right = self.among(bearing), -lag[bearing].ravel()
+        self, e: Array, at: SdfDerivatives, phi: Array, balanced: Array, lag: Array
+    ) -> tuple[Array, Array, float]:
+        """A change of the loads (m, dim) along which E falls, what it moves, and how fast E falls; without the
+        curvature of the distance where with it E would rise."""
+        pressure = self._pressure(e)
         for curvature in (at.hessian, np.zeros_like(at.hessian)):
-            D = load_kernels.stiffening(bearing, self.stiffness, e, self._pressure(e), at.gradient, curvature)
             try:
-                du = np.linalg.solve(load_kernels.softening(among, D), right).reshape(-1, lag.shape[1], 1)
+                found = load_step.descent(
+                    self.compliance,
+                    self.F,
+                    self.stiffness,
+                    e,
+                    pressure,
+                    phi,
+                    balanced,
+                    lag,
+                    at.gradient,
+                    curvature,
+                )
             except np.linalg.LinAlgError:  # with curvature only: I + G D is regular for D >= 0
                 continue
-            step = balanced - force
-            step[bearing] -= (D @ du)[..., 0]
-            slope = float(np.vdot(force - balanced, self._apply(step)))
-            if slope < 0.0:
+            if found[2] < 0.0:
                 break
-        return step, slope
+        return found
 
     def _solution(
         self,
         e: Array,
         at: SdfDerivatives,
-        force: Array,
+        phi: Array,
         lag: Array,
         converged: bool,
         iterations: int,
         residual: float,
     ) -> LoadSolution:
-        """With E at the forces themselves: where they lead is by -lag from where the distance is known."""
-        moved = self._apply(force)
-        left = -at.value + (at.gradient * lag).sum(axis=1)
+        """With E at the loads themselves: where they lead is by -lag from where the distance is known."""
+        v = self._apply(phi)
+        left = -at.value + (at.gradient * load_step.moved_by(self.F, lag)).sum(axis=1)
         return LoadSolution(
             left=e,
             normal=at.gradient,
             curvature=at.hessian,
             pressure=self._pressure(e),
-            moved=moved,
-            energy=self._energy(force, moved, left),
+            given=v,
+            moved=load_step.moved_by(self.F, v),
+            energy=self._energy(phi, v, left),
             converged=converged,
             iterations=iterations,
             residual=residual,
         )
 
-    def _energy(self, force: Array, moved: Array, left: Array) -> float:
+    def _distance(self, v: Array) -> SdfDerivatives:
+        """At the displaced loads."""
+        return self.distance(self.position + load_step.moved_by(self.F, v))
+
+    def _energy(self, phi: Array, v: Array, left: Array) -> float:
         penalty = self.stiffness @ np.maximum(left, 0.0) ** 3 / 3.0
-        return 0.5 * float(np.vdot(force, moved)) + float(penalty)
+        return 0.5 * float(np.vdot(phi, v)) + float(penalty)
 
     def _pressure(self, left: Array) -> Array:
         """p (m,) [N]."""
         return np.asarray(self.stiffness * np.maximum(left, 0.0) ** 2)
 
-    def _apply(self, force: Array) -> Array:
-        """G f (m, dim)."""
-        return np.asarray((self.compliance @ force.ravel()).reshape(force.shape))
+    def _loads(self, left: Array, normal: Array) -> Array:
+        """phi = F^T p g (m, dim)."""
+        return load_step.pulled_back(self.F, self._pressure(left), normal)
+
+    def _apply(self, phi: Array) -> Array:
+        """G phi (m, dim)."""
+        return load_step.product(self.compliance, phi)

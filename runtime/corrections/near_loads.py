@@ -6,11 +6,13 @@ entries, scattered. The next state needs nearly the same ones.
 
 from __future__ import annotations
 
+from threading import Lock
+
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
-from runtime.corrections.compliance_kernels import carried_compliance, carried_displacement
+from runtime.corrections.compliance_kernels import displacement, gathered
 
 # Loads that are kept; more are made room for when they are asked for at once.
 _ROOM = 384
@@ -24,28 +26,35 @@ class NearLoads:
         self._among = among
         self._slot: IntArray = np.empty(len(among), dtype=np.int64)
         self._count = 0
+        self._lock = Lock()
         self._forget(_ROOM)
+        self._gathered_for: IntArray = np.empty(0, dtype=np.int64)
+        self._gathered: NDArray[np.float32] = np.empty((0, 0), dtype=np.float32)
 
-    def carried(self, loads: IntArray, F: Array) -> Array:
-        """F_i G_ij F_j^T (m*dim, m*dim) [m/N] among the loads (m,); F: (m, dim, dim)."""
-        slots = self._slots(loads)
-        return carried_compliance(self._pairs, slots, F)
+    def compliance(self, loads: IntArray) -> NDArray[np.float32]:
+        """G (m*dim, m*dim) [m/N] among the loads (m,). The last one is kept: from one state to the next the loads are
+        often the same. For one thread."""
+        if not np.array_equal(loads, self._gathered_for):
+            slots, pairs = self._slots(loads)
+            self._gathered_for, self._gathered = loads.copy(), gathered(pairs, slots)
+        return self._gathered
 
-    def displacement(self, at: IntArray, F: Array, loads: IntArray, forces: Array) -> Array:
-        """F_i sum_j G_ij f_j (n, dim) [m] at some loads (n,) by forces (m, dim) [N] in rest coordinates on others (m,);
-        F: (n, dim, dim)."""
-        slots = self._slots(np.concatenate([at, loads]))
-        return carried_displacement(self._pairs, slots[: len(at)], F, slots[len(at) :], forces)
+    def displacement(self, at: IntArray, loads: IntArray, forces: Array) -> Array:
+        """sum_j G_ij phi_j (n, dim) [m] at some loads (n,) by forces phi (m, dim) [N] on others (m,), at rest."""
+        slots, pairs = self._slots(np.concatenate([at, loads]))
+        return displacement(pairs, slots[: len(at)], slots[len(at) :], forces)
 
-    def _slots(self, loads: IntArray) -> IntArray:
-        """Where the rows and columns of the loads are kept."""
-        new = np.unique(loads[self._slot[loads] < 0])
-        if len(new):
-            if self._count + len(new) > len(self._known):
-                new = np.unique(loads)
-                self._forget(max(len(self._known), 2 * len(new)))
-            self._take(new)
-        return np.asarray(self._slot[loads])
+    def _slots(self, loads: IntArray) -> tuple[IntArray, NDArray[np.float32]]:
+        """Which rows and columns are those of the loads, of what is kept. One thread at a time finds and makes room;
+        what it was given stays as it is, whoever asks next."""
+        with self._lock:
+            new = np.unique(loads[self._slot[loads] < 0])
+            if len(new):
+                if self._count + len(new) > len(self._known):
+                    new = np.unique(loads)
+                    self._forget(max(len(self._known), 2 * len(new)))
+                self._take(new)
+            return np.asarray(self._slot[loads]), self._pairs
 
     def _take(self, new: IntArray) -> None:
         before, after = self._count, self._count + len(new)

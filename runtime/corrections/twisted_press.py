@@ -3,9 +3,9 @@
 A collider that moves by a twist about its centre c is the same as the body moved the other way, F included: in the
 words of `load_press.py` and `runtime/rigid/twist.py`, with the displaced loads y and their arms a = y - c,
 
-    dxi = -(I, E_k a),      eta = (0, E_k f),
+    dxi = -(I, E_k a),      dphi = F^T (0, E_k f),
 
-are further columns of dxi and eta, and as moving so is not affine in the twist, -f . d2xi adds to the Hessian what it
+are further columns of dxi and dphi, and as moving so is not affine in the twist, -f . d2xi adds to the Hessian what it
 adds for any points at y with the gradient -f, whose motion by the rows is dx + dF v.
 """
 
@@ -41,24 +41,30 @@ class TwistedPress:
 
     def blocks(self) -> tuple[Array, Array]:
         """d2W/drows dtwist (n_rows*dim, n_twist) and d2W/dtwist2 (n_twist, n_twist)."""
-        press, eta, c = self._press, self._eta, self._c
-        mixed = press.stiffened.T @ c - press.given(press.eta).T @ eta
-        mixed -= press.carried.T @ eta
-        own = c.T @ press.stiffen(c) - eta.T @ press.given(eta)
+        press, turned, c = self._press, self._turned, self._c
+        mixed = press.stiffened.T @ c - press.answer.T @ turned
+        mixed -= press.carried.T @ self._turned_force
+        own = c.T @ press.factor.stiffen(c) - turned.T @ press.factor.given(turned)
         return mixed, own + relative_curvature(self._arms, -self._force)
 
     def link(self, other: TwistedPress) -> Array:
         """d2W/dtwist dtwist' (n_twist, n_twist) with the twist of another collider on the same press: what one feels of
         the other through the body."""
-        press = self._press
-        return np.asarray(self._c.T @ press.stiffen(other._c) - self._eta.T @ press.given(other._eta))
+        factor = self._press.factor
+        return np.asarray(self._c.T @ factor.stiffen(other._c) - self._turned.T @ factor.given(other._turned))
 
     @cached_property
     def _c(self) -> Array:
         """c (k*dim, n_twist)."""
-        return self._carried + self._press.given(self._eta)
+        factor = self._press.factor
+        return self._carried + factor.carried(factor.given(self._turned))
 
     @cached_property
-    def _eta(self) -> Array:
+    def _turned_force(self) -> Array:
         """(0, E_k f) (k*dim, n_twist)."""
         return np.asarray(turned_along(self._force).reshape(self._force.size, -1))
+
+    @cached_property
+    def _turned(self) -> Array:
+        """dphi (k*dim, n_twist)."""
+        return self._press.factor.carried_back(self._turned_force)

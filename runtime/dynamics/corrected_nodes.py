@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.corrections.correction import BoundCorrection, Correction
 from runtime.corrections.internal_response import InternalResponse
-from runtime.corrections.joint_press import JointProbe
+from runtime.corrections.joint_press import BoundPressed, JointProbe
 from runtime.dynamics.state import ReducedState
-
-if TYPE_CHECKING:
-    from runtime.corrections.elastic_contact import BoundElasticContact
 
 
 class CorrectedNodes:
@@ -35,25 +31,39 @@ class CorrectedNodes:
 
     def positions(self, state: ReducedState) -> Array:
         """(n, dim) [m]."""
-        x: Array = self._basis @ state.rows
-        turn = state.rows if state.turn is None else state.turn
-        if self._internal is not None:
-            x += self._internal.displacement(state.rows, turn)
-        for collider, correction in self._bound:
-            x += self._displacement(collider, correction, state, turn)
-        return x
+        return self.later(state)()
 
-    def _displacement(
+    def later(self, state: ReducedState) -> Callable[[], Array]:
+        """The same in two parts: loads are pressed now, if they have not been; what is called later, on any thread
+        and beside other steps, does the rest, most of the work."""
+        rows, internal, basis = state.rows, self._internal, self._basis
+        turn = rows if state.turn is None else state.turn
+        moved = [self._later(collider, correction, state, turn) for collider, correction in self._bound]
+
+        def positions() -> Array:
+            x: Array = basis @ rows
+            if internal is not None:
+                x += internal.displacement(rows, turn)
+            for displacement in moved:
+                x += displacement()
+            return x
+
+        return positions
+
+    def _later(
         self, collider: str, correction: BoundCorrection, state: ReducedState, turn: Array
-    ) -> Array | float:
+    ) -> Callable[[], Array | float]:
         """(n, dim) [m] by one collider; where it presses together with others, by its share of what all of them do."""
         rows, pose = state.rows, state.poses[collider]
-        if collider not in self._joint:
-            return correction.displacement(rows, pose, turn)
-        press = self._joint[collider].press(rows, state.poses, turn)
-        if press is None:
-            return 0.0
-        return cast("BoundElasticContact", correction).displacement_among(press, rows, pose, turn)
+        press = None
+        if collider in self._joint:
+            press = self._joint[collider].press(rows, state.poses, turn)
+            if press is None:
+                return lambda: 0.0
+        if isinstance(correction, BoundPressed):
+            return correction.later(press, rows, pose, turn)
+        displacement = correction.displacement(rows, pose, turn)
+        return lambda: displacement
 
     @cached_property
     def _basis(self) -> Array:

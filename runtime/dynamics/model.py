@@ -85,6 +85,10 @@ class ReducedModel:
         """(s, dim) [m] the surface samples, corrections included."""
         return self._simulator.surface_positions(state)
 
+    def surface_later(self, state: ReducedState) -> Callable[[], Array]:
+        """See `Simulator.surface_later`."""
+        return self._simulator.surface_later(state)
+
     def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
         """See `Simulator.follow`."""
         return self._simulator.follow(nodes)

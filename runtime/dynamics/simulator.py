@@ -27,6 +27,7 @@ from runtime.dynamics.corrected_nodes import CorrectedNodes
 from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.dynamics.elastic import Elastic, ElasticEnergy
 from runtime.dynamics.internal_elastic import InternalElasticEnergy
+from runtime.dynamics.kept_elastic import kept_if_dear
 from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
 from runtime.dynamics.movers import FreeStep, Movers
 from runtime.dynamics.newton import NewtonResult, NewtonSettings, Status, minimise
@@ -45,6 +46,7 @@ from runtime.dynamics.step_energy import StepEnergy
 from runtime.dynamics.surface import SurfaceEnergy
 from runtime.dynamics.timings import Timings
 from runtime.dynamics.weight import Weight
+from runtime.elasticity.reduced_elasticity import ReducedElasticity
 from runtime.errors import SoftprintError
 
 # A body strained by less than this feels no force worth balancing: the floor of the scale of residuals.
@@ -130,11 +132,12 @@ class Simulator:
         penalised = {name: shape for name, shape in shapes.items() if name not in potentials}
         sizes = [shapes[name].size for name, _ in at_points if np.isfinite(shapes[name].size)]
         self._points = CorrectedPoints(body, at_points, _REACH * max(sizes, default=np.inf))
-        self._elastic: Elastic = (
+        elastic: Elastic = (
             ElasticEnergy(body, self._points)
             if internal is None
             else InternalElasticEnergy(body, self._points, internal)
         )
+        self._elastic = kept_if_dear(elastic, ReducedElasticity.of(body))
         self._surface = SurfaceEnergy(body, self._points, penalised, contact, friction, internal)
         self._nodes = CorrectedNodes(body, self._corrections, internal, joint=self._condensed.joint)
         self._samples = CorrectedNodes(
@@ -351,6 +354,10 @@ class Simulator:
         """(s, dim) [m]: the body's surface samples, corrections included: what a hand feels and an eye sees, at a
         cost that does not grow with the mesh."""
         return self._samples.positions(state)
+
+    def surface_later(self, state: ReducedState) -> Callable[[], Array]:
+        """The same in two parts, see `CorrectedNodes.later`: what is called later may run beside the next step."""
+        return self._samples.later(state)
 
     def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
         """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state, corrections included: bound

@@ -2,7 +2,8 @@
 
 Every model plays the same scene in the same process with the same time step, to the same tolerance or with as many
 Newton iterations at most; a model that is cut off before it has converged is not as fast as its figure says. A frame is
-a step and the positions of the surface at its end, with all detail. Only frames with contact count. The median is over
+a step and the positions of the surface at its end, with all detail; on two threads the surface of a step is drawn
+beside the next step, one frame late. Only frames with contact count. The median is over
 steps, so that another program on the machine does not spoil it; CPU seconds are of all threads of this process.
 """
 
@@ -11,14 +12,16 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runtime.dynamics.model import SceneModel
+from runtime.arrays import Array
+from runtime.dynamics.model import ReducedModel, SceneModel
 from runtime.dynamics.timings import PHASES
 
 if TYPE_CHECKING:
@@ -51,8 +54,31 @@ def with_iterations(experiment: Experiment, iterations: int | None) -> Experimen
     return experiment.model_copy(update={"dynamics": dynamics})
 
 
-def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed | None:
-    """Play up to n_steps, until ``at_most`` steps with contact are timed; None if the scene has none."""
+def measure(name: str, model: SceneModel, n_steps: int, at_most: int, beside: bool = False) -> Speed | None:
+    """Play up to n_steps, until ``at_most`` steps with contact are timed; None if the scene has none. beside: draw the
+    surface of a step beside the next one, if the model is a reduced one."""
+    if beside and isinstance(model, ReducedModel):
+        with ThreadPoolExecutor(1) as second:
+            return _measure(name, model, n_steps, at_most, _Drawer(model, second))
+    return _measure(name, model, n_steps, at_most, model.surface_positions)
+
+
+class _Drawer:
+    """Draws surfaces on a second thread, one at a time; returns when the one before is there."""
+
+    def __init__(self, model: ReducedModel, second: ThreadPoolExecutor) -> None:
+        self._model, self._second = model, second
+        self._drawn: Future[Array] | None = None
+
+    def __call__(self, state: Any) -> None:
+        before, self._drawn = self._drawn, self._second.submit(self._model.surface_later(state))
+        if before is not None:
+            before.result()
+
+
+def _measure(
+    name: str, model: SceneModel, n_steps: int, at_most: int, draw: Callable[[Any], object]
+) -> Speed | None:
     state = model.start().state
     walls: list[float] = []
     cpus: list[float] = []
@@ -63,7 +89,7 @@ def measure(name: str, model: SceneModel, n_steps: int, at_most: int) -> Speed |
         began, cpu_began = time.perf_counter(), time.process_time()
         result = model.step(state)
         stepped = time.perf_counter()
-        model.surface_positions(result.state)
+        draw(result.state)
         detail = time.perf_counter() - stepped
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu_began
         state = result.state

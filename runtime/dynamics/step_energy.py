@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, IntArray, known_hessian
 from runtime.body.handles import Handles
 from runtime.corrections.correction import CorrectionField
 from runtime.dynamics.condensed_contact import CondensedContact
@@ -95,6 +95,8 @@ class StepEnergy:
         self._timings = timings
         self._latest: Evaluation | None = None
         self._blocks = _by_axis(quadratic.matrix, handles.dim)
+        # Where all handles are free points, the unknowns are the rows themselves.
+        self._straight = not handles.frames and len(free) == handles.n_dofs
 
     def retract(self, x: Configuration, v: Array) -> Configuration:
         """After the increment v (n_free + twists,) of the free coordinates and of the free colliders."""
@@ -184,22 +186,23 @@ class StepEnergy:
         with self._timings.solve:
             quadratic_gradient = self._quadratic.gradient(rows)
             tangent = self._handles.tangent(rows)[:, self._free] * self._units
+            along = None if self._straight else tangent
             parts: list[Array] = [
                 part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)
             ]
             slope = quadratic_gradient + elastic_gradient + contact_gradient
 
         def hessian() -> Array:
-            with self._timings.elastic:
-                total = elastic_hessian(tangent)
-            with self._timings.contact:
-                for condensed_hessian in condensed_hessians:
-                    total += condensed_hessian(tangent)
             with self._timings.solve:
                 curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
                 by_rows = self._blocks if contact_hessian is None else self._blocks + contact_hessian
-                total += tangent.T @ by_rows @ tangent + self._units[:, None] * curvature * self._units
-                return total
+                total = known_hessian(by_rows)(along) + self._units[:, None] * curvature * self._units
+            with self._timings.elastic:
+                total += elastic_hessian(along)
+            with self._timings.contact:
+                for condensed_hessian in condensed_hessians:
+                    total += condensed_hessian(along)
+            return total
 
         quadratic = self._quadratic.energy(rows)
         found = Linearisation(

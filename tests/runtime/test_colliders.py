@@ -39,6 +39,17 @@ COLLIDERS = {
     "union": SmoothUnion(
         [Sphere(0.3), Capsule([0, 0, 0], [0, 0, 0.5], 0.1), Cone([0, 0, 0], [0.5, 0, 0], 0.2, 0.1)], 0.1
     ),
+    "union_of_cones2d": SmoothUnion(
+        [Capsule([0.0, 0.0], [0.3, 0.2], 0.1), Cone([-0.3, 0], [0, 0.3], 0.1, 0.2)], 0.1
+    ),
+    "union_of_cones": SmoothUnion(
+        [
+            Capsule([-0.3, 0, 0], [0.3, 0, 0], 0.1),
+            Capsule([0, -0.3, 0], [0, 0.3, 0], 0.1),
+            Cone([0, 0, -0.3], [0, 0, 0.3], 0.1, 0.2),
+        ],
+        0.1,
+    ),
     "difference": SmoothDifference(
         Box([0.4, 0.3, 0.3]), [Placed(Sphere(0.3), RigidPose(np.eye(3), [0.0, 0.1, 0.3]))], 0.1
     ),
@@ -144,6 +155,19 @@ def test_union_and_difference_are_exact_away_from_seams():
     assert (np.minimum(sa, sb) - union.sdf(z)).max() <= 0.05 / 6 + 1e-14  # documented
     clear = np.abs(sa + sb) > 0.05
     np.testing.assert_allclose(difference.sdf(z)[clear], np.maximum(sa, -sb)[clear], atol=1e-14)
+
+
+@pytest.mark.parametrize("key", ["union_of_cones2d", "union_of_cones"])
+def test_union_of_cones_is_what_it_is_part_by_part(key):
+    """Parts that are placed, here nowhere else, are not known to be cones."""
+    union = COLLIDERS[key]
+    nowhere = RigidPose.identity(union.dim)
+    by_part = SmoothUnion([Placed(part, nowhere) for part in union.parts], union.blend)
+    z = points(union)
+    for own, expected in zip(union.sdf_derivatives(z), by_part.sdf_derivatives(z), strict=True):
+        # Round-off, at points as near to the middle of a ball as 1e-3.
+        np.testing.assert_allclose(own, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(union.sdf(z), by_part.sdf(z), atol=1e-14)
 
 
 @pytest.mark.parametrize(

@@ -238,3 +238,14 @@ def test_handles_without_frames_have_no_curvature():
     rows = np.eye(3, 2)
     assert not handles.curvature(rows, rows).any()
     np.testing.assert_array_equal(handles.tangent(rows), np.eye(6))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_points_alone_take_all_of_a_change(dim):
+    mesh = box_mesh([0.0] * dim, [1.0] * dim, [3] * dim)
+    handles = place_handles(mesh, 5, [])
+    rows = handles.rest_rows(mesh.points)
+    change = np.random.default_rng(4).normal(size=rows.shape)
+    np.testing.assert_array_equal(handles.increment(rows, change), change.ravel())
+    np.testing.assert_array_equal(handles.tangent(rows), np.eye(rows.size))
+    assert not handles.curvature(rows, change).any()

@@ -14,7 +14,7 @@ def single(depth: float) -> LoadProblem:
     """One load with the compliance A in all directions, `depth` inside a ball whose centre lies straight below."""
     ball = PosedDistance(Sphere(RADIUS, 3, "ball"), RigidPose.identity(3))
     position = np.array([[0.0, 0.0, RADIUS - depth]])
-    return LoadProblem(A * np.eye(3), np.array([STIFFNESS]), position, depth, ball)
+    return LoadProblem(A * np.eye(3), np.eye(3)[None], np.array([STIFFNESS]), position, depth, ball)
 
 
 @pytest.mark.parametrize("solve", [LoadProblem.solve, LoadProblem._descend], ids=["newton", "descent"])
@@ -33,7 +33,7 @@ def test_penetration_left_by_one_load_is_the_known_root(solve):
 
 
 def block(dim: int, seed: int = 0) -> LoadProblem:
-    """Fifteen loads with a random symmetric compliance, pushed into a tilted ball."""
+    """Fifteen loads of a strained body with a random symmetric compliance, pushed into a tilted ball."""
     rng = np.random.default_rng(seed)
     m = 15
     root = rng.normal(size=(m * dim, m * dim)) / np.sqrt(m * dim)
@@ -43,7 +43,8 @@ def block(dim: int, seed: int = 0) -> LoadProblem:
         Sphere(RADIUS, dim, "ball"),
         RigidPose.from_rotation_vector([0.4] if dim == 2 else [0.4, 0.1, 0], np.zeros(dim)),
     )
-    return LoadProblem(G, np.full(m, STIFFNESS), position, -float(ball(position).value.min()), ball)
+    F = np.eye(dim) + 0.2 * rng.normal(size=(m, dim, dim))
+    return LoadProblem(G, F, np.full(m, STIFFNESS), position, -float(ball(position).value.min()), ball)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -54,7 +55,8 @@ def test_forces_and_displacements_are_in_balance(dim):
     distance = problem.distance(problem.position + found.moved)
     pressure = problem.stiffness * np.maximum(0.0, -distance.value) ** 2
     force = pressure[:, None] * distance.gradient
-    moved = (problem.compliance @ force.ravel()).reshape(force.shape)
+    loads = np.einsum("jab,ja->jb", problem.F, force)
+    moved = np.einsum("jab,jb->ja", problem.F, (problem.compliance @ loads.ravel()).reshape(force.shape))
     scale = np.abs(found.moved).max()
     # Solved to 1e-11 of the deepest penetration.
     assert np.abs(moved - found.moved).max() < 1e-6 * scale
@@ -85,6 +87,8 @@ def test_a_load_stays_on_the_side_that_it_came_from():
     """In a slab a load beyond the middle may leave on either side; the one next to the state before is a motion."""
     slab = PosedDistance(Box([0.02, 0.02, 2e-3], name="slab"), RigidPose.identity(3))
     past_the_middle = np.array([[0.0, 0.0, -4e-4]])
-    problem = LoadProblem(A * np.eye(3), np.array([STIFFNESS]), past_the_middle, 1.6e-3, slab)
+    problem = LoadProblem(
+        A * np.eye(3), np.eye(3)[None], np.array([STIFFNESS]), past_the_middle, 1.6e-3, slab
+    )
     up = np.array([1.4e-3]), np.array([[0.0, 0.0, 1.0]])
     assert problem.solve(up).moved[0, 2] > 0.0 > problem.solve().moved[0, 2]

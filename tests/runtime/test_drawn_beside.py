@@ -1,0 +1,92 @@
+"""A surface that is drawn beside the steps that follow is the one that is drawn at once."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import torch
+
+from runtime.colliders import KeyframedPath, Sphere
+from runtime.contact import PenaltyContact
+from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.load_model import LoadModel, LoadModelOptions
+from runtime.corrections.near_loads import NearLoads
+from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
+from runtime.dynamics.model import ReducedModel
+from runtime.dynamics.speed import measure
+
+STIFFNESS = 1e10  # N/m^4
+
+
+@pytest.fixture
+def simulator(jelly_body, dim):
+    """A ball that is led through the top of a block, with a correction of which something is seen."""
+    torch.manual_seed(1)
+    model = LoadModel(LoadModelOptions((4, 4), "silu", 5e-4, 1e-2, STIFFNESS), dim, jelly_body.n_rows)
+    with torch.no_grad():
+        model.network.head.bias.fill_(0.3)
+    ball = Sphere(0.02, dim, "ball")
+    ends = [np.append(np.full(dim - 1, aside), 0.06 + 0.02 - 0.006) for aside in (-0.015, 0.015)]
+    mechanics = compute_rest_mechanics(jelly_body, 400, True)
+    path = KeyframedPath([0.0, 0.2], ends)
+    placed = PlacedCollider(
+        "ball", ball, path, correction=ElasticContact("x", model, jelly_body, ball, mechanics)
+    )
+    held = [KinematicHandle(frame.name, None) for frame in jelly_body.handles.frames]
+    return Simulator(jelly_body, [placed], contact=PenaltyContact(STIFFNESS), kinematic=held)
+
+
+def test_drawn_later_is_drawn_the_same(simulator):
+    state = simulator.rest_state()
+    drawn = []
+    for _ in range(5):
+        state = simulator.step(state).state
+        drawn.append((simulator.surface_later(state), simulator.surface_positions(state)))
+    assert np.abs(drawn[-1][1] - drawn[0][1]).max() > 1e-4  # something has moved
+    for later, at_once in drawn:
+        np.testing.assert_array_equal(later(), at_once)
+
+
+def test_drawn_on_another_thread_while_steps_go_on(simulator):
+    def play(second):
+        state, surfaces = simulator.rest_state(), []
+        for _ in range(8):
+            state = simulator.step(state).state
+            later = simulator.surface_later(state)
+            surfaces.append(later() if second is None else second.submit(later))
+        return [surface if second is None else surface.result() for surface in surfaces]
+
+    alone = play(None)
+    with ThreadPoolExecutor(1) as second:
+        beside = play(second)
+    # The second time the first press starts from what the last time left: balanced to 1e-6 of a depth of 6 mm.
+    np.testing.assert_allclose(beside, alone, rtol=0.0, atol=1e-7)
+
+
+def test_measured_on_two_threads(simulator):
+    model = ReducedModel(simulator, held=False)
+    one, two = (measure("ours", model, 6, 4, beside) for beside in (False, True))
+    assert one is not None
+    assert two is not None
+    assert (one.steps, two.steps) == (4, 4)
+    assert two.converged == one.converged
+    assert set(two.phases) == set(one.phases)
+
+
+def test_what_loads_were_given_stays_while_others_ask():
+    """Room is made anew for loads that do not fit beside those that are kept."""
+    rng = np.random.default_rng(3)
+    among = rng.normal(size=(2000, 2000, 2, 2)).astype(np.float32)
+    near = NearLoads(among)
+    orders = [np.sort(rng.choice(2000, 150, replace=False)) for _ in range(40)]
+    forces = rng.normal(size=(150, 2))
+
+    def ask(loads):
+        return near.displacement(loads, loads, forces)
+
+    with ThreadPoolExecutor(4) as threads:
+        for loads, found in zip(orders, threads.map(ask, orders), strict=True):
+            expected = np.einsum("ijcd,jd->ic", among[np.ix_(loads, loads)], forces)
+            # Sums of float64 products, in another order.
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)

@@ -1,0 +1,50 @@
+"""A kept Hessian is the one that was found until the body is strained otherwise."""
+
+import numpy as np
+import pytest
+
+from runtime.dynamics.corrected_points import CorrectedPoints
+from runtime.dynamics.elastic import ElasticEnergy
+from runtime.dynamics.kept_elastic import _SAME, KeptElastic, kept_if_dear
+from runtime.elasticity.reduced_elasticity import ReducedElasticity
+
+
+@pytest.fixture
+def both(jelly_body):
+    """An elastic energy, and the same with its Hessian kept."""
+    exact = ElasticEnergy(jelly_body, CorrectedPoints(jelly_body, []))
+    return exact, KeptElastic(exact, ReducedElasticity.of(jelly_body))
+
+
+def bent(body, size, seed=1):
+    return body.rest_rows + size * np.random.default_rng(seed).normal(size=body.rest_rows.shape)
+
+
+def test_energy_and_gradient_are_exact_and_the_hessian_is_that_of_a_state_nearby(jelly_body, dim, both):
+    exact, kept = both
+    turn = np.eye(dim)
+    first = bent(jelly_body, 1e-3)
+    hessian = kept.linearise(first, turn, None)[2]()
+    np.testing.assert_array_equal(hessian, exact.linearise(first, turn, None)[2]())
+    near = first + 1e-6 * np.random.default_rng(2).normal(size=first.shape)
+    energy, gradient, second = kept.linearise(near, turn, None)
+    assert energy == exact.energy(near, turn, None)
+    np.testing.assert_array_equal(gradient, exact.linearise(near, turn, None)[1])
+    np.testing.assert_array_equal(second(), hessian)
+    along = np.random.default_rng(3).normal(size=(first.size, 4))
+    np.testing.assert_allclose(second(along), along.T @ hessian @ along, rtol=1e-12)
+
+
+def test_another_strain_has_another_hessian(jelly_body, dim, both):
+    exact, kept = both
+    turn, first = np.eye(dim), bent(jelly_body, 1e-3)
+    kept.linearise(first, turn, None)[2]()
+    stretched = first * (1.0 + 2.0 * _SAME)
+    np.testing.assert_array_equal(
+        kept.linearise(stretched, turn, None)[2](), exact.linearise(stretched, turn, None)[2]()
+    )
+
+
+def test_only_what_is_dear_is_kept(jelly_body, both):
+    exact, _ = both
+    assert kept_if_dear(exact, ReducedElasticity.of(jelly_body)) is exact
