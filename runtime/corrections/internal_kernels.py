@@ -15,34 +15,47 @@ Floats = NDArray[np.floating[Any]]
 
 
 @summing
+def _alike(first: Array, second: Array) -> bool:
+    for a in range(len(first)):
+        for b in range(len(first)):
+            if first[a, b] != second[a, b]:
+                return False
+    return True
+
+
+@summing
 def displacement(
     modes: Floats, weight: Floats, index: IntArray, rows: Array, rest: Array, gravity: Array, turns: Array
 ) -> Array:
     """R (L d + w R^T g) (m, dim) for the strain d = R^T rows - rest, rows and rest (n_rows, dim)."""
     n_rows, dim = rows.shape
-    u = np.zeros((len(index), dim))
-    strain = np.empty(n_rows * dim, modes.dtype)
+    by_node = modes.reshape(len(modes), dim, n_rows * dim)
     by_axis, at_rest = np.ascontiguousarray(rows.T), np.ascontiguousarray(rest.T)
-    along = np.empty(n_rows)
-    for k in range(len(index)):
-        turn, node = turns[index[k]], modes[index[k]].reshape(dim, n_rows * dim)
-        for b in range(dim):
-            for r in range(n_rows):
-                along[r] = by_axis[0, r] * turn[0, b] + by_axis[1, r] * turn[1, b] - at_rest[b, r]
-            for c in range(2, dim):
+    along, strain, hanging = np.empty(n_rows), np.empty(n_rows * dim, modes.dtype), np.empty(dim)
+    u = np.zeros((len(index), dim))
+    for k, node in enumerate(index):
+        turn = turns[node]
+        # Where a body turns as one, all its nodes see one strain.
+        if k == 0 or not _alike(turn, turns[index[k - 1]]):
+            for b in range(dim):
                 for r in range(n_rows):
-                    along[r] += by_axis[c, r] * turn[c, b]
-            for r in range(n_rows):
-                strain[r * dim + b] = along[r]
+                    along[r] = by_axis[0, r] * turn[0, b] + by_axis[1, r] * turn[1, b] - at_rest[b, r]
+                for c in range(2, dim):
+                    for r in range(n_rows):
+                        along[r] += by_axis[c, r] * turn[c, b]
+                for r in range(n_rows):
+                    strain[r * dim + b] = along[r]
+                hanging[b] = 0.0
+                for a in range(dim):
+                    hanging[b] += gravity[a] * turn[a, b]
         for b in range(dim):
-            moved = strain[0] * node[b, 0]
+            row = by_node[node, b]
+            total = row[0] * strain[0]
             for column in range(1, n_rows * dim):
-                moved += node[b, column] * strain[column]
+                total += row[column] * strain[column]
+            moved = float(total)
             for c in range(dim):
-                hanging = gravity[0] * turn[0, c]
-                for a in range(1, dim):
-                    hanging += gravity[a] * turn[a, c]
-                moved += weight[index[k], b, c] * hanging
+                moved += weight[node, b, c] * hanging[c]
             for a in range(dim):
                 u[k, a] += turn[a, b] * moved
     return u

@@ -61,6 +61,11 @@ class InternalResponse:
         """R (n, dim, dim) of the nodes at a turn (n_rows, dim)."""
         return self._turning.rotations(turn)
 
+    @property
+    def turns_as_one(self) -> bool:
+        """Whether all nodes turn by one rotation."""
+        return self._turning.alike
+
     def displacement(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
         """u (m, dim) [m] of some of the nodes (all by default), world frame."""
         index = np.arange(len(self)) if index is None else index

@@ -25,7 +25,8 @@ class BodyRegions:
         """internal: of all nodes of the body."""
         self._body, self._internal = body, internal
         handles, elastic = body.handles, elastic_cells(body.mesh, body.handles)
-        wanted = _REGIONS * (handles.n_points + len(handles.frames))
+        n_handles = handles.n_points + len(handles.frames)
+        wanted = 1 if internal.turns_as_one else _REGIONS * n_handles
         places = body.mesh.cell_centroids[elastic]
         self._centres = cKDTree(places[farthest_points(places, min(wanted, len(places)))])
 

@@ -15,6 +15,7 @@ from runtime.corrections.internal_response import compute_internal_response
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.corrections.rest_response import RestResponse
+from runtime.corrections.turning import local_gradients, mean_gradients
 from runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider, Simulator
 from runtime.dynamics.state import ReducedState
 from runtime.dynamics.weight import Weight
@@ -40,6 +41,11 @@ def down(dim):
 
 def respond(body, gravity):
     return compute_internal_response(body, gravity, RestResponse(body))
+
+
+def respond_by_parts(body, gravity):
+    """Each turned by itself, as where a body has several frames."""
+    return replace(respond(body, gravity), turning=local_gradients(body))
 
 
 def full_space_statics(body, gravity):
@@ -109,9 +115,7 @@ def strained(body, seed=0, scale=4e-3):
 def test_elastic_energy_is_that_of_the_positions(dim):
     """Where all of the body turns as one, by any rotation."""
     body = all_cells(make_body(dim))
-    internal = respond(body, down(dim))
-    mean = internal.turning.mean(axis=0)
-    internal = replace(internal, turning=np.broadcast_to(mean, internal.turning.shape))
+    internal = replace(respond(body, down(dim)), turning=mean_gradients(body))
     simulator = Simulator(body, contact=CONTACT, gravity=down(dim), internal=internal)
     rows, turn = strained(body), strained(body, seed=1, scale=0.03)
     state = replace(simulator.rest_state(), rows=rows, turn=turn)
@@ -126,7 +130,7 @@ def test_elastic_energy_is_that_of_the_positions(dim):
 def test_elastic_energy_of_a_cell_is_as_seen_from_it(dim):
     """Its corners are where they would be, had they turned with the cell."""
     body = all_cells(make_body(dim))
-    internal = respond(body, down(dim))
+    internal = respond_by_parts(body, down(dim))
     rows, turn = strained(body), strained(body, seed=1)
     simulator = Simulator(body, contact=CONTACT, gravity=down(dim), internal=internal)
     corners = body.mesh.cells[body.cubature.cells]
@@ -146,7 +150,9 @@ def test_derivatives_of_the_elastic_energy(dim):
     """With a turn far from the rows, in single precision for the Hessian only."""
     body = make_body(dim, divisions=(16, 8, 4))
     assert len(body.cubature.cells) < len(elastic_cells(body.mesh, body.handles))
-    elastic = Simulator(body, contact=CONTACT, gravity=down(dim), internal=respond(body, down(dim)))._elastic
+    elastic = Simulator(
+        body, contact=CONTACT, gravity=down(dim), internal=respond_by_parts(body, down(dim))
+    )._elastic
     rows, turn = strained(body), strained(body, seed=1, scale=0.02)
     _, gradient, hessian = elastic.linearise(rows, turn, None)
     way, h = np.random.default_rng(2).normal(size=rows.shape), 1e-6
@@ -164,7 +170,7 @@ def test_derivatives_of_the_elastic_energy(dim):
 def test_what_the_cubature_misses_turns_along_by_regions(dim):
     """Expanded about the turn, it is the sum over regions of what each of them sees."""
     body = make_body(dim, divisions=(16, 8, 4))
-    internal = respond(body, down(dim))
+    internal = respond_by_parts(body, down(dim))
     simulator = Simulator(body, contact=CONTACT, gravity=down(dim), internal=internal)
     missed = simulator._elastic._missed
     rows, turn = strained(body), strained(body, seed=1, scale=0.02)
@@ -183,9 +189,7 @@ def test_what_the_cubature_misses_turns_along_by_regions(dim):
 def test_the_weight_is_that_of_the_positions(dim):
     """Region by region, which is the same where all of the body turns as one."""
     body = make_body(dim)
-    internal = respond(body, down(dim))
-    mean = internal.turning.mean(axis=0)
-    internal = replace(internal, turning=np.broadcast_to(mean, internal.turning.shape))
+    internal = replace(respond(body, down(dim)), turning=mean_gradients(body))
     rows, turn = strained(body), strained(body, seed=1, scale=0.03)
     force, height = Weight(body, down(dim), internal).form(turn)
     x = body.basis @ rows + internal.displacement(rows, turn)

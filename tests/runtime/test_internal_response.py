@@ -7,10 +7,11 @@ import pytest
 import scipy.linalg as sl
 
 from runtime.body import assemble_body, frame_in_box, place_handles
-from runtime.body.rotations import rotation_exponential
+from runtime.body.rotations import nearest_rotation, rotation_exponential
 from runtime.corrections.internal_reach import InternalReach
 from runtime.corrections.internal_response import compute_internal_response, internal_arrays, take_internal
 from runtime.corrections.rest_response import RestResponse
+from runtime.corrections.turning import local_gradients, mean_gradients
 from runtime.elasticity import make_material
 from runtime.elasticity.elastic_energy import elastic_gradient, element_hessians
 from runtime.mesh import box_mesh
@@ -38,20 +39,19 @@ def gravity(dim):
 
 @pytest.fixture
 def response(body, dim):
-    """In float64, for differences and invariances to be seen to round-off."""
+    """Every part turned by itself; in float64, for differences and invariances to be seen to round-off."""
     found = compute_internal_response(body, gravity(dim), RestResponse(body))
     return replace(
         found,
         modes=found.modes.astype(float),
         weight=found.weight.astype(float),
-        turning=found.turning.astype(float),
+        turning=local_gradients(body).astype(float),
     )
 
 
-def turned_as_one(response):
+def turned_as_one(body, response):
     """With one rotation for the whole body, that of the mean over its nodes."""
-    mean = response.turning.mean(axis=0)
-    return replace(response, turning=np.broadcast_to(mean, response.turning.shape))
+    return replace(response, turning=mean_gradients(body))
 
 
 def strained(body, scale):
@@ -93,6 +93,22 @@ def test_a_rigid_motion_strains_nothing(body, response, dim):
     assert np.abs(weightless.displacement(rows, rows)).max() < 1e-12
 
 
+def test_without_two_frames_it_turns_as_one(body, dim):
+    """As if every node had the rotation of the mean deformation gradient."""
+    response = compute_internal_response(body, gravity(dim), RestResponse(body))
+    rows = strained(body, 3e-3)
+    assert response.turns_as_one
+    volumes = body.mesh.cell_volumes
+    F = np.tensordot(volumes, body.mesh.deformation_gradients(body.basis @ rows), 1) / volumes.sum()
+    R = nearest_rotation(F)
+    # float32 of what is turned by.
+    np.testing.assert_allclose(response.turns(rows), np.broadcast_to(R, (len(response), dim, dim)), atol=1e-6)
+    strain, hanging = response.strain(rows, R), response.gravity @ R
+    expected = np.tensordot(response.modes, strain, 2) + response.weight @ hanging
+    found = response.displacement(rows, rows)
+    np.testing.assert_allclose(found, expected @ R.T, atol=1e-5 * np.abs(found).max())  # float32
+
+
 def felt(body, u):
     """What the reduced state would feel of u, as a share of it."""
     free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
@@ -102,7 +118,7 @@ def felt(body, u):
 def test_the_subspace_does_not_feel_it(body, response):
     """Turned as one; where every node has its own turn, to first order in strain."""
     rows = strained(body, 3e-3)
-    one = turned_as_one(response).displacement(rows, rows)
+    one = turned_as_one(body, response).displacement(rows, rows)
     assert np.abs(one).max() > 1e-5
     assert felt(body, one) < 1e-5  # float32
     weightless = replace(response, gravity=np.zeros(body.dim))
@@ -118,7 +134,7 @@ def test_the_subspace_does_not_feel_it(body, response):
 
 
 def test_turned_alike_it_is_one_rotation_of_the_response_at_rest(body, response, dim):
-    rows, one = strained(body, 3e-3), turned_as_one(response)
+    rows, one = strained(body, 3e-3), turned_as_one(body, response)
     R = one.turns(rows)[0]
     d = rows @ R - body.rest_rows
     expected = (response.modes.reshape(-1, d.size) @ d.ravel()).reshape(-1, dim)
