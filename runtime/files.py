@@ -131,6 +131,12 @@ def file_hash(path: Path) -> str:
         raise SoftprintError(f"cannot read {path}: {error.strerror}") from error
 
 
+def sources_hash(folder: Path) -> str:
+    """SHA-256 of the Python sources in a folder and all below it: what was computed with others may differ."""
+    sources = sorted(folder.rglob("*.py"))
+    return content_hash({str(path.relative_to(folder)): file_hash(path) for path in sources})
+
+
 def content_hash(content: Mapping[str, object]) -> str:
     """SHA-256 (hex) of named arrays, numbers and strings: names, types, shapes, bytes; in any order."""
     digest = hashlib.sha256()

@@ -88,7 +88,7 @@ def measure_samples(
 
 
 def remembered(path: Path, made_of: Mapping[str, str], measure: Callable[[], SampleErrors]) -> SampleErrors:
-    """What an earlier run measured of the same truth and correction, or a new measurement that is kept."""
+    """What an earlier run measured of the same things, or a new measurement that is kept."""
     if path.is_file():
         try:
             kept = json.loads(path.read_text())

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import runtime
 from fem_truth.report.held_out import Corrected
 from fem_truth.report.page import ShapeView
 from fem_truth.report.renderings import make_renderer
@@ -26,7 +28,7 @@ from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.corrections.correction_file import TrainedCorrection, read_correction
 from runtime.experiment.experiment import ANY_COLLIDER
-from runtime.files import file_hash
+from runtime.files import file_hash, sources_hash
 from runtime.shapes import names, validation_names
 from runtime.truth_colliders import require_same_colliders
 from runtime.truth_file import TruthData
@@ -63,10 +65,11 @@ def judge_shapes(
         return None
     require_same_colliders(truth, context.experiment)
     models = {name: _OnAny(correction, body, collider) for name, correction in trained.items()}
+    program = sources_hash(Path(runtime.__file__).parent)
     errors = {
         name: remembered(
             files.folder / "shapes" / f"{name}.json",
-            {"truth": truth.content_hash, "correction": file_hash(trained[name].path)},
+            {"truth": truth.content_hash, "correction": file_hash(trained[name].path), "program": program},
             partial(_measured, context, truth, body, model, name),
         )
         for name, model in models.items()

@@ -16,6 +16,7 @@ from runtime.files import (
     open_softprint_h5,
     provenance,
     read_text,
+    sources_hash,
 )
 
 
@@ -57,6 +58,20 @@ def test_hash_sees_names_values_types_and_shapes_but_not_order():
 def test_hash_ignores_memory_layout():
     array = np.arange(6.0).reshape(2, 3)
     assert content_hash({"a": array}) == content_hash({"a": np.asfortranarray(array)})
+
+
+def test_hash_of_sources_sees_names_and_texts_of_programs_alone(tmp_path):
+    (tmp_path / "below").mkdir()
+    program = tmp_path / "below" / "program.py"
+    program.write_text("a = 1")
+    before = sources_hash(tmp_path)
+    (tmp_path / "notes.txt").write_text("read by no one")
+    assert sources_hash(tmp_path) == before
+    program.write_text("a = 2")
+    changed = sources_hash(tmp_path)
+    assert changed != before
+    program.rename(tmp_path / "program.py")
+    assert sources_hash(tmp_path) not in (before, changed)
 
 
 def test_provenance_names_python_and_numpy():
