@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar
 
 from runtime.arrays import Array, IntArray
 from runtime.colliders.pose import RigidPose
+from runtime.corrections.correction import FollowsContact
 from runtime.truth_file import TruthData
 
 Seen = TypeVar("Seen", covariant=True)
@@ -27,6 +28,10 @@ def touching_samples(
         if progress is not None:
             progress(1)
         rows, pose = truth.states["rows"][truth.sample_state[sample]], truth.pose(sample)
+        if isinstance(probe, FollowsContact):
+            probe.begin()
+            for before in truth.way(sample)[:-1]:
+                probe.lead(rows, before)
         seen = probe.measure(rows, pose)
         if seen is not None:
             yield sample, rows, pose, seen

@@ -19,7 +19,7 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.correction import BoundCorrection, Correction
+from runtime.corrections.correction import BoundCorrection, Correction, FollowsContact
 from runtime.corrections.internal_response import InternalResponse
 
 #: The answers of the full-space solvers, beside the bare subspace and the corrections.
@@ -55,6 +55,23 @@ class Corrected:
     def contact(self, rows: Array, pose: RigidPose) -> Array:
         """(n_nodes, dim) [m] displacement by contact."""
         return self.bound.displacement(rows, pose)
+
+    def contact_along(self, rows: Array, poses: Sequence[RigidPose]) -> Array:
+        """The same at the last of some poses, come to along them from nothing."""
+        self.begin()
+        for pose in poses[:-1]:
+            self.lead(rows, pose)
+        return self.contact(rows, poses[-1])
+
+    def begin(self) -> None:
+        """Nothing is in contact yet."""
+        if isinstance(self.bound, FollowsContact):
+            self.bound.begin()
+
+    def lead(self, rows: Array, pose: RigidPose) -> None:
+        """Go to a state on the way to another."""
+        if isinstance(self.bound, FollowsContact):
+            self.bound.lead(rows, pose)
 
     def internal_displacement(self, rows: Array) -> Array:
         """(n_nodes, dim) [m] without contact; zero where the correction has no internal response."""
@@ -114,6 +131,19 @@ class Comparer:
             result["statics"] = reduced + solves.internal + solves.exact
         return result
 
+    def begin(self) -> None:
+        """Before the first of frames that are asked for in their order: contacts are followed from each to the next."""
+        for correction in self.corrections.values():
+            correction.begin()
+
+    def lead_to(self, frame: int, contact: IntArray) -> None:
+        """Before a single frame: follow the contact through the frames in contact up to it."""
+        self.begin()
+        for before in map(int, contact[contact < frame]):
+            rows, pose = self.rows(before), self.motion.poses[before]
+            for correction in self.corrections.values():
+                correction.lead(rows, pose)
+
     def measure(self, frame: int, solves: FrameSolves | None = None) -> dict[str, ModelFrames]:
         """What every model leaves in a frame."""
         pose = self.motion.poses[frame]
@@ -155,13 +185,18 @@ def compare(
 ) -> SceneComparison:
     """Compare over all frames in contact (at least one), and with the solvers on `n_solved` of them, evenly
     spaced."""
-    everywhere = _joined([comparer.measure(int(frame)) for frame in contact])
+    everywhere: list[dict[str, ModelFrames]] = []
     measured: list[dict[str, ModelFrames]] = []
     missed: dict[str, list[float]] = {}
     exact: list[float] = []
     unsolved: list[tuple[int, str]] = []
     seconds = 0.0
-    for frame in map(int, evenly_spaced(contact, n_solved)):
+    asked = set(evenly_spaced(contact, n_solved))
+    comparer.begin()
+    for frame in map(int, contact):
+        everywhere.append(comparer.measure(frame))
+        if frame not in asked:
+            continue
         solves = solve(frame)
         seconds += solves.seconds
         if solves.problem:
@@ -174,7 +209,7 @@ def compare(
     return SceneComparison(
         contact=contact,
         press=press,
-        everywhere=everywhere,
+        everywhere=_joined(everywhere),
         solved=_joined(measured),
         missed={name: np.array(squares) for name, squares in missed.items()},
         exact=np.array(exact),

@@ -79,7 +79,7 @@ def measure_samples(
             sample, state = samples[place], truth.sample_state[samples[place]]
             rows = truth.states["rows"][state]
             exact = truth.displacement(int(sample)).astype(np.float64)
-            missed = model.contact(rows, truth.pose(int(sample))) - exact
+            missed = model.contact_along(rows, truth.way(int(sample))) - exact
             missed_internal = model.internal_displacement(rows) - internal[state]
             fields = (exact, missed, exact + internal[state], missed + missed_internal)
             columns[:, place] = [float((volumes * field**2).sum()) for field in fields]

@@ -145,7 +145,8 @@ def _view(
     settled = body.reduced_positions(rows) + truth.states["internal"][state]
     full = settled + truth.displacement(sample)
     model = models[judged](collider.name)
-    ours = body.reduced_positions(rows) + model.internal_displacement(rows) + model.contact(rows, pose)
+    ours = body.reduced_positions(rows) + model.internal_displacement(rows)
+    ours += model.contact_along(rows, truth.way(sample))
     surface = body.mesh.surface_nodes
     deepest = full[surface[int(np.argmin(collider.sdf(pose.apply_inverse(full[surface]))))]]
     renderer = make_renderer(body.mesh, collider, pose)

@@ -37,6 +37,7 @@ def showcase(
     frames: list[ShownFrame] = []
     numbers: list[dict[str, Any]] = []
     for index, (frame, why) in enumerate(chosen):
+        comparer.lead_to(frame, comparison.contact)
         frames.append(_pictures(comparer, renderer, index, frame, why, models, styles, limit))
         at = comparison.contact == frame
         numbers.append(

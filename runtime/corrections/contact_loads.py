@@ -70,6 +70,15 @@ class ContactLoadsProbe:
         that of the rows themselves by default; joint: in which this collider is pressed together with others."""
         return self.later(rows, pose, turn, joint)()
 
+    def begin(self) -> None:
+        """Forget what was pressed before. Loads may be in balance in several ways: of these they come to the one next
+        to the last, as bodies do."""
+        self.loads.begin()
+
+    def lead(self, rows: Array, pose: RigidPose) -> None:
+        """Press the loads at a state on the way to another, and measure nothing."""
+        self.loads.press(rows, pose, rows)
+
     def later(
         self, rows: Array, pose: RigidPose, turn: Array | None = None, joint: JointPress | None = None
     ) -> Callable[[], ContactLoads | None]:

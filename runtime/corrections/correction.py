@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeGuard
+from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
@@ -63,6 +63,19 @@ class BoundField(BoundCorrection, Protocol):
 
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
         """u and du/drows of the active points; called once for each Newton step (DESIGN.md, part 9)."""
+        ...
+
+
+@runtime_checkable
+class FollowsContact(Protocol):
+    """One that knows where contact came from: of several equilibria it goes to the one next to the last state."""
+
+    def begin(self) -> None:
+        """Forget the last state."""
+        ...
+
+    def lead(self, rows: Array, pose: RigidPose) -> None:
+        """Go to a state, on the way to the one whose displacement is asked for."""
         ...
 
 

@@ -73,6 +73,14 @@ class BoundElasticContact:
         gradient = points.basis_gradient.transpose(0, 2, 1).astype(self._model.dtype)
         self._gradient = np.ascontiguousarray(gradient)
 
+    def begin(self) -> None:
+        """See `FollowsContact`."""
+        self._probe.begin()
+
+    def lead(self, rows: Array, pose: RigidPose) -> None:
+        """See `FollowsContact`."""
+        self._probe.lead(rows, pose)
+
     def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
         rows by default."""

@@ -262,6 +262,10 @@ class LoadProbe:
         self._last = (rows.copy(), pose, turn, press)
         return press
 
+    def begin(self) -> None:
+        """Forget what was pressed before, and start from nothing."""
+        self._last = self._held = None
+
     def hold(self, press: LoadPress | None) -> None:
         """Start from this press, until another is held, wherever the loads are pressed next. A line search looks about
         one state: were each trial to start from the last, which may have slid to another balance, the energy would

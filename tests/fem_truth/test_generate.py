@@ -138,6 +138,28 @@ def test_the_truth_is_whole_and_obeys_its_constraint(reference: Path) -> None:
     assert not (reference / "shards").exists()
 
 
+def test_the_way_to_a_sample_leads_in_from_outside(reference: Path) -> None:
+    """Deeper with every step, a straight line, no step longer than an eighth of the contact's deepest."""
+    from runtime.body import load_body
+
+    body = load_body(reference / "body.h5")
+    with load_truth(reference / "truth.h5", body) as truth:
+        for sample in (0, 10, 50):
+            contact, state = truth.samples["contact"][sample], truth.sample_state[sample]
+            deepest = truth.samples["depth"][truth.samples["contact"] == contact].max()
+            internal = body.reduced_positions(truth.states["rows"][state]) + truth.internal(state)
+            way = truth.way(sample)
+            assert len(way) == np.ceil(8 * truth.samples["depth"][sample] / deepest)
+            np.testing.assert_array_equal(way[-1].translation, truth.pose(sample).translation)
+            depths = [-_circle(pose.apply_inverse(internal[body.mesh.surface_nodes])).min() for pose in way]
+            # Between samples depth is taken to grow evenly along the way.
+            assert np.diff([0.0, *depths]).min() > 0.0
+            assert np.diff([0.0, *depths]).max() < 1.5 * deepest / 8
+            steps = np.diff([pose.translation for pose in way], axis=0)
+            direction = truth.contacts["direction"][contact]
+            np.testing.assert_allclose(steps, np.outer(steps @ direction, direction), atol=1e-15)
+
+
 def _circle(z: np.ndarray) -> np.ndarray:
     return np.linalg.norm(z, axis=1) - 0.02
 

@@ -35,6 +35,11 @@ def truth(tmp_path, jelly2d_body):
         yield data
 
 
+def test_a_sample_that_came_from_nowhere_is_all_of_its_way(truth):
+    """As in published truth, which tells of no approach."""
+    assert [pose.translation.tolist() for pose in truth.way(1)] == [truth.pose(1).translation.tolist()]
+
+
 @pytest.mark.parametrize("share", [0.0, 0.75, 1.0])
 def test_a_model_that_finds_a_share_misses_the_rest(truth, jelly2d_body, share):
     counted = []

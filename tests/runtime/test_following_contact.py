@@ -1,0 +1,68 @@
+"""Contacts that are followed: of several equilibria, that which a slow press from outside comes to."""
+
+import numpy as np
+import pytest
+
+from runtime.colliders import Capsule, RigidPose
+from runtime.corrections.contact_loads import ContactLoadsProbe
+from runtime.corrections.correction import FollowsContact
+from runtime.corrections.elastic_contact import ElasticContact
+from runtime.corrections.load_model import LoadModel, LoadModelOptions
+from runtime.corrections.rest_mechanics import compute_rest_mechanics
+
+TOP, RADIUS, DEPTH = 0.06, 0.004, 0.006
+STIFFNESS, BAND = 1e10, 0.004
+
+
+def lying(depth):
+    """A thin rod pressed flat into the top of the block."""
+    return RigidPose(np.eye(2), np.array([0.003, TOP + RADIUS - depth]))
+
+
+@pytest.fixture(scope="module")
+def pressed(jelly2d_body):
+    rod = Capsule([-0.02, 0.0], [0.02, 0.0], RADIUS, "rod")
+    return rod, compute_rest_mechanics(jelly2d_body, 400, internal=False)
+
+
+def heights(probe, rows, pose):
+    """By how much the loads that bear pressure are moved upwards [m]."""
+    press = probe.loads.press(rows, pose, rows)
+    return press.solution.moved[press.bearing, 1]
+
+
+def test_a_thin_rod_that_is_followed_does_not_let_the_surface_through(jelly2d_body, pressed):
+    """Deeper than its middle, the near way out of it is on the other side; that is where loads go that are put there at
+    once, and where they are not carried."""
+    rod, mechanics = pressed
+    probe = ContactLoadsProbe(jelly2d_body, rod, mechanics, STIFFNESS, BAND)
+    rows = jelly2d_body.rest_rows
+    probe.begin()
+    at_once = heights(probe, rows, lying(DEPTH))
+    assert DEPTH > RADIUS
+    assert at_once.max() > 0.0
+    probe.begin()
+    for depth in DEPTH * np.arange(1, 8) / 8:
+        probe.lead(rows, lying(depth))
+    followed = heights(probe, rows, lying(DEPTH))
+    # Those under the rod are moved by most of the depth; the last two, by its round ends, aside.
+    assert (np.sort(followed)[:-2] < -0.5 * DEPTH).all()
+    probe.begin()
+    np.testing.assert_array_equal(heights(probe, rows, lying(DEPTH)), at_once)
+
+
+def test_a_bound_correction_is_led_like_its_loads(jelly2d_body, pressed):
+    rod, mechanics = pressed
+    model = LoadModel(LoadModelOptions((8,), "silu", 1e-3, BAND, STIFFNESS), 2, jelly2d_body.n_rows)
+    bound = ElasticContact("mechanics", model, jelly2d_body, rod, mechanics).bind(jelly2d_body.node_points())
+    assert isinstance(bound, FollowsContact)
+    rows, under = jelly2d_body.rest_rows, np.abs(jelly2d_body.mesh.points - [0.003, TOP]).max(axis=1) < 0.01
+    bound.begin()
+    at_once = bound.displacement(rows, lying(DEPTH))
+    bound.begin()
+    for depth in DEPTH * np.arange(1, 8) / 8:
+        bound.lead(rows, lying(depth))
+    followed = bound.displacement(rows, lying(DEPTH))
+    top = under & (jelly2d_body.mesh.points[:, 1] > TOP - 1e-9)
+    assert followed[top, 1].max() < -0.5 * DEPTH
+    assert at_once[top, 1].max() > 0.0
