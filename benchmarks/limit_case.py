@@ -66,6 +66,7 @@ def picture(path: Path, comparer: Comparer, comparison: SceneComparison, names: 
 
     bare = comparison.everywhere["bare"]
     frame = int(bare.frames[np.argmax(bare.rms)])
+    comparer.lead_to(frame, comparison.contact)
     pose, positions = comparer.motion.poses[frame], comparer.positions(frame)
     surface = comparer.body.mesh.surface_nodes
     deepest = surface[np.argmax(comparer.depth(positions["full"], pose))]
