@@ -35,6 +35,11 @@ class Elastic(Protocol):
         """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""
         ...
 
+    @property
+    def products(self) -> int:
+        """Multiplications that the Hessian takes."""
+        ...
+
 
 class ElasticEnergy:
     """Of U rows and the corrections at the watched points. There is nothing to turn."""
@@ -43,6 +48,8 @@ class ElasticEnergy:
         self._points = points
         self._elasticity = watched_elasticity(body, points)
         self._basis_derivative = self._elasticity.basis_derivative()
+        m, n_rows, dim = self._elasticity.basis_gradient.shape
+        self.products = m * dim**2 * (n_rows * dim) ** 2
 
     def energy(self, rows: Array, turn: Array, displacement: Array | None) -> float:
         """See `Elastic`."""

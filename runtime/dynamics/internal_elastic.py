@@ -18,31 +18,31 @@ With the turn held, F is affine in the rows: once in a step B is turned to the w
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, RowHessian
+from runtime.arrays import Array, RowHessian, known_hessian
 from runtime.body.body import ReducedBody
 from runtime.corrections.correction import CorrectionField
-from runtime.corrections.internal_kernels import to_world
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.turning import Turning
 from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.dynamics.elastic import watched_elasticity, with_field
-from runtime.dynamics.missed_stiffness import Expansion, MissedStiffness, stiffness
+from runtime.dynamics.group_blocks import GroupBlocks
+from runtime.dynamics.missed_stiffness import Expansion, MissedStiffness
+from runtime.dynamics.near_handles import NearFrames
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 
 class _Held(NamedTuple):
-    """A turn, F of the cells there, dF/drows (m*dim*dim, n_rows*dim) in world frame, and what the cubature misses."""
+    """A turn, F of the cells there, dF/drows in world frame (`GroupBlocks`), and what the cubature misses."""
 
     turn: Array
     F: Array
     B: Array
-    # For the Hessian in single precision, at half the cost: Newton's method takes no more than a direction from it.
-    single: NDArray[np.float32]
     missed: Expansion
 
 
@@ -65,8 +65,14 @@ class InternalElasticEnergy:
         self._elasticity = watched_elasticity(body, points)
         cells = body.mesh.cells[body.cubature.cells]
         self._turning = Turning(internal.turning[cells].mean(axis=1), internal.positions)
-        self._by_strain, self._by_gravity = _derivatives(self._elasticity, internal.at(cells.ravel()))
-        by_unknowns = np.hstack([self._by_strain, self._by_gravity])
+        by_strain, by_gravity = _derivatives(self._elasticity, internal.at(cells.ravel()))
+        groups, by_strain = NearFrames(body).groups(by_strain)
+        self._blocks = GroupBlocks(groups, body.n_rows, body.dim)
+        self._by_strain = self._blocks.packed(by_strain)
+        rest = by_strain @ internal.centred(internal.rest_rows).ravel()
+        self._unstrained = np.eye(body.dim) - rest.reshape(-1, body.dim, body.dim)
+        self._by_gravity = by_gravity
+        by_unknowns = np.concatenate([by_strain, by_gravity], axis=2)
         self._missed = MissedStiffness(body, internal, self._elasticity, by_unknowns)
         self._held: _Held | None = None
         self._last: _Strained | None = None
@@ -80,38 +86,45 @@ class InternalElasticEnergy:
     ) -> tuple[float, Array, RowHessian]:
         """See `Elastic`."""
         held, elasticity = self._at(turn), self._elasticity
-        B, single, missed = held.B, held.single, held.missed
-        if field is not None:
-            by_cell = B.reshape(*held.F.shape, *rows.shape)
-            B = with_field(by_cell, elasticity, self._points, field).reshape(B.shape)
-            single = B.astype(np.float32)
+        missed = held.missed
         at = self._strained(rows, turn, self._points.scatter(field))
         stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(at.F)
-        slope = stress.ravel() @ B + missed.slope + missed.stiffness @ at.change
+        slope = missed.slope + missed.stiffness @ at.change
+        of_cells: RowHessian
+        if field is None:
+            slope += self._blocks.gathered(held.B, stress)
+            of_cells = partial(self._stiffness, held, at.F)
+        else:
+            shape = *at.F.shape, *rows.shape
+            B = with_field(self._blocks.dense(held.B).reshape(shape), elasticity, self._points, field)
+            slope += stress.ravel() @ B.reshape(stress.size, -1)
+            of_cells = known_hessian(elasticity.general_hessian(at.F, B))
 
         def hessian(along: Array | None = None) -> Array:
-            if along is None:
-                return stiffness(elasticity, at.F, single) + missed.stiffness
-            strained = single @ along.astype(single.dtype)
-            return stiffness(elasticity, at.F, strained) + along.T @ missed.stiffness @ along
+            return of_cells(along) + known_hessian(missed.stiffness)(along)
 
         return at.energy, slope.reshape(rows.shape), hessian
+
+    @property
+    def products(self) -> int:
+        """Multiplications that the Hessian takes."""
+        return self._blocks.products
+
+    def _stiffness(self, held: _Held, F: Array, along: Array | None = None) -> Array:
+        """sum_c w_c B^T A B."""
+        tangent = self._elasticity.material.tangent(F)
+        tangent *= self._elasticity.weights[:, None, None, None, None]
+        return self._blocks.stiffness(held.B, tangent, along)
 
     def _at(self, turn: Array) -> _Held:
         """The last one is kept."""
         if self._held is None or not np.array_equal(self._held.turn, turn):
             internal, rotations = self._internal, self._turning.rotations(turn)
-            (m, dim, _), n_rows = rotations.shape, len(turn)
-            z = internal.centred(turn) @ rotations - internal.centred(internal.rest_rows)
-            B = self._by_strain.reshape(m, dim * dim, -1)
-            stretched = B @ z.reshape(m, -1, 1)
-            stretched += (
-                self._by_gravity.reshape(m, dim * dim, -1) @ (internal.gravity @ rotations)[..., None]
-            )
-            F = rotations @ (np.eye(dim) + stretched.reshape(m, dim, dim))
-            turned = to_world(B.reshape(m, dim, dim * n_rows, dim), rotations).reshape(self._by_strain.shape)
-            missed = self._missed.about(turn)
-            self._held = _Held(turn.copy(), F, turned, turned.astype(np.float32), missed)
+            B = self._blocks.to_world(self._by_strain, rotations)
+            hanging = (self._by_gravity @ (internal.gravity @ rotations)[..., None]).reshape(rotations.shape)
+            F = rotations @ (self._unstrained + hanging)
+            F += self._blocks.times(B, internal.centred(turn).ravel())
+            self._held = _Held(turn.copy(), F, B, self._missed.about(turn))
         return self._held
 
     def _strained(self, rows: Array, turn: Array, displacement: Array | None) -> _Strained:
@@ -122,7 +135,7 @@ class InternalElasticEnergy:
             return last
         held, missed = self._at(turn), self._at(turn).missed
         change = self._internal.centred(rows - turn).ravel()
-        F = held.F + (held.B @ change).reshape(held.F.shape)
+        F = held.F + self._blocks.times(held.B, change)
         if displacement is not None:
             F += self._elasticity.correction_gradients(displacement)
         energy = missed.value + change @ (missed.slope + 0.5 * (missed.stiffness @ change))
@@ -133,14 +146,14 @@ class InternalElasticEnergy:
 
 
 def _derivatives(elasticity: ReducedElasticity, corners: InternalResponse) -> tuple[Array, Array]:
-    """dF/dd (m*dim*dim, n_rows*dim) and dF/d(R^T g) (m*dim*dim, dim) over (cell, i, j), unturned; corners: the response
-    at the corners of the cells."""
+    """dF/dd (m, dim*dim, n_rows*dim) and dF/d(R^T g) (m, dim*dim, dim) over (cell, i, j), unturned; corners: the
+    response at the corners of the cells."""
     gradients = elasticity.hat_gradients
     m, n_corners, dim = gradients.shape
 
     def of_corners(values: NDArray[Any]) -> Array:
         by_corner = values.reshape(m, n_corners, dim, -1).astype(np.float64)
-        return np.einsum("caj,caiz->cijz", gradients, by_corner, optimize=True).reshape(m * dim * dim, -1)
+        return np.einsum("caj,caiz->cijz", gradients, by_corner, optimize=True).reshape(m, dim * dim, -1)
 
-    rows = elasticity.basis_derivative().reshape(m * dim * dim, -1) + of_corners(corners.unturned())
+    rows = elasticity.basis_derivative().reshape(m, dim * dim, -1) + of_corners(corners.unturned())
     return rows, of_corners(corners.weight)

@@ -6,7 +6,8 @@ In a region r that has turned by R_r, with z = (d, R_r^T g) and the strain d = R
 
 with V = (U + L, w) what z moves every node by, K_r the stiffness at rest of all cells of the region, and c those of
 the cubature among them. Far regions of a body turn against each other, and no single d is small everywhere; but a
-stiffness that knows the near handles only needs no more than that these turn alike.
+stiffness that knows the near handles only needs no more than that these turn alike. Frames that a region does not feel
+are stood in for (`near_handles.py`).
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array
+from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.body.cubature import elastic_cells
 from runtime.compiled import summing
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.rest_response import rest_stiffness
 from runtime.dynamics.body_regions import BodyRegions
+from runtime.dynamics.near_handles import NearFrames
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 
@@ -35,7 +37,7 @@ class Expansion(NamedTuple):
 
 
 class MissedStiffness:
-    """The M_r of a body. internal: of all its nodes; by_unknowns: B (m*dim*dim, n_rows*dim + dim) of the cells of the
+    """The M_r of a body. internal: of all its nodes; by_unknowns: B (m, dim*dim, n_rows*dim + dim) of the cells of the
     cubature, unturned."""
 
     def __init__(
@@ -46,7 +48,7 @@ class MissedStiffness:
         by_unknowns: Array,
     ) -> None:
         self._internal = internal
-        regions = BodyRegions(body, internal)
+        regions, near = BodyRegions(body, internal), NearFrames(body)
         self._turning = regions.turning
         n_rows, dim = internal.rest_rows.shape
         moved = np.concatenate([_spread(body) + internal.unturned(), internal.weight[:, :, None]], axis=2)
@@ -54,24 +56,32 @@ class MissedStiffness:
         elastic = elastic_cells(body.mesh, body.handles)
         places = body.mesh.cell_centroids
         of_elastic, of_cubature = regions.of(places[elastic]), regions.of(places[body.cubature.cells])
-        by_cell = by_unknowns.reshape(elasticity.n_cells, dim * dim, -1)
-        self._missed = np.empty((regions.count, n_rows + 1, dim, n_rows + 1, dim))
-        for region, missed in enumerate(self._missed):
+        blocks, rows = [], []
+        for region in range(regions.count):
             cells, own = elastic[of_elastic == region], of_cubature == region
             nodes = np.unique(body.mesh.cells[cells])
             dofs = (nodes[:, None] * dim + np.arange(dim)).ravel()
             V = moved[nodes].reshape(len(dofs), -1)
             K = rest_stiffness(body, cells)[dofs][:, dofs]
-            counted = at_rest(elasticity.take(own), by_cell[own].reshape(-1, by_cell.shape[2]))
-            missed[:] = (V.T @ (K @ V) - counted).reshape(missed.shape)
+            B = by_unknowns[own].reshape(-1, V.shape[1])
+            stretched = np.tile(np.eye(dim), (len(nodes), 1)) * body.mesh.points[nodes].reshape(-1, 1)
+            unit = float((stretched * (K @ stretched)).sum() / dim)
+            whole = V.T @ (K @ V)
+            felt = near.felt_by(whole[: n_rows * dim, : n_rows * dim], unit)
+            missed = near.stood_in(whole - at_rest(elasticity.take(own), B), felt)
+            missed = near.stood_in(missed.T, felt).reshape(n_rows + 1, dim, n_rows + 1, dim)
+            kept = near.rows(felt)
+            rows.append(kept)
+            kept = np.append(kept, n_rows)
+            blocks.append(missed[kept][:, :, kept].transpose(0, 1, 3, 2).ravel())
+        self._missed, self._rows = np.concatenate(blocks), np.concatenate(rows)
+        self._first = np.cumsum([0, *(len(kept) for kept in rows)])
 
     def about(self, turn: Array) -> Expansion:
         """E about the turn (n_rows, dim), which is held."""
         internal, rotations = self._internal, self._turning.rotations(turn)
-        strain = np.array([internal.strain(turn, rotation) for rotation in rotations])
-        hanging = (internal.gravity @ rotations)[:, None]
-        z = np.concatenate([strain, hanging], axis=1)
-        return Expansion(*_about(self._missed, z, rotations))
+        seen = internal.centred(turn), internal.centred(internal.rest_rows), internal.gravity
+        return Expansion(*_about(self._missed, self._first, self._rows, *seen, rotations))
 
 
 def at_rest(elasticity: ReducedElasticity, B: Array) -> Array:
@@ -96,34 +106,64 @@ def _spread(body: ReducedBody) -> Array:
 
 
 @summing
-def _about(missed: Array, z: Array, rotations: Array) -> tuple[float, Array, Array]:
-    """1/2 z^T M z, R M z and R M R^T by the rows, summed over M (k, n_rows + 1, dim, n_rows + 1, dim)."""
-    n_regions, n, dim = z.shape
-    size = (n - 1) * dim
-    value, slope, total = 0.0, np.zeros((n - 1, dim)), np.zeros((n - 1, dim, size))
-    left = np.empty(size)
-    for region in range(n_regions):
-        turn, own = rotations[region], z[region].ravel()
-        for r in range(n):
+def _about(
+    missed: Array, first: IntArray, rows: IntArray, turn: Array, rest: Array, gravity: Array, rotations: Array
+) -> tuple[float, Array, Array]:
+    """1/2 z^T M z, R M z and R M R^T by the handle rows, summed over the regions. Of region r, which feels the rows
+    first[r] to first[r + 1] of `rows`, M (k + 1, dim, dim, k + 1) is over (row, axis, axis of the other row, other
+    row), gravity the last of both."""
+    n_rows, dim = turn.shape
+    value, slope, total = 0.0, np.zeros((n_rows, dim)), np.zeros((n_rows, dim, n_rows, dim))
+    at = 0
+    for region in range(len(rotations)):
+        R, own = rotations[region], rows[first[region] : first[region + 1]]
+        k = len(own)
+        z = np.zeros((dim, k + 1))
+        for b in range(dim):
             for a in range(dim):
-                row = missed[region, r, a].ravel()
+                for s in range(k):
+                    z[b, s] += turn[own[s], a] * R[a, b]
+                z[b, k] += gravity[a] * R[a, b]
+            for s in range(k):
+                z[b, s] -= rest[own[s], b]
+        size = dim * dim * (k + 1)
+        M = missed[at : at + (k + 1) * size].reshape(k + 1, dim, dim, k + 1)
+        at += (k + 1) * size
+        left, turned = np.empty((dim, k + 1)), np.empty(k + 1)
+        for r in range(k + 1):
+            for a in range(dim):
                 force = 0.0
-                for column in range(n * dim):
-                    force += row[column] * own[column]
-                value += 0.5 * force * own[r * dim + a]
-                if r < n - 1:
+                for b in range(dim):
+                    row, along = M[r, a, b], z[b]
+                    for s in range(k + 1):
+                        force += row[s] * along[s]
+                value += 0.5 * force * z[a, r]
+                if r < k:
                     for i in range(dim):
-                        slope[r, i] += turn[i, a] * force
-        for r in range(n - 1):
+                        slope[own[r], i] += R[i, a] * force
+            if r == k:
+                continue
+            # M is symmetric: of every two blocks one is turned.
             for i in range(dim):
                 left[:] = 0.0
                 for a in range(dim):
-                    row, share = missed[region, r, a].ravel(), turn[i, a]
-                    for column in range(size):
-                        left[column] += share * row[column]
-                summed = total[r, i]
-                for s in range(0, size, dim):
-                    for j in range(dim):
-                        for b in range(dim):
-                            summed[s + j] += left[s + b] * turn[j, b]
-    return value, slope.ravel(), total.reshape(size, size)
+                    for b in range(dim):
+                        row, into, share = M[r, a, b], left[b], R[i, a]
+                        for s in range(r + 1):
+                            into[s] += share * row[s]
+                for j in range(dim):
+                    turned[:] = 0.0
+                    for b in range(dim):
+                        into, share = left[b], R[j, b]
+                        for s in range(r + 1):
+                            turned[s] += share * into[s]
+                    by_row = total[own[r], i]
+                    for s in range(r + 1):
+                        by_row[own[s], j] += turned[s]
+    full = total.reshape(n_rows * dim, n_rows * dim)
+    for r in range(n_rows):
+        for i in range(dim):
+            for s in range(r):
+                for j in range(dim):
+                    full[s * dim + j, r * dim + i] = full[r * dim + i, s * dim + j]
+    return value, slope.ravel(), full

@@ -176,14 +176,16 @@ def test_what_the_cubature_misses_turns_along_by_regions(dim):
     rows, turn = strained(body), strained(body, seed=1, scale=0.02)
     value, slope, stiffness = missed.about(turn)
     change = (rows - turn).ravel()
-    expected = 0.0
-    for M, R in zip(missed._missed, missed._turning.rotations(turn), strict=True):
+    expected, n, rotations = 0.0, body.n_rows + 1, missed._turning.rotations(turn)
+    # One frame is felt everywhere; stored over (row, axis, axis, row).
+    by_region = missed._missed.reshape(-1, n, dim, dim, n).transpose(0, 1, 2, 4, 3)
+    for M, R in zip(by_region, rotations, strict=True):
         z = np.vstack([internal.strain(rows, R), internal.gravity @ R]).ravel()
         expected += 0.5 * z @ M.reshape(z.size, z.size) @ z
     found = value + slope @ change + 0.5 * change @ stiffness @ change
     # float32 of the modes, which annihilate translations.
     assert found == pytest.approx(expected, rel=1e-6)
-    assert len(missed._missed) == body.handles.n_points + 1
+    assert len(rotations) == body.handles.n_points + 1
 
 
 def test_the_weight_is_that_of_the_positions(dim):

@@ -31,8 +31,20 @@ def test_energy_and_gradient_are_exact_and_the_hessian_is_that_of_a_state_nearby
     assert energy == exact.energy(near, turn, None)
     np.testing.assert_array_equal(gradient, exact.linearise(near, turn, None)[1])
     np.testing.assert_array_equal(second(), hessian)
+
+
+def test_directions_that_turn_with_the_body_keep_what_was_found_along_them(jelly_body, dim, both):
+    exact, kept = both
+    turn, first = np.eye(dim), bent(jelly_body, 1e-3)
     along = np.random.default_rng(3).normal(size=(first.size, 4))
-    np.testing.assert_allclose(second(along), along.T @ hessian @ along, rtol=1e-12)
+    hessian = kept.linearise(first, turn, None)[2](along)
+    np.testing.assert_array_equal(hessian, exact.linearise(first, turn, None)[2](along))
+    near = first + 1e-6 * np.random.default_rng(2).normal(size=first.shape)
+    np.testing.assert_array_equal(kept.linearise(near, turn, None)[2](along * (1.0 + 1e-6)), hessian)
+    # By the rows it is another matrix.
+    np.testing.assert_array_equal(
+        kept.linearise(near, turn, None)[2](), exact.linearise(near, turn, None)[2]()
+    )
 
 
 def test_another_strain_has_another_hessian(jelly_body, dim, both):

@@ -1,0 +1,234 @@
+"""B = dF/drows of cells in groups that each feel some of the handle rows only (`near_handles.py`).
+
+Cells come last in memory, so that what is done to one is done to several at once: of group g the block is B_g (k_g,
+dim, dim, dim, m_g) over (row, axis, i, j, cell), and the blocks of all groups lie one after the other in one array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.arrays import Array, IntArray
+from runtime.compiled import compiled, summing
+from runtime.dynamics.near_handles import CellGroup
+
+Singles = NDArray[np.float32]
+
+
+class GroupBlocks:
+    """Where the blocks are. The arrays (n,) that hold them, `blocks`, are passed in."""
+
+    def __init__(self, groups: Sequence[CellGroup], n_rows: int, dim: int) -> None:
+        """Every cell is of one group; groups feel some of n_rows rows."""
+        self._dim, self._size = dim, n_rows * dim
+        self._groups = [(cells, (rows[:, None] * dim + np.arange(dim)).ravel()) for cells, rows in groups]
+        cells, first = _joined([cells for cells, _ in self._groups])
+        self._layout = cells, first, *_joined([columns for _, columns in self._groups])
+        entries = [len(columns) * dim**2 * len(cells) for cells, columns in self._groups]
+        self._offset = np.concatenate([[0], np.cumsum(entries)])
+
+    @property
+    def products(self) -> int:
+        """Multiplications that B^T A B takes."""
+        return sum(len(cells) * self._dim**2 * len(columns) ** 2 for cells, columns in self._groups)
+
+    def packed(self, B: Array) -> Array:
+        """The blocks of B (m, dim*dim, n_rows*dim)."""
+        return np.concatenate([B[cells][:, :, columns].T.ravel() for cells, columns in self._groups])
+
+    def dense(self, blocks: Array) -> Array:
+        """B (m*dim*dim, n_rows*dim) of its blocks."""
+        B = np.zeros((len(self._layout[0]), self._dim**2, self._size))
+        for (cells, columns), block in zip(self._groups, self._each(blocks), strict=True):
+            B[cells[:, None], :, columns] = block.transpose(2, 0, 1)
+        return B.reshape(-1, self._size)
+
+    def to_world(self, blocks: Array, rotations: Array) -> Array:
+        """R_c B_c R_c^T of what every cell sees, turned by R (m, dim, dim)."""
+        turned = np.empty(blocks.shape)
+        every = zip(self._groups, self._each(blocks), self._each(turned), strict=True)
+        for (cells, _), block, into in every:
+            shape = -1, self._dim, self._dim, self._dim, len(cells)
+            _to_world(block.reshape(shape), rotations[cells].transpose(1, 2, 0).copy(), into.reshape(shape))
+        return turned
+
+    def times(self, blocks: Array, change: Array) -> Array:
+        """B change (m, dim, dim) of a change (n_rows*dim,)."""
+        return _times(*self._layout, blocks, change, self._dim)
+
+    def gathered(self, blocks: Array, stress: Array) -> Array:
+        """B^T stress (n_rows*dim,) of a stress (m, dim, dim)."""
+        return _gathered(*self._layout, blocks, stress, self._size)
+
+    def stiffness(self, blocks: Array, tangent: Array, along: Array | None = None) -> Array:
+        """B^T A B (n, n) of tangents A (m, dim, dim, dim, dim); along: see `RowHessian`. In single precision, at half
+        the cost: Newton's method takes no more than a direction from it."""
+        size = self._size if along is None else along.shape[1]
+        total, s = np.zeros((size, size)), self._dim**2
+        for (cells, columns), block in zip(self._groups, self._each(blocks), strict=True):
+            if along is None:
+                to, B = columns, block.astype(np.float32)
+            else:
+                to, B = _along(block, columns, along)
+            A = tangent[cells].reshape(-1, s, s).transpose(1, 2, 0).astype(np.float32)
+            moved = _weighted(np.ascontiguousarray(A), B)
+            _add(total, to, B.reshape(len(to), -1) @ moved.reshape(len(to), -1).T)
+        return total
+
+    def _each(self, blocks: Array) -> list[Array]:
+        """B_g (k_g*dim, dim*dim, m_g)."""
+        parts = np.split(blocks, self._offset[1:-1])
+        return [
+            part.reshape(len(columns), -1, len(cells))
+            for part, (cells, columns) in zip(parts, self._groups, strict=True)
+        ]
+
+
+def _joined(parts: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
+    """One after the other, and where each begins."""
+    first = np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)
+    return np.concatenate(parts), first
+
+
+@summing
+def _times(
+    cells: IntArray,
+    first: IntArray,
+    columns: IntArray,
+    first_column: IntArray,
+    blocks: Array,
+    change: Array,
+    dim: int,
+) -> Array:
+    result = np.empty((len(cells), dim, dim))
+    at, size = 0, dim * dim
+    for group in range(len(first) - 1):
+        own = cells[first[group] : first[group + 1]]
+        m = len(own)
+        total = np.zeros(size * m)
+        for column in columns[first_column[group] : first_column[group + 1]]:
+            block, share = blocks[at : at + size * m], change[column]
+            for i in range(size * m):
+                total[i] += share * block[i]
+            at += size * m
+        for c in range(m):
+            into = result[own[c]].ravel()
+            for i in range(size):
+                into[i] = total[i * m + c]
+    return result
+
+
+@summing
+def _gathered(
+    cells: IntArray,
+    first: IntArray,
+    columns: IntArray,
+    first_column: IntArray,
+    blocks: Array,
+    stress: Array,
+    n_columns: int,
+) -> Array:
+    result = np.zeros(n_columns)
+    at, size = 0, stress.shape[1] * stress.shape[2]
+    for group in range(len(first) - 1):
+        own = cells[first[group] : first[group + 1]]
+        m = len(own)
+        local = np.empty(size * m)
+        for c in range(m):
+            by_entry = stress[own[c]].ravel()
+            for i in range(size):
+                local[i * m + c] = by_entry[i]
+        for column in columns[first_column[group] : first_column[group + 1]]:
+            block, total = blocks[at : at + size * m], 0.0
+            for i in range(size * m):
+                total += local[i] * block[i]
+            result[column] += total
+            at += size * m
+    return result
+
+
+@summing
+def _to_world(blocks: Array, turns: Array, result: Array) -> None:
+    """R B R^T, B (k, dim, dim, dim, m) over (row, axis b, i, j, cell), R (dim, dim, m)."""
+    n_rows, dim, m = len(blocks), turns.shape[0], turns.shape[2]
+    left = np.empty((dim, dim, dim, m))
+    for r in range(n_rows):
+        for b in range(dim):
+            for i in range(dim):
+                for j in range(dim):
+                    into = left[b, i, j]
+                    first, turn = blocks[r, b, 0, j], turns[i, 0]
+                    for c in range(m):
+                        into[c] = turn[c] * first[c]
+                    for a in range(1, dim):
+                        other, turn = blocks[r, b, a, j], turns[i, a]
+                        for c in range(m):
+                            into[c] += turn[c] * other[c]
+        for b in range(dim):
+            for i in range(dim):
+                for j in range(dim):
+                    into = result[r, b, i, j]
+                    first, turn = left[0, i, j], turns[b, 0]
+                    for c in range(m):
+                        into[c] = turn[c] * first[c]
+                    for a in range(1, dim):
+                        other, turn = left[a, i, j], turns[b, a]
+                        for c in range(m):
+                            into[c] += turn[c] * other[c]
+
+
+@summing
+def _along(B: Array, columns: IntArray, along: Array) -> tuple[IntArray, Singles]:
+    """Along which directions (n,) B T is not zero, and B T (n, s, m) of B (k, s, m): T (k, n) is of the rows `columns`
+    of all directions, (n_rows*dim, N), which are zero for the most part."""
+    to = np.empty(along.shape[1], np.int64)
+    n = 0
+    for direction in range(along.shape[1]):
+        for column in columns:
+            if along[column, direction] != 0.0:
+                to[n] = direction
+                n += 1
+                break
+    to = to[:n]
+    result = np.zeros((n, B.shape[1] * B.shape[2]), np.float32)
+    for k, column in enumerate(columns):
+        block = B[k].ravel()
+        for at in range(n):
+            share = np.float32(along[column, to[at]])
+            if share != 0.0:
+                into = result[at]
+                for i in range(len(block)):
+                    into[i] += share * np.float32(block[i])
+    return to, result.reshape(n, B.shape[1], B.shape[2])
+
+
+@summing
+def _weighted(A: Singles, B: Singles) -> Singles:
+    """A_c B_c (n, s, m) of A (s, s, m) and B (n, s, m)."""
+    result = np.zeros(B.shape, np.float32)
+    s, m = len(A), B.shape[2]
+    for n in range(len(B)):
+        for i in range(s):
+            into = result[n, i]
+            # Three at a time, for memory to be read less often.
+            for j in range(0, s - 2, 3):
+                x, y, z = B[n, j], B[n, j + 1], B[n, j + 2]
+                by_x, by_y, by_z = A[i, j], A[i, j + 1], A[i, j + 2]
+                for c in range(m):
+                    into[c] += by_x[c] * x[c] + by_y[c] * y[c] + by_z[c] * z[c]
+            for j in range(s - s % 3, s):
+                last, by_last = B[n, j], A[i, j]
+                for c in range(m):
+                    into[c] += by_last[c] * last[c]
+    return result
+
+
+@compiled
+def _add(total: Array, to: IntArray, block: Singles) -> None:
+    for i in range(len(to)):
+        row = total[to[i]]
+        for j in range(len(to)):
+            row[to[j]] += block[i, j]

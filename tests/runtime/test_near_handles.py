@@ -1,0 +1,157 @@
+"""Far frames are stood in for by near ones: what that changes, and what it must not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from runtime.body import assemble_body, frame_in_box, place_handles
+from runtime.body.rotations import rotation_exponential
+from runtime.corrections.internal_response import compute_internal_response
+from runtime.corrections.rest_response import RestResponse
+from runtime.corrections.turning import local_gradients
+from runtime.dynamics import near_handles
+from runtime.dynamics.corrected_points import CorrectedPoints
+from runtime.dynamics.group_blocks import GroupBlocks
+from runtime.dynamics.internal_elastic import InternalElasticEnergy
+from runtime.dynamics.near_handles import CellGroup
+from runtime.elasticity import make_material
+from runtime.mesh import box_mesh
+
+BONES = 6
+
+
+@pytest.fixture(scope="module", params=[2, 3], ids=["2d", "3d"])
+def chain(request):
+    """A long bar with bones along it, and its internal response under gravity."""
+    dim = request.param
+    mesh = box_mesh([0.0] * dim, [0.3, 0.03, 0.03][:dim], (60, 6, 3)[:dim])
+    side = np.ones(dim - 1)
+    bones = [
+        frame_in_box(mesh, f"bone_{k}", [[0.05 * k + 0.01, *-side], [0.05 * k + 0.04, *side]])
+        for k in range(BONES)
+    ]
+    material = make_material("stable_neo_hookean", 2e4, 0.4)
+    body = assemble_body(mesh, place_handles(mesh, 0, bones), material, 1000.0, name="chain")
+    internal = compute_internal_response(body, [0.0] * (dim - 1) + [-9.81], RestResponse(body))
+    return body, replace(internal, turning=local_gradients(body))
+
+
+@pytest.fixture
+def elastic_of(chain, monkeypatch):
+    """The elastic energy with frames stood in for that are felt by less than so much, in as many groups as there are
+    different sets of near frames."""
+
+    def make(least):
+        monkeypatch.setattr(near_handles, "_FELT", least)
+        monkeypatch.setattr(near_handles, "_FELT_BY_PARTS", 0.03 * least)
+        monkeypatch.setattr(near_handles, "_GROUP", 0.0)
+        body, internal = chain
+        return InternalElasticEnergy(body, CorrectedPoints(body, []), internal)
+
+    return make
+
+
+def bent(body, angle, seed=0):
+    """Every bone turned and moved by itself, by that angle and by a hundredth of it in metres."""
+    handles, rng = body.handles, np.random.default_rng(seed)
+    units = np.full(handles.n_dofs // BONES, angle)
+    units[: body.dim] *= 0.01
+    return handles.retract(body.rest_rows, np.tile(units, BONES) * rng.uniform(-1.0, 1.0, handles.n_dofs))
+
+
+def test_rigid_motions_strain_nothing_however_much_is_stood_in_for(chain, elastic_of):
+    """To round-off, of the forces of a bend of 0.1. Gravity, which strains the body at rest, is turned along."""
+    body, internal = chain
+    elastic = elastic_of(0.3)
+    assert elastic.products < 0.5 * elastic_of(0.0).products
+    angles = np.array([2.0] if body.dim == 2 else [1.2, -0.5, 1.4])
+    R, t = rotation_exponential(angles), np.arange(1.0, body.dim + 1.0)
+    rest, bend = body.rest_rows, bent(body, 0.1)
+    rigid = rest @ R.T + np.outer(internal.positions, t)
+    force = elastic.linearise(bend, bend, None)[1]
+    turned = replace(internal, gravity=R @ internal.gravity)
+    elastic_turned = InternalElasticEnergy(body, CorrectedPoints(body, []), turned)
+    before, after = elastic.linearise(rest, rest, None), elastic_turned.linearise(rigid, rigid, None)
+    assert after[0] == pytest.approx(before[0], rel=1e-9)
+    np.testing.assert_allclose(after[1], before[1] @ R.T, atol=1e-9 * np.abs(force).max())
+
+
+def test_gradient_and_hessian_are_those_of_the_energy(chain, elastic_of):
+    """With far frames stood in for it is another energy, but one: central differences, the turn held."""
+    body, _ = chain
+    elastic = elastic_of(0.1)
+    rows, turn = bent(body, 0.3), bent(body, 0.28)
+    _, gradient, hessian = elastic.linearise(rows, turn, None)
+    along = np.random.default_rng(2).normal(size=rows.shape)
+    h = 1e-6
+
+    def at(step):
+        return elastic.linearise(rows + step * along, turn, None)
+
+    slope = (at(h)[0] - at(-h)[0]) / (2.0 * h)
+    # Second order in h, and round-off of the energy.
+    assert np.vdot(gradient, along) == pytest.approx(slope, rel=1e-6)
+    curved = (at(h)[1] - at(-h)[1]) / (2.0 * h)
+    # The Hessian is in single precision.
+    np.testing.assert_allclose(
+        hessian() @ along.ravel(), curved.ravel(), rtol=0, atol=3e-6 * np.abs(curved).max()
+    )
+    T = body.handles.tangent(rows)
+    expected = T.T @ hessian() @ T
+    np.testing.assert_allclose(hessian(T), expected, rtol=0, atol=3e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("least", [0.1, 0.01, 0.001])
+def test_forces_change_by_less_than_the_threshold(chain, elastic_of, least):
+    """A frame that is stood in for by the next one turns by less than a right angle against it."""
+    body, _ = chain
+    rows, turn = bent(body, 0.3), bent(body, 0.28)
+    full = elastic_of(0.0).linearise(rows, turn, None)
+    near = elastic_of(least).linearise(rows, turn, None)
+    assert near[0] == pytest.approx(full[0], rel=least)
+    assert 0.0 < np.linalg.norm(near[1] - full[1]) < least * np.linalg.norm(full[1])
+    assert np.linalg.norm(near[2]() - full[2]()) < least * np.linalg.norm(full[2]())
+
+
+def test_with_everything_felt_nothing_is_changed(chain, elastic_of):
+    """One group of all cells, and B as it was."""
+    body, _ = chain
+    elastic = elastic_of(0.0)
+    assert elastic.products == len(body.cubature.cells) * body.dim**2 * (body.n_rows * body.dim) ** 2
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_blocks_do_what_the_whole_matrix_does(dim):
+    """Cells in groups of different sizes, that feel different rows."""
+    rng, n_rows, m = np.random.default_rng(4), 7, 9
+    groups = [
+        CellGroup(np.array([1, 4, 8]), np.array([0, 3])),
+        CellGroup(np.array([0, 2, 3, 5, 6]), np.arange(7)),
+        CellGroup(np.array([7]), np.array([2, 5, 6])),
+    ]
+    B = np.zeros((m, dim * dim, n_rows, dim))
+    for cells, rows in groups:
+        B[cells[:, None], :, rows] = rng.normal(size=(len(cells), len(rows), dim * dim, dim))
+    B = B.reshape(m, dim * dim, -1)
+    where = GroupBlocks(groups, n_rows, dim)
+    blocks = where.packed(B)
+    flat = where.dense(blocks)
+    np.testing.assert_array_equal(flat, B.reshape(flat.shape))
+    change, stress = rng.normal(size=n_rows * dim), rng.normal(size=(m, dim, dim))
+    np.testing.assert_allclose(where.times(blocks, change).ravel(), flat @ change, atol=1e-13)
+    np.testing.assert_allclose(where.gathered(blocks, stress), stress.ravel() @ flat, atol=1e-13)
+    R = np.array([rotation_exponential(w) for w in rng.normal(size=(m, 2 * dim - 3))])
+    turned = np.einsum("cia,cajrb,cdb->cijrd", R, B.reshape(m, dim, dim, n_rows, dim), R)
+    np.testing.assert_allclose(where.dense(where.to_world(blocks, R)), turned.reshape(flat.shape), atol=1e-13)
+    A = rng.normal(size=(m, dim * dim, dim * dim))
+    A += A.transpose(0, 2, 1)
+    expected = np.einsum("csk,cst,ctl->kl", B, A, B)
+    along = rng.normal(size=(n_rows * dim, 5)) * (rng.random(size=(n_rows * dim, 5)) < 0.2)
+    tangent = A.reshape(m, dim, dim, dim, dim)
+    # Single precision.
+    error = 1e-5 * np.abs(expected).max()
+    np.testing.assert_allclose(where.stiffness(blocks, tangent), expected, rtol=0, atol=error)
+    np.testing.assert_allclose(
+        where.stiffness(blocks, tangent, along), along.T @ expected @ along, rtol=0, atol=error
+    )
