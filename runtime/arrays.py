@@ -6,6 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.directions import between_directions
+
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -23,7 +25,7 @@ class RowHessian(Protocol):
 
 def known_hessian(hessian: Array) -> RowHessian:
     """Of a matrix (n, n) that is there."""
-    return lambda along=None: hessian if along is None else along.T @ hessian @ along
+    return lambda along=None: hessian if along is None else between_directions(hessian, along)
 
 
 def scatter_sum(index: IntArray, values: Array, size: int) -> Array:

@@ -32,6 +32,7 @@ from runtime.corrections.load_factor import LoadFactor
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.rest_mechanics import RestMechanics
+from runtime.directions import times_directions
 
 # Loads outside the collider by up to this share of its depth could be pushed into it by the dent beside them. Farther
 # out few are, one in fifty of those that bear pressure under thin and curved colliders; they are found by looking.
@@ -160,7 +161,7 @@ class LoadPress:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
         carried, turned = self._carried_along
         if along is not None:
-            carried, turned = carried @ along, turned @ along
+            carried, turned = times_directions(carried, along), times_directions(turned, along)
         answer = self.factor.given(turned)
         return self.factor.curvature(carried + self.factor.carried(answer)) - turned.T @ answer
 

@@ -7,6 +7,7 @@ dim, dim, dim, m_g) over (row, axis, i, j, cell), and the blocks of all groups l
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from runtime.compiled import compiled, summing
 from runtime.dynamics.near_handles import CellGroup
 
 Singles = NDArray[np.float32]
+Floats = NDArray[np.floating[Any]]
 
 
 class GroupBlocks:
@@ -39,38 +41,42 @@ class GroupBlocks:
         """The blocks of B (m, dim*dim, n_rows*dim)."""
         return np.concatenate([B[cells][:, :, columns].T.ravel() for cells, columns in self._groups])
 
-    def dense(self, blocks: Array) -> Array:
+    def dense(self, blocks: Floats) -> Array:
         """B (m*dim*dim, n_rows*dim) of its blocks."""
         B = np.zeros((len(self._layout[0]), self._dim**2, self._size))
         for (cells, columns), block in zip(self._groups, self._each(blocks), strict=True):
             B[cells[:, None], :, columns] = block.transpose(2, 0, 1)
         return B.reshape(-1, self._size)
 
-    def to_world(self, blocks: Array, rotations: Array) -> Array:
-        """R_c B_c R_c^T of what every cell sees, turned by R (m, dim, dim)."""
-        turned = np.empty(blocks.shape)
+    def to_world(self, blocks: Array, rotations: Array, rows: Array) -> tuple[Singles, Array]:
+        """R_c B_c R_c^T of what every cell sees, turned by R (m, dim, dim), in single precision; and this times rows
+        (n_rows, dim), (m, dim, dim), in double precision."""
+        turned, stretched = np.empty(blocks.shape, np.float32), np.empty(rotations.shape)
         every = zip(self._groups, self._each(blocks), self._each(turned), strict=True)
-        for (cells, _), block, into in every:
+        for (cells, columns), block, into in every:
             shape = -1, self._dim, self._dim, self._dim, len(cells)
-            _to_world(block.reshape(shape), rotations[cells].transpose(1, 2, 0).copy(), into.reshape(shape))
-        return turned
+            R = rotations[cells].transpose(1, 2, 0).copy()
+            own = rows[columns[:: self._dim] // self._dim]
+            of_rows = _to_world(block.reshape(shape), R, own, into.reshape(shape))
+            stretched[cells] = of_rows.transpose(2, 0, 1)
+        return turned, stretched
 
-    def times(self, blocks: Array, change: Array) -> Array:
+    def times(self, blocks: Floats, change: Array) -> Array:
         """B change (m, dim, dim) of a change (n_rows*dim,)."""
         return _times(*self._layout, blocks, change, self._dim)
 
-    def gathered(self, blocks: Array, stress: Array) -> Array:
+    def gathered(self, blocks: Floats, stress: Array) -> Array:
         """B^T stress (n_rows*dim,) of a stress (m, dim, dim)."""
         return _gathered(*self._layout, blocks, stress, self._size)
 
-    def stiffness(self, blocks: Array, tangent: Array, along: Array | None = None) -> Array:
+    def stiffness(self, blocks: Floats, tangent: Array, along: Array | None = None) -> Array:
         """B^T A B (n, n) of tangents A (m, dim, dim, dim, dim); along: see `RowHessian`. In single precision, at half
         the cost: Newton's method takes no more than a direction from it."""
         size = self._size if along is None else along.shape[1]
         total, s = np.zeros((size, size)), self._dim**2
         for (cells, columns), block in zip(self._groups, self._each(blocks), strict=True):
             if along is None:
-                to, B = columns, block.astype(np.float32)
+                to, B = columns, block.astype(np.float32, copy=False)
             else:
                 to, B = _along(block, columns, along)
             A = tangent[cells].reshape(-1, s, s).transpose(1, 2, 0).astype(np.float32)
@@ -78,7 +84,7 @@ class GroupBlocks:
             _add(total, to, B.reshape(len(to), -1) @ moved.reshape(len(to), -1).T)
         return total
 
-    def _each(self, blocks: Array) -> list[Array]:
+    def _each(self, blocks: Floats) -> list[Any]:
         """B_g (k_g*dim, dim*dim, m_g)."""
         parts = np.split(blocks, self._offset[1:-1])
         return [
@@ -99,7 +105,7 @@ def _times(
     first: IntArray,
     columns: IntArray,
     first_column: IntArray,
-    blocks: Array,
+    blocks: Floats,
     change: Array,
     dim: int,
 ) -> Array:
@@ -127,7 +133,7 @@ def _gathered(
     first: IntArray,
     columns: IntArray,
     first_column: IntArray,
-    blocks: Array,
+    blocks: Floats,
     stress: Array,
     n_columns: int,
 ) -> Array:
@@ -151,10 +157,12 @@ def _gathered(
 
 
 @summing
-def _to_world(blocks: Array, turns: Array, result: Array) -> None:
-    """R B R^T, B (k, dim, dim, dim, m) over (row, axis b, i, j, cell), R (dim, dim, m)."""
+def _to_world(blocks: Array, turns: Array, rows: Array, result: Singles) -> Array:
+    """R B R^T, B (k, dim, dim, dim, m) over (row, axis b, i, j, cell), R (dim, dim, m); and the sum of it over rows (k,
+    dim), (dim, dim, m)."""
     n_rows, dim, m = len(blocks), turns.shape[0], turns.shape[2]
-    left = np.empty((dim, dim, dim, m))
+    left, of_rows = np.empty((dim, dim, dim, m)), np.zeros((dim, dim, m))
+    entry = np.empty(m)
     for r in range(n_rows):
         for b in range(dim):
             for i in range(dim):
@@ -168,20 +176,25 @@ def _to_world(blocks: Array, turns: Array, result: Array) -> None:
                         for c in range(m):
                             into[c] += turn[c] * other[c]
         for b in range(dim):
+            share = rows[r, b]
             for i in range(dim):
                 for j in range(dim):
-                    into = result[r, b, i, j]
                     first, turn = left[0, i, j], turns[b, 0]
                     for c in range(m):
-                        into[c] = turn[c] * first[c]
+                        entry[c] = turn[c] * first[c]
                     for a in range(1, dim):
                         other, turn = left[a, i, j], turns[b, a]
                         for c in range(m):
-                            into[c] += turn[c] * other[c]
+                            entry[c] += turn[c] * other[c]
+                    into, total = result[r, b, i, j], of_rows[i, j]
+                    for c in range(m):
+                        into[c] = entry[c]
+                        total[c] += share * entry[c]
+    return of_rows
 
 
 @summing
-def _along(B: Array, columns: IntArray, along: Array) -> tuple[IntArray, Singles]:
+def _along(B: Floats, columns: IntArray, along: Array) -> tuple[IntArray, Singles]:
     """Along which directions (n,) B T is not zero, and B T (n, s, m) of B (k, s, m): T (k, n) is of the rows `columns`
     of all directions, (n_rows*dim, N), which are zero for the most part."""
     to = np.empty(along.shape[1], np.int64)

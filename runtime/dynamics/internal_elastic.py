@@ -42,7 +42,8 @@ class _Held(NamedTuple):
 
     turn: Array
     F: Array
-    B: Array
+    # In single precision: it is read several times in a step, and what it is multiplied by is small.
+    B: NDArray[np.float32]
     missed: Expansion
 
 
@@ -120,10 +121,9 @@ class InternalElasticEnergy:
         """The last one is kept."""
         if self._held is None or not np.array_equal(self._held.turn, turn):
             internal, rotations = self._internal, self._turning.rotations(turn)
-            B = self._blocks.to_world(self._by_strain, rotations)
+            B, stretched = self._blocks.to_world(self._by_strain, rotations, internal.centred(turn))
             hanging = (self._by_gravity @ (internal.gravity @ rotations)[..., None]).reshape(rotations.shape)
-            F = rotations @ (self._unstrained + hanging)
-            F += self._blocks.times(B, internal.centred(turn).ravel())
+            F = rotations @ (self._unstrained + hanging) + stretched
             self._held = _Held(turn.copy(), F, B, self._missed.about(turn))
         return self._held
 
