@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from runtime.arrays import Array
+from runtime.body.rotations import rotation_exponential
 from runtime.colliders.pose import RigidPose
 from runtime.errors import SoftprintError
 
@@ -62,7 +63,8 @@ class KeyframedPath:
             if self.dim == 2:
                 self._angle = PchipInterpolator(self.times, self.rotation_vectors)
             else:
-                self._slerp = Slerp(self.times, Rotation.from_rotvec(self.rotation_vectors))
+                turns = Rotation.from_rotvec(self.rotation_vectors)
+                self._turns, self._spins = turns.as_matrix(), (turns[:-1].inv() * turns[1:]).as_rotvec()
 
     @classmethod
     def constant(cls, pose: RigidPose) -> KeyframedPath:
@@ -85,4 +87,10 @@ class KeyframedPath:
         t = float(np.clip(time, self.times[0], self.times[-1]))
         if self.dim == 2:
             return RigidPose.from_rotation_vector(self._angle(t), self._position(t))
-        return RigidPose.known(self._slerp(t).as_matrix(), self._position(t))
+        # By hand: a body may be led by one path for each of its handles, and scipy takes its time for every call.
+        k = min(int(np.searchsorted(self.times, t, side="right")), len(self.times) - 1) - 1
+        since, length = t - self.times[k], self.times[k + 1] - self.times[k]
+        cubic = self._position.c[:, k]
+        position = ((cubic[0] * since + cubic[1]) * since + cubic[2]) * since + cubic[3]
+        turned = rotation_exponential(since / length * self._spins[k])
+        return RigidPose.known(self._turns[k] @ turned, position)

@@ -39,7 +39,7 @@ from runtime.dynamics.placed import (
     poses_at,
     starting_motions,
 )
-from runtime.dynamics.springs import HandleSpring, QuadraticForm, spring_form
+from runtime.dynamics.springs import HandleSpring, QuadraticForm, Springs
 from runtime.dynamics.state import Configuration, ContactForce, ReducedState, StepResult
 from runtime.dynamics.step_contact import StepContact
 from runtime.dynamics.step_energy import StepEnergy
@@ -101,7 +101,7 @@ class Simulator:
         self.body = body
         self.colliders = tuple(colliders)
         self.settings = settings or DynamicsSettings()
-        self._springs = tuple(springs)
+        self._springs = Springs(springs, body.handles)
         self._springs_at: tuple[float, QuadraticForm] | None = None
         self._kinematic = tuple(kinematic)
         if internal is None:
@@ -252,7 +252,7 @@ class Simulator:
     def _pulled(self, time: float) -> QuadraticForm:
         """By the springs, at a time [s]; that of the last one asked for is kept."""
         if self._springs_at is None or self._springs_at[0] != time:
-            self._springs_at = time, spring_form(self._springs, self.body.handles, time)
+            self._springs_at = time, self._springs.form(time)
         return self._springs_at[1]
 
     def _static_energy(self, state: ReducedState, turn: Array, timings: Timings) -> StepEnergy:

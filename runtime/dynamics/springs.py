@@ -56,24 +56,34 @@ class QuadraticForm:
         return self.matrix @ rows - self.linear
 
 
-def spring_form(springs: Sequence[HandleSpring], handles: Handles, time: float) -> QuadraticForm:
-    """All springs with their targets at ``time`` [s]."""
-    matrix = np.zeros((handles.n_rows, handles.n_rows))
-    linear = np.zeros((handles.n_rows, handles.dim))
-    constant = 0.0
-    for spring in springs:
-        rows = handles.rows_of(spring.handle)
-        pose = spring.target.pose(time)
-        weights = _position_weights(handles, spring)
-        matrix[rows, rows] += spring.stiffness * np.outer(weights, weights)
-        linear[rows] += spring.stiffness * np.outer(weights, pose.translation)
-        constant += 0.5 * spring.stiffness * float(pose.translation @ pose.translation)
-        if spring.rotation_stiffness:
-            turned = slice(rows.start, rows.stop - 1)  # the rows of R^T
-            matrix[turned, turned] += 0.5 * spring.rotation_stiffness * np.eye(handles.dim)
-            linear[turned] += 0.5 * spring.rotation_stiffness * pose.rotation.T
-            constant += 0.25 * spring.rotation_stiffness * handles.dim
-    return QuadraticForm(matrix, linear, constant)
+class Springs:
+    """All springs of a body together."""
+
+    def __init__(self, springs: Sequence[HandleSpring], handles: Handles) -> None:
+        self._springs, self._dim = tuple(springs), handles.dim
+        self._matrix = np.zeros((handles.n_rows, handles.n_rows))
+        # Of every spring the weights of the rows in what it pulls at, times its stiffness; and the rows it turns, of R^T.
+        self._pulled, self._turned = np.zeros((len(springs), handles.n_rows)), []
+        for number, spring in enumerate(springs):
+            rows, weights = handles.rows_of(spring.handle), _position_weights(handles, spring)
+            self._pulled[number, rows] = spring.stiffness * weights
+            self._matrix[rows, rows] += spring.stiffness * np.outer(weights, weights)
+            turned = slice(rows.start, rows.stop - 1)
+            if spring.rotation_stiffness:
+                self._matrix[turned, turned] += 0.5 * spring.rotation_stiffness * np.eye(handles.dim)
+            self._turned.append(turned)
+
+    def form(self, time: float) -> QuadraticForm:
+        """With their targets at ``time`` [s]."""
+        poses = [spring.target.pose(time) for spring in self._springs]
+        targets = np.array([pose.translation for pose in poses]).reshape(-1, self._dim)
+        linear, constant = self._pulled.T @ targets, 0.0
+        for spring, turned, pose in zip(self._springs, self._turned, poses, strict=True):
+            constant += 0.5 * spring.stiffness * float(pose.translation @ pose.translation)
+            if spring.rotation_stiffness:
+                linear[turned] += 0.5 * spring.rotation_stiffness * pose.rotation.T
+                constant += 0.25 * spring.rotation_stiffness * self._dim
+        return QuadraticForm(self._matrix, linear, constant)
 
 
 def _position_weights(handles: Handles, spring: HandleSpring) -> Array:

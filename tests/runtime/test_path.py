@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation, Slerp
 
 from runtime.colliders.path import KeyframedPath
 from runtime.colliders.pose import RigidPose
@@ -43,6 +45,16 @@ def test_positions_do_not_overshoot():
 def test_slerp_turns_at_constant_rate_about_one_axis():
     path = KeyframedPath([0, 1], np.zeros((2, 3)), [[0, 0, 0], [0, 0, 1.2]])
     np.testing.assert_allclose(path.pose(0.25).rotation_vector, [0, 0, 0.3], atol=1e-14)
+
+
+def test_between_keyframes_it_is_the_shortest_arc_and_the_monotone_cubic():
+    """Against scipy's."""
+    path = some_path(3)
+    arc = Slerp(TIMES, Rotation.from_rotvec(path.rotation_vectors))
+    cubic = PchipInterpolator(TIMES, path.positions)
+    for time in [0.0, 0.2, 0.5, 0.51, 1.7, 2.0]:
+        np.testing.assert_allclose(path.pose(time).rotation, arc(time).as_matrix(), atol=1e-14)  # round-off
+        np.testing.assert_allclose(path.pose(time).translation, cubic(time), atol=1e-14)
 
 
 def test_whole_turns_are_kept_in_2d():
