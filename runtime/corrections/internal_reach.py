@@ -1,9 +1,9 @@
-"""How far the internal response may have moved the nodes of a body, without asking at every node.
+"""Where the nodes of a body may be, internal response included, without asking at every node.
 
-Within a step u is affine in the rows, and they have not moved far since the turn was taken: with the change of
-handle h since then, of where it is (dp) and of how it is turned (dA),
+Within a step x = U rows + u is affine in the rows, and they have not moved far since the turn was taken: with the
+change of handle h since then, of where it is (dp, less its mean t) and of how it is turned (dA), V = U + L,
 
-    |u_X(rows)| <= |u_X(turn)| + sum_h |L_Xp| |dp| + |L_XA| |dA|
+    |x_X(rows) - x_X(turn) - t| <= sum_h |V_Xp| |dp| + |V_XA| |dA|
 
 in Frobenius norms. Frames change about their pivots, not about the far-away origin, for the sum to stay small.
 """
@@ -18,10 +18,10 @@ from runtime.corrections.internal_response import InternalResponse
 
 
 class InternalReach:
-    """Of n nodes, by their response."""
+    """Of n nodes, by their basis U (n, n_rows) and their response."""
 
-    def __init__(self, internal: InternalResponse, handles: Handles) -> None:
-        self._internal, dim = internal, handles.dim
+    def __init__(self, basis: Array, internal: InternalResponse, handles: Handles) -> None:
+        self._basis, self._internal, dim = basis, internal, handles.dim
         n_points, n_frames = handles.n_points, len(handles.frames)
         pivots = np.array([frame.pivot for frame in handles.frames]).reshape(n_frames, dim)
         # From rows to the places of the handles, and back to what their translations and turns move.
@@ -32,20 +32,23 @@ class InternalReach:
         for frame, pivot in enumerate(pivots):
             self._places[n_points + frame, self._linear[frame]] = pivot
             self._places[n_points + frame, last[frame]] = 1.0
-        modes = internal.modes
+        modes = internal.modes.astype(np.float64)
+        for axis in range(dim):
+            modes[:, axis, :, axis] += basis
         moved = modes[:, :, np.r_[np.arange(n_points), last].astype(np.int64)]
         turned = modes[:, :, self._linear] - pivots[:, :, None] * moved[:, :, n_points:, None]
         self._by_place = np.sqrt(np.square(moved).sum(axis=(1, 3), dtype=np.float64))
         self._by_turn = np.sqrt(np.square(turned).sum(axis=(1, 3, 4), dtype=np.float64))
         self._last: tuple[Array, Array] | None = None
 
-    def __call__(self, rows: Array, turn: Array) -> Array:
-        """(n,) [m], what |u| does not exceed."""
+    def __call__(self, rows: Array, turn: Array) -> tuple[Array, Array]:
+        """Positions (n, dim) and how far x may be from them (n,) [m]."""
         if self._last is None or not np.array_equal(self._last[0], turn):
-            self._last = turn.copy(), np.linalg.norm(self._internal.displacement(turn, turn), axis=1)
+            self._last = turn.copy(), self._basis @ turn + self._internal.displacement(turn, turn)
         change = rows - turn
         places = self._places @ change
-        places -= places.mean(axis=0)  # a translation of everything moves nothing inside
+        shift = places.mean(axis=0)
+        places -= shift
         turned = np.linalg.norm(change[self._linear], axis=(1, 2))
         reach = self._by_place @ np.linalg.norm(places, axis=1) + self._by_turn @ turned
-        return np.asarray(self._last[1] + reach)
+        return self._last[1] + shift, reach

@@ -100,13 +100,24 @@ class InternalResponse:
         return internal_kernels.derivative(self.modes, index, self._mean, self.positions, turns)
 
     def at(self, nodes: IntArray) -> InternalResponse:
-        """The response of some of the nodes, by their numbers here."""
+        """The response of some of the nodes, by their numbers here. For the same nodes it is the same response, which
+        remembers how they turned last, whoever asked."""
+        name = np.asarray(nodes, dtype=np.int64).tobytes()
+        if name not in self._parts:
+            self._parts[name] = self._part(nodes)
+        return self._parts[name]
+
+    def _part(self, nodes: IntArray) -> InternalResponse:
         modes, weight = np.ascontiguousarray(self.modes[nodes]), np.ascontiguousarray(self.weight[nodes])
         return replace(self, modes=modes, weight=weight, turning=self.turning[nodes])
 
     def under(self, gravity: Array) -> InternalResponse:
         """The same body under another gravity (dim,) [m/s^2]."""
         return replace(self, gravity=gravity)
+
+    @cached_property
+    def _parts(self) -> dict[bytes, InternalResponse]:
+        return {}
 
     @cached_property
     def _mean(self) -> Array:

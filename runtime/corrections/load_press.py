@@ -37,11 +37,13 @@ from runtime.directions import times_directions
 # Loads outside the collider by up to this share of its depth could be pushed into it by the dent beside them. Farther
 # out few are, one in fifty of those that bear pressure under thin and curved colliders; they are found by looking.
 _ROOM = 0.25
+# Loads are looked for within so many times the distance that was needed last.
+_MORE = 1.2
 # The loads that were pushed in push others in turn: so often it is looked again.
 _LOOKS = 3
 
 
-# Positions U rows of all loads (n, dim) [m], and by how much the internal response may move them (n,) [m].
+# Positions of all loads (n, dim) [m], and how far they may be from there (n,) [m].
 Surroundings = tuple[Array, Array]
 
 
@@ -217,7 +219,10 @@ class LoadProbe:
         self.points = points
         self.internal = None if internal is None else internal.at(compliance.nodes)
         self._stiffness, self._band = stiffness * compliance.areas, band
-        self._reach = None if self.internal is None else InternalReach(self.internal, body.handles)
+        self._reach = (
+            None if self.internal is None else InternalReach(points.basis, self.internal, body.handles)
+        )
+        self._room = 0.0  # within which loads were looked for last [m]
         self._no_reach = np.zeros(len(compliance.nodes))
         self._among_near = NearLoads(self.among_loads)
         self._last: tuple[Array, RigidPose, Array, LoadPress | None] | None = None
@@ -231,24 +236,23 @@ class LoadProbe:
     def _near(
         self, rows: Array, pose: RigidPose, turn: Array, distance: float, about: Surroundings
     ) -> tuple[IntArray, Array, Array]:
-        """The loads closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. The
-        internal response, many times as costly as U rows, is taken only of loads that it could move there."""
+        """The loads closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. Where
+        they are exactly is asked only of loads that could be there."""
         x, reach = about
         if np.isfinite(self.collider.upper).all():
             bounds = self.collider.lower - distance, self.collider.upper + distance
             candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
         else:  # a half-space, whose bounds exclude nothing
             candidates = np.flatnonzero(self.collider.sdf(pose.apply_inverse(x)) < distance + reach)
-        x = x[candidates]
-        if self.internal is not None:
-            x += self.internal.displacement(rows, turn, candidates)
+        x = x[candidates] if self.internal is None else self.positions(rows, turn, candidates)
         close, _, value = self.collider.closer_to(x, pose, distance)
         return candidates[close], value, x[close]
 
     def surroundings(self, rows: Array, turn: Array) -> Surroundings:
-        """Of all loads U rows (n, dim) [m], and by how much the internal response may move them (n,) [m]."""
-        reach = self._no_reach if self._reach is None else self._reach(rows, turn)
-        return self.points.basis @ rows, reach
+        """Of all loads."""
+        if self._reach is None:
+            return self.points.basis @ rows, self._no_reach
+        return self._reach(rows, turn)
 
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
         """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider. The last
@@ -322,12 +326,19 @@ class LoadProbe:
     ) -> LoadsAround | None:
         """The loads about the collider; None where none is inside. about: `surroundings`, where they are known."""
         about = about or self.surroundings(rows, turn)
-        index, distance, x = self._near(rows, pose, turn, self._band, about)
+        looked = max(self._band, self._room)
+        index, distance, x = self._near(rows, pose, turn, looked, about)
         depth = -float(distance.min(initial=0.0))
         if depth <= 0.0:
             return None
-        if _ROOM * depth > self._band:
-            index, distance, x = self._near(rows, pose, turn, _ROOM * depth, about)
+        wanted = max(self._band, _ROOM * depth)
+        if wanted > looked:
+            index, distance, x = self._near(rows, pose, turn, wanted, about)
+        elif wanted < looked:
+            near = distance < wanted
+            index, distance, x = index[near], distance[near], x[near]
+        # As a rule the next state is pressed as deep.
+        self._room = _MORE * _ROOM * depth
         return LoadsAround(index, distance, x, depth, distance < _ROOM * depth)
 
     def problem(
