@@ -11,7 +11,8 @@ their magnitudes, so that v always leads downhill; the matrix is small, so this 
 
 With ``max_iterations`` 1 this is the linearly implicit Euler method of real-time simulation. The result says
 so: it has converged only if a gradient below the tolerance has been *seen*, and the residual it reports is
-the last one seen, at the start of the last iteration where the iterations ran out.
+the last one seen, at the start of the last iteration where the iterations ran out. Where E jumps beside a minimum the
+line search goes nowhere, one iteration like the other: that is told, and not tried to the last.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class Status(IntEnum):
     MAX_ITERATIONS = 1
     LINE_SEARCH_FAILED = 2
     NOT_FINITE = 4
+    STALLED = 5
 
     @property
     def sentence(self) -> str:
@@ -50,9 +52,15 @@ _SENTENCES = {
     "below what the correction's float32 network can resolve, or the start has inverted cells.",
     Status.NOT_FINITE: "Energy or gradient is not finite: inverted cells in a material that resists "
     "inversion with infinite energy, or a state that is not made of numbers; take a smaller time step.",
+    Status.STALLED: "The energy falls no further, but the forces balance only nearly: it jumps close by, as where a "
+    "load in contact slips from one side of a thin wall to the other; take a smaller time step.",
 }
 
 _ARMIJO = 1e-4
+# An iteration stalls that goes less than this share of its direction and gains no more than round-off; after so many
+# in a row the next ones would do the same.
+_SHORT = 0.01
+_STALLS = 5
 _TRIALS = 20
 # Eigenvalues smaller than this share of the largest are raised to it: nothing moves farther than the model is
 # valid.
@@ -141,7 +149,7 @@ def minimise(
 ) -> NewtonResult[Point]:
     """Minimise the problem's energy from x. ``solving`` is entered around every linear solve, to time it."""
     clock = nullcontext() if solving is None else solving
-    residual, decrement = np.inf, np.inf
+    residual, decrement, stalls = np.inf, np.inf, 0
     for iteration in range(settings.max_iterations):
         at = problem.linearise(x)
         if not (np.isfinite(at.energy) and np.isfinite(at.gradient).all()):
@@ -158,7 +166,10 @@ def minimise(
         stepped = _line_search(problem, x, at, direction, slope)
         if stepped is None:
             return NewtonResult(x, Status.LINE_SEARCH_FAILED, iteration + 1, residual, decrement)
-        x = stepped
+        x, energy, share = stepped
+        stalls = stalls + 1 if share < _SHORT and energy >= at.energy - at.noise else 0
+        if stalls == _STALLS:
+            return NewtonResult(x, Status.STALLED, iteration + 1, residual, decrement)
     return NewtonResult(x, Status.MAX_ITERATIONS, settings.max_iterations, residual, decrement)
 
 
@@ -179,18 +190,19 @@ def descent_direction(hessian: Array, gradient: Array) -> Array:
 
 def _line_search(
     problem: Problem[Point], x: Point, at: Linearisation, direction: Array, slope: float
-) -> Point | None:
-    """The first point x + alpha v that satisfies Armijo's condition; None if none does.
+) -> tuple[Point, float, float] | None:
+    """The first point x + alpha v that satisfies Armijo's condition, the energy there, and alpha as a share of the
+    first one that was tried; None if none does.
 
     alpha starts at 1, or at what the problem allows; each next one is where the parabola through E(x), its slope and
     the last energy is lowest, but at least a tenth and at most half of the last (Nocedal and Wright 2006, section 3.5).
     """
-    step = problem.longest(x, direction)
+    first = step = problem.longest(x, direction)
     for _ in range(_TRIALS):
         candidate = problem.retract(x, step * direction)
         energy = problem.energy(candidate)
         if energy <= at.energy + _ARMIJO * step * slope + at.noise:
-            return candidate
+            return candidate, energy, step / first
         lowest = (
             -0.5 * slope * step**2 / (energy - at.energy - slope * step)
             if np.isfinite(energy)

@@ -62,7 +62,7 @@ class Springs:
     def __init__(self, springs: Sequence[HandleSpring], handles: Handles) -> None:
         self._springs, self._dim = tuple(springs), handles.dim
         self._matrix = np.zeros((handles.n_rows, handles.n_rows))
-        # Of every spring the weights of the rows in what it pulls at, times its stiffness; and the rows it turns, of R^T.
+        # Of every spring the weights of the rows in what it pulls at, times its stiffness; and the rows of R^T.
         self._pulled, self._turned = np.zeros((len(springs), handles.n_rows)), []
         for number, spring in enumerate(springs):
             rows, weights = handles.rows_of(spring.handle), _position_weights(handles, spring)

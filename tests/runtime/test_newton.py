@@ -86,3 +86,19 @@ def test_a_line_search_without_a_way_down_is_named():
 def test_settings_that_make_no_sense_are_refused(options):
     with pytest.raises(SoftprintError, match="must be"):
         NewtonSettings(**options)
+
+
+def test_a_jump_beside_the_minimum_is_told_and_not_tried_to_the_last():
+    """A parabola whose energy is higher beyond a cliff, behind which the minimum lies: at the cliff forces do not
+    balance, and yet there is nowhere to go."""
+
+    def cliff(x):
+        return 0.5 * x @ x + float(x[0] < 0.01), x.copy(), np.eye(1)
+
+    result = minimise(Smooth(cliff), np.ones(1), NewtonSettings(max_iterations=200, tolerance=1e-6))
+    assert result.status is Status.STALLED
+    assert not result.converged
+    assert "falls no further" in result.reason
+    assert result.x[0] == pytest.approx(0.01, rel=1e-6)
+    assert result.residual == pytest.approx(0.01, rel=1e-6)
+    assert result.iterations < 100
