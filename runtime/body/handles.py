@@ -22,7 +22,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from runtime.arrays import Array, IntArray
-from runtime.body.rotations import nearest_rotation, rotation_dofs, rotation_exponential, skew
+from runtime.body.rotations import moved_frames, nearest_rotation, rotation_dofs, skew
 from runtime.errors import SoftprintError
 
 
@@ -197,16 +197,12 @@ class Handles:
 
     def retract(self, rows: Array, increment: Array) -> Array:
         """Rows after the increment v (n_dofs,) [m, rad]: points add it, frames take its exponential map."""
-        dim, spin = self.dim, rotation_dofs(self.dim)
-        result = rows.copy()
-        result[: self.n_points] += increment[: self.n_points * dim].reshape(-1, dim)
-        for index, frame in enumerate(self.frames):
-            start = self.n_points * dim + index * (dim + spin)
-            shift, turn = increment[start : start + dim], increment[start + dim : start + dim + spin]
-            block = result[self._frame_rows(index)]
-            pivot = frame.pivot @ block[:-1] + block[-1] + shift
-            block[:-1] = block[:-1] @ rotation_exponential(turn).T
-            block[-1] = pivot - frame.pivot @ block[:-1]
+        result, points = rows.copy(), self.n_points * self.dim
+        result[: self.n_points] += increment[:points].reshape(-1, self.dim)
+        if self.frames:
+            steps = increment[points:].reshape(len(self.frames), -1)
+            frames = np.ascontiguousarray(self._frames_of(rows))
+            result[self.n_points :] = moved_frames(frames, self._pivots, steps).reshape(-1, self.dim)
         return result
 
     def curvature(self, rows: Array, gradient: Array) -> Array:

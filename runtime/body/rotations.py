@@ -50,6 +50,26 @@ def _exponential(w: Array) -> Array:
     return rotation
 
 
+@compiled
+def moved_frames(frames: Array, pivots: Array, steps: Array) -> Array:
+    """R^T and t (n, dim+1, dim) of frames after steps (n, dim+spin) that move their pivots (n, dim) by u and turn about
+    them by w: R' = exp(w) R and p' = p + u, with p = X_pivot R^T + t."""
+    n, dim = pivots.shape
+    result = np.empty(frames.shape)
+    for f in range(n):
+        E = _exponential(steps[f, dim:])
+        for b in range(dim):
+            place = frames[f, dim, b] + steps[f, b]
+            for r in range(dim):
+                place += pivots[f, r] * frames[f, r, b]
+                result[f, r, b] = 0.0
+                for c in range(dim):
+                    result[f, r, b] += frames[f, r, c] * E[b, c]
+                place -= pivots[f, r] * result[f, r, b]
+            result[f, dim, b] = place
+    return result
+
+
 def nearest_rotation(matrix: Array) -> Array:
     """The rotation nearest to a (dim, dim) matrix in the Frobenius norm (orthogonal Procrustes)."""
     left, _, right = np.linalg.svd(matrix)

@@ -11,7 +11,8 @@ space this misses 22 % on the Hand, whose fingers bend by right angles, 1.0 % on
 on the Jelly (RMS, motions of the report); with one turn for the whole body 657 %, 0.7 %, 24 % and 0.1 %, with U rows
 alone 193 %, 139 %, 176 % and 28 %, however fine the cubature.
 
-With the turn held, F is affine in the rows: once in a step B is turned to the world, and then
+With the turn held, F is affine in the rows: once in a step B, of the frames that a cell feels (`near_handles.py`), is
+turned to the world, and then
 
     gradient = sum_c w_c B^T P + missed,    Hessian = sum_c w_c B^T A B + missed.
 """
