@@ -61,11 +61,11 @@ def moved_frames(frames: Array, pivots: Array, steps: Array) -> Array:
         for b in range(dim):
             place = frames[f, dim, b] + steps[f, b]
             for r in range(dim):
-                place += pivots[f, r] * frames[f, r, b]
                 result[f, r, b] = 0.0
                 for c in range(dim):
                     result[f, r, b] += frames[f, r, c] * E[b, c]
-                place -= pivots[f, r] * result[f, r, b]
+                # In one difference, so that a frame that is held stays where it is to the last bit.
+                place += pivots[f, r] * (frames[f, r, b] - result[f, r, b])
             result[f, dim, b] = place
     return result
 
