@@ -114,24 +114,27 @@ def _render(summary: Mapping[str, Any]) -> str:
 
 
 def table_lines(summary: Mapping[str, Any]) -> list[str]:
-    """The table as Markdown, for the console."""
+    """The table as Markdown, for the console: squared errors of all that full space adds, as the thesis counts, and of
+    contact alone."""
     lines = [
-        "| body | handles | tets | learned from: squared (root) | never seen: squared (root) "
-        "| thesis: learned, never seen | noise | bare, full, ours [1/s] |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| body | handles | tets | learned from, never seen | thesis | contact alone: learned from (root) "
+        "| never seen (root) | noise | bare, full, ours [1/s] |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for row in summary["rows"]:
+        sides = [f"models/{row['judged']}/{side}/" for side in ("learned", "testing")]
+        whole = ", ".join(_percent(look_up(row, side + "whole_squared")) for side in sides)
         errors = [
-            f"{_percent(look_up(row, at + 'squared'))} ({_percent(look_up(row, at + 'rms'))})"
-            for at in (f"models/{row['judged']}/{side}/" for side in ("learned", "testing"))
+            f"{_percent(look_up(row, side + 'squared'))} ({_percent(look_up(row, side + 'rms'))})"
+            for side in sides
         ]
         thesis = row["thesis"]
         reference = f"{_percent(thesis['train'])}, {_percent(thesis['test'])}" if thesis else ""
         speeds = ", ".join(_plain(row["speeds"][name]) for name in ("bare", "full", "ours"))
         body = row["body"]
         lines.append(
-            f"| {row['name']} | {body['points']} / {body['frames']} | {body['cells']} | {errors[0]} | {errors[1]} "
-            f"| {reference} | {_percent(row['noise_floor'])} | {speeds} |"
+            f"| {row['name']} | {body['points']} / {body['frames']} | {body['cells']} | {whole} | {reference} "
+            f"| {errors[0]} | {errors[1]} | {_percent(row['noise_floor'])} | {speeds} |"
         )
     return lines
 

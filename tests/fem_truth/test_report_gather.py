@@ -65,7 +65,7 @@ def test_one_line_a_body_with_the_thesis_beside_it(tmp_path):
     assert "15.5" in page
     lines = table_lines(summary)
     assert len(lines) == 4
-    assert "| 4 % (20 %) | 4 % (20 %) | 14 %, 15.5 % | 0.03 % | 200, -, 100 |" in lines[2]
+    assert "| 1 %, 1 % | 14 %, 15.5 % | 4 % (20 %) | 4 % (20 %) | 0.03 % | 200, -, 100 |" in lines[2]
 
 
 @pytest.mark.parametrize(
