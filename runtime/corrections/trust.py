@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 Floats = NDArray[np.floating[Any]]
 
-_BEYOND = 0.15  # N0
+_BEYOND = 0.5  # N0
 _CEILING, _QUANTILE = 1.5, 0.99  # rho0 from the rho of training
 _STEEP = 8
 # A range is counted as at least so wide, in spreads of the input: of an input that hardly varied no one knows.
