@@ -2,7 +2,8 @@
 
 Everything that detail adds to the subspace goes through this protocol (thesis eq. 5.1, x = x_reduced + u). A
 correction knows a body and one collider; *bound* to a set of material points it answers for these at a given
-reduced state and collider pose. All of it is quasi-static: it has no memory and no velocity.
+reduced state and collider pose. All of it is quasi-static: it has no velocity, and remembers nothing but where contact
+came from (`FollowsContact`).
 """
 
 from __future__ import annotations
@@ -90,6 +91,10 @@ class Potential(Protocol):
     @property
     def nodes(self) -> IntArray:
         """(n_loads,) the nodes of the mesh where loads are."""
+        ...
+
+    def begin(self) -> None:
+        """A motion begins: forget where contact came from."""
         ...
 
     def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:
