@@ -119,7 +119,7 @@ def test_smoothed_frames_turn_with_body_and_collider(kind, jelly_body):
 def test_smoothed_normals_hardly_know_the_axes_of_the_collider(dim, sets, degrees):
     """Turned in its own coordinates, a collider meets the differences from another side. What that changes is the
     sampling error of their finite number, which falls about as its square root: of twenty turns the RMS angle was at
-    most 6.9 degrees with 16 sets, 4 in the middle, and 1.9 with 256."""
+    most 6.9 degrees with 16 sets, 3 to 5 in the middle, and 1.9 with 256."""
     rng = np.random.default_rng(9)
     z = rng.uniform(-0.03, 0.03, (200, dim))
     for _ in range(3):
