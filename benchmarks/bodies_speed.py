@@ -1,6 +1,6 @@
 """The speed columns of a table of bodies: frames a second of the bare subspace, of ours and of full space, in contact.
 
-    python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--loads N] [--no-full] [--threads 2]
+    python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--threads 2] [--tolerance T] [--no-full]
 
 Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
 correction of form loads, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
@@ -29,7 +29,7 @@ from runtime.corrections.options import load_model_options
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.dynamics.model import SceneModel, bare_model, build_model, correction_path, model_of_file
 from runtime.dynamics.scene import scene_steps
-from runtime.dynamics.speed import Speed, machine, measure, with_iterations
+from runtime.dynamics.speed import Speed, machine, measure, with_newton
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment, ModelSpec
 from runtime.experiment.experiment import ANY_COLLIDER
@@ -68,7 +68,7 @@ def measured(context: Context, options: argparse.Namespace) -> str:
     """One body's line of the table."""
     body = body_of_run(context)
     path, trained = correction_file(context, body, options.loads)
-    experiment = with_iterations(context.experiment, options.iterations)
+    experiment = with_newton(context.experiment, options.iterations, options.tolerance)
     scene = experiment.scenes_of_role("test")[0]
     models: dict[str, SceneModel] = {
         "bare": bare_model(experiment, body, scene),
@@ -118,6 +118,7 @@ def main() -> None:
     parser.add_argument("experiments", nargs="+", help="experiment files, or EXPERIMENT=RUN_DIRECTORY")
     parser.add_argument("--steps", type=int, default=60, help="steps in contact to time (default: 60)")
     parser.add_argument("--iterations", type=int, help="of Newton a step at most (default: to convergence)")
+    parser.add_argument("--tolerance", type=float, help="of a step's residual (default: the experiment's)")
     parser.add_argument("--loads", type=int, help="of an untrained stand-in (default: the experiment's)")
     parser.add_argument("--no-full", action="store_true", help="leave full space out")
     parser.add_argument("--threads", type=int, choices=(1, 2), default=1, help="(default: 1)")
@@ -125,7 +126,7 @@ def main() -> None:
     here = machine()
     print(
         f"{here['processor']}, {here['cores']} cores, {options.threads} used, "
-        f"BLAS {here['threads'] or 'not limited'}"
+        f"BLAS {here['threads'] or 'not limited'}, tolerance {options.tolerance or 'as each experiment says'}"
     )
     print(table_head())
     for given in options.experiments:

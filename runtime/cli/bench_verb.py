@@ -40,7 +40,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from runtime.cli.run_body import body_of_run
     from runtime.dynamics.model import BARE, build_model, trained_models
     from runtime.dynamics.scene import find_scene, scene_steps
-    from runtime.dynamics.speed import machine, measure, speed_table, speeds_as_json, with_iterations
+    from runtime.dynamics.speed import machine, measure, speed_table, speeds_as_json, with_newton
     from runtime.errors import SoftprintError
     from runtime.files import atomic_path, provenance
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     if args.scene is None and not tests:
         raise SoftprintError(f'{context.experiment.path}: no scene has role = "test"; name one with --scene')
     scene = find_scene(context.experiment, args.scene or tests[0].name)
-    experiment = with_iterations(context.experiment, args.iterations)
+    experiment = with_newton(context.experiment, args.iterations)
     body = body_of_run(context)
     led = not any(collider.free for collider in scene.colliders)  # full space plays no others
     full = ["full"] if led and find_spec("dolfinx") is not None else []

@@ -46,11 +46,12 @@ class Speed:
         return 1.0 / self.step
 
 
-def with_iterations(experiment: Experiment, iterations: int | None) -> Experiment:
-    """The experiment with so many Newton iterations a step at most; as it is for None."""
-    if iterations is None:
-        return experiment
-    dynamics = experiment.dynamics.model_copy(update={"max_iterations": iterations})
+def with_newton(experiment: Experiment, iterations: int | None, tolerance: float | None = None) -> Experiment:
+    """The experiment with so many Newton iterations a step at most, to this tolerance; None: as it says."""
+    asked = {"max_iterations": iterations, "tolerance": tolerance}
+    dynamics = experiment.dynamics.model_copy(
+        update={name: value for name, value in asked.items() if value is not None}
+    )
     return experiment.model_copy(update={"dynamics": dynamics})
 
 
