@@ -13,7 +13,7 @@ REPORT = "bench.json"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Scene, models, Newton iterations, steps."""
+    """Scene, models, Newton iterations, steps, threads."""
     parser.add_argument(
         "--scene", metavar="NAME", help='a scene with contact (default: the first with role = "test")'
     )
@@ -32,6 +32,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--steps", type=int, default=60, metavar="N", help="steps with contact to time for each model"
+    )
+    parser.add_argument(
+        "--threads",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="2: the surface of a step is drawn beside the next step, by reduced models (default: 1)",
     )
 
 
@@ -57,7 +64,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     speeds = []
     for name in args.model or [BARE, *trained_models(context.out_dir), *full]:
         model = build_model(experiment, body, scene, context.out_dir, name)
-        speed = measure(name, model, scene_steps(experiment, scene), args.steps)
+        speed = measure(name, model, scene_steps(experiment, scene), args.steps, args.threads == 2)
         if speed is None:
             raise SoftprintError(
                 f"scene {scene.name!r} has no contact with the model {name!r}: nothing to measure"
@@ -73,7 +80,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     here = machine()
     context.say(
         f"{scene.name}, at most {experiment.dynamics.max_iterations} Newton iterations a step to a residual of "
-        f"{experiment.dynamics.tolerance:g}, h = {experiment.dynamics.time_step:.4g} s"
+        f"{experiment.dynamics.tolerance:g}, h = {experiment.dynamics.time_step:.4g} s; surfaces are drawn "
+        + ("beside the next step" if args.threads == 2 else "after their step")
     )
     context.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in sizes.items()))
     context.say(f"{here['processor']}, {here['cores']} cores, threads {here['threads'] or 'not limited'}")
@@ -82,6 +90,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     report = {
         "scene": scene.name,
         "iterations": experiment.dynamics.max_iterations,
+        "tolerance": experiment.dynamics.tolerance,
+        "threads": args.threads,
         "time_step": experiment.dynamics.time_step,
         "sizes": sizes,
         "machine": here,
