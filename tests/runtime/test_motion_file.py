@@ -220,6 +220,12 @@ def test_bench_prints_a_table_and_keeps_it(context):
     kept = json.loads((context.out_dir / "bench.json").read_text())
     assert (kept["threads"], kept["speeds"][0]["steps"]) == (2, 2)
     assert kept["tolerance"] == context.experiment.dynamics.tolerance
+    assert BENCH.run(options(BENCH, "--model", "bare"), context) == 0
+    whole = json.loads((context.out_dir / "bench.json").read_text())["speeds"][0]
+    assert whole["steps"] > 2  # all that are in contact, where nothing is said
+    assert whole["step"] <= whole["slow"]
+    with pytest.raises(SystemExit):
+        options(BENCH, "--steps", "0")
     with pytest.raises(SoftprintError, match="has no contact"):
         BENCH.run(options(BENCH, "--model", "bare", "--scene", "fall"), context)
 
