@@ -1,4 +1,5 @@
-"""Many reports on one page: table 6.1 of the thesis, one line a body, from the report.json of each run.
+"""Many reports on one page: table 6.1 of the thesis, one line a body, from the report.json of each run, and how
+fast they are, from its bench.json.
 
 What the thesis measured stands beside it where the body is one of its four.
 """
@@ -13,7 +14,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from fem_truth.report.learning import read_json
+from fem_truth.report.learning import read_json, read_table
 from fem_truth.report.page import Numbers, look_up, page_style, page_template
 from fem_truth.report.report_json import REPORT_VERSION, json_text, plain, write_text
 from runtime.errors import SoftprintError
@@ -37,6 +38,9 @@ THESIS = {
     "jelly": ThesisRow("30 x 5 x 105", 0.162, 0.179, 200, 1, 24),
     "finger": ThesisRow("30 x 1 x 32", 0.140, 0.155, 142, 1, 11),
 }
+
+# Of a model's line in bench.json; files of earlier versions have no mean and no slow frames.
+_MEASURED = ("steps", "frames_per_second", "step", "mean", "slow", "converged")
 
 
 def gather(runs: Sequence[Path], page: Path) -> dict[str, Any]:
@@ -77,8 +81,8 @@ def _row(run: Path, seen_from: Path) -> dict[str, Any]:
         "contacts": report["shapes"]["contacts"],
         "states": report["truth"]["states"],
         "noise_floor": report["truth"]["noise_floor"],
-        "speeds": _speeds(report, judged),
-        "machine": report["machine"],
+        "run": str(run),
+        "speeds": _speeds(run, judged),
         "thesis": None if thesis is None else vars(thesis),
     }
 
@@ -89,22 +93,23 @@ def _sides(rows: Mapping[str, Any]) -> dict[str, Any]:
     return {side: {key: row[key] for key in keys} for side, row in rows.items()}
 
 
-def _speeds(report: Mapping[str, Any], judged: str) -> dict[str, Any]:
-    """Frames a second of the bare subspace, of full space and of the judged model: of `softprint bench` if it was run,
-    and otherwise of the simulated motions."""
-    measured = {
-        row["model"]: row["frames_per_second"]
-        for table in report["benchmarks"]
-        if table["name"] == "bench"
-        for row in table["rows"]
-    } or {model: row["steps_per_second"] for model, row in report["timings"].items()}
-    bare, full, ours = (measured.get(name) for name in ("bare", "full", judged))
+def _speeds(run: Path, judged: str) -> dict[str, Any] | None:
+    """What `softprint bench` measured of the bare subspace, of full space and of the judged model, and under which
+    conditions; None where it was not run: what motions recorded is something else, for they draw no surface."""
+    path = run / "bench.json"
+    if not path.is_file():
+        return None
+    table = read_table(path)
+    by_model = {row.get("model"): row for row in table["rows"]}
+    rows = {
+        name: by_model.get(model) for name, model in (("bare", "bare"), ("full", "full"), ("ours", judged))
+    }
+    rates = {name: look_up(row or {}, "frames_per_second") for name, row in rows.items()}
     return {
-        "bare": bare,
-        "full": full,
-        "ours": ours,
-        "cost_of_bare": bare / ours if bare and ours else None,
-        "faster_than_full": ours / full if full and ours else None,
+        **{name: row and {key: row.get(key) for key in _MEASURED} for name, row in rows.items()},
+        "cost_of_bare": rates["bare"] / rates["ours"] if rates["bare"] and rates["ours"] else None,
+        "faster_than_full": rates["ours"] / rates["full"] if rates["ours"] and rates["full"] else None,
+        "conditions": table.get("conditions"),
     }
 
 
@@ -130,7 +135,8 @@ def table_lines(summary: Mapping[str, Any]) -> list[str]:
         ]
         thesis = row["thesis"]
         reference = f"{_percent(thesis['train'])}, {_percent(thesis['test'])}" if thesis else ""
-        speeds = ", ".join(_plain(row["speeds"][name]) for name in ("bare", "full", "ours"))
+        rates = (look_up(row, f"speeds/{name}/frames_per_second") for name in ("bare", "full", "ours"))
+        speeds = ", ".join(_plain(rate) for rate in rates) if row["speeds"] else "not measured"
         body = row["body"]
         lines.append(
             f"| {row['name']} | {body['points']} / {body['frames']} | {body['cells']} | {whole} | {reference} "

@@ -7,8 +7,10 @@ import json
 import pytest
 
 from fem_truth.report.gather import gather, table_lines
+from fem_truth.report.page import look_up
 from fem_truth.report.report_json import REPORT_VERSION
 from runtime.errors import SoftprintError
+from tests.page_reader import Reader
 
 ROW = {
     "squared": 0.04,
@@ -23,9 +25,6 @@ ROW = {
 
 def write_report(folder, name: str, **changed) -> None:
     folder.mkdir()
-    speeds = [
-        {"model": model, "frames_per_second": rate} for model, rate in (("bare", 200.0), ("ours", 100.0))
-    ]
     report = {
         "softprint_report": REPORT_VERSION,
         "experiment": {"name": name},
@@ -36,36 +35,86 @@ def write_report(folder, name: str, **changed) -> None:
             "contacts": {"learned": 12},
         },
         "truth": {"states": 1, "noise_floor": 3e-4},
-        "benchmarks": [{"name": "bench", "rows": speeds}],
-        "timings": {},
-        "machine": {"cores": 2},
+        "timings": {"ours": {"steps_per_second": 77.0}},
     }
     (folder / "report.json").write_text(json.dumps({**report, **changed}))
 
 
+def write_bench(folder, **changed) -> None:
+    """Ours is half as fast as the bare subspace, and one step in four is given up."""
+    speeds = [
+        {
+            "model": model,
+            "steps": 8,
+            "frames_per_second": rate,
+            "step": 1 / rate,
+            "mean": 1.5 / rate,
+            "slow": 3 / rate,
+            "converged": done,
+        }
+        for model, rate, done in (("bare", 200.0, 1.0), ("ours", 100.0, 0.75))
+    ]
+    bench = {
+        "scene": "press",
+        "iterations": 40,
+        "tolerance": 1e-6,
+        "threads": 2,
+        "machine": {"processor": "a CPU", "cores": 2},
+        "speeds": speeds,
+    }
+    (folder / "bench.json").write_text(json.dumps({**bench, **changed}))
+
+
 def test_one_line_a_body_with_the_thesis_beside_it(tmp_path):
     write_report(tmp_path / "finger", "finger_small")
-    write_report(tmp_path / "cube", "cube", timings={"full": {"steps_per_second": 5.0}}, benchmarks=[])
+    write_bench(tmp_path / "finger")
+    write_report(tmp_path / "cube", "cube")
     summary = gather([tmp_path / "finger", tmp_path / "cube"], tmp_path / "all.html")
     finger, cube = summary["rows"]
     assert finger["thesis"]["test"] == 0.155
     assert finger["report"] == "finger/report.html"
     assert cube["thesis"] is None
-    assert finger["speeds"] == {
-        "bare": 200.0,
-        "full": None,
-        "ours": 100.0,
-        "cost_of_bare": 2.0,
-        "faster_than_full": None,
-    }
-    assert cube["speeds"]["full"] == 5.0
     assert json.loads((tmp_path / "all.json").read_text()) == summary
     page = (tmp_path / "all.html").read_text()
     assert page.count("finger_small") >= 2
     assert "15.5" in page
+    reader = Reader()
+    reader.feed(page)
+    assert all(float(value) == look_up(summary, key) for key, value in reader.numbers)
     lines = table_lines(summary)
     assert len(lines) == 4
     assert "| 1 %, 1 % | 14 %, 15.5 % | 4 % (20 %) | 4 % (20 %) | 0.03 % | 200, -, 100 |" in lines[2]
+
+
+def test_speeds_are_those_of_bench_with_what_they_were_measured_under(tmp_path):
+    write_report(tmp_path / "finger", "finger_small")
+    write_bench(tmp_path / "finger")
+    speeds = gather([tmp_path / "finger"], tmp_path / "all.html")["rows"][0]["speeds"]
+    assert speeds["full"] is None
+    assert speeds["faster_than_full"] is None
+    assert speeds["cost_of_bare"] == 2.0
+    assert (speeds["ours"]["slow"], speeds["ours"]["converged"]) == (0.03, 0.75)
+    page = (tmp_path / "all.html").read_text()
+    assert "the scene \u201cpress\u201d" in page
+    assert "beside the next step" in page
+    assert "not measured" not in page
+    write_bench(tmp_path / "finger", threads=1)
+    gather([tmp_path / "finger"], tmp_path / "all.html")
+    assert "one thread" in (tmp_path / "all.html").read_text()
+
+
+def test_where_nothing_was_benchmarked_no_other_number_stands_in(tmp_path):
+    """Motions have recorded steps without a surface: 77 of them a second."""
+    write_report(tmp_path / "cube", "cube")
+    summary = gather([tmp_path / "cube"], tmp_path / "all.html")
+    assert summary["rows"][0]["speeds"] is None
+    page = (tmp_path / "all.html").read_text()
+    assert f"softprint bench EXPERIMENT --out {tmp_path / 'cube'}" in page
+    assert ">77<" not in page
+    assert table_lines(summary)[2].endswith("| not measured |")
+    (tmp_path / "cube" / "bench.json").write_text("{}")
+    with pytest.raises(SoftprintError, match=r"bench\.json"):
+        gather([tmp_path / "cube"], tmp_path / "all.html")
 
 
 @pytest.mark.parametrize(
