@@ -80,7 +80,7 @@ def _row(run: Path, seen_from: Path) -> dict[str, Any]:
         "models": sides,
         "contacts": report["shapes"]["contacts"],
         "states": report["truth"]["states"],
-        "noise_floor": report["truth"]["noise_floor"],
+        "noise": {key: report["truth"].get(key) for key in ("noise_floor", "noise_90")},
         "run": str(run),
         "speeds": _speeds(run, judged),
         "thesis": None if thesis is None else vars(thesis),
@@ -119,29 +119,32 @@ def _render(summary: Mapping[str, Any]) -> str:
 
 
 def table_lines(summary: Mapping[str, Any]) -> list[str]:
-    """The table as Markdown, for the console: squared errors of all that full space adds, as the thesis counts, and of
-    contact alone."""
+    """Two tables as Markdown, for the console: errors of every model, squared and (root), of all that full space adds,
+    as the thesis counts, and of contact alone; and sizes and speeds of the bodies."""
     lines = [
-        "| body | handles | tets | learned from, never seen | thesis | contact alone: learned from (root) "
-        "| never seen (root) | noise | bare, full, ours [1/s] |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| body | model | learned from | never seen | thesis | contact alone: learned from | never seen "
+        "| noise, median and 90 % |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for row in summary["rows"]:
-        sides = [f"models/{row['judged']}/{side}/" for side in ("learned", "testing")]
-        whole = ", ".join(_percent(look_up(row, side + "whole_squared")) for side in sides)
-        errors = [
-            f"{_percent(look_up(row, side + 'squared'))} ({_percent(look_up(row, side + 'rms'))})"
-            for side in sides
-        ]
-        thesis = row["thesis"]
-        reference = f"{_percent(thesis['train'])}, {_percent(thesis['test'])}" if thesis else ""
+        for model, sides in row["models"].items():
+            errors = [
+                f"{_percent(look_up(sides, f'{side}/{measure}squared'))} "
+                f"({_percent(look_up(sides, f'{side}/{measure}rms'))})"
+                for measure in ("whole_", "")
+                for side in ("learned", "testing")
+            ]
+            thesis = row["thesis"] if model == row["judged"] else None
+            reference = f"{_percent(thesis['train'])}, {_percent(thesis['test'])}" if thesis else ""
+            noise = ", ".join(_percent(value) for value in row["noise"].values())
+            cells = (row["name"], model, *errors[:2], reference, *errors[2:], noise)
+            lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", "| body | handles | tets | bare, full, ours [1/s] |", "| --- | --- | --- | --- |"]
+    for row in summary["rows"]:
         rates = (look_up(row, f"speeds/{name}/frames_per_second") for name in ("bare", "full", "ours"))
         speeds = ", ".join(_plain(rate) for rate in rates) if row["speeds"] else "not measured"
         body = row["body"]
-        lines.append(
-            f"| {row['name']} | {body['points']} / {body['frames']} | {body['cells']} | {whole} | {reference} "
-            f"| {errors[0]} | {errors[1]} | {_percent(row['noise_floor'])} | {speeds} |"
-        )
+        lines.append(f"| {row['name']} | {body['points']} / {body['frames']} | {body['cells']} | {speeds} |")
     return lines
 
 

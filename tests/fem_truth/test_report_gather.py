@@ -31,10 +31,10 @@ def write_report(folder, name: str, **changed) -> None:
         "body": {"points": 7, "frames": 2, "cells": 31218, "nodes": 6000},
         "shapes": {
             "judged": "ours",
-            "sides": {"ours": {"learned": ROW, "testing": ROW}},
+            "sides": {name: {"learned": ROW, "testing": ROW} for name in ("mechanics", "ours")},
             "contacts": {"learned": 12},
         },
-        "truth": {"states": 1, "noise_floor": 3e-4},
+        "truth": {"states": 1, "noise_floor": 3e-4, "noise_90": 2e-3},
         "timings": {"ours": {"steps_per_second": 77.0}},
     }
     (folder / "report.json").write_text(json.dumps({**report, **changed}))
@@ -82,8 +82,17 @@ def test_one_line_a_body_with_the_thesis_beside_it(tmp_path):
     reader.feed(page)
     assert all(float(value) == look_up(summary, key) for key, value in reader.numbers)
     lines = table_lines(summary)
-    assert len(lines) == 4
-    assert "| 1 %, 1 % | 14 %, 15.5 % | 4 % (20 %) | 4 % (20 %) | 0.03 % | 200, -, 100 |" in lines[2]
+    assert len(lines) == 11
+    told = "1 % (10 %) | 1 % (10 %) | {} | 4 % (20 %) | 4 % (20 %) | 0.03 %, 0.2 % |"
+    assert lines[2] == f"| finger_small | mechanics | {told.format('')}"
+    assert lines[3] == f"| finger_small | ours | {told.format('14 %, 15.5 %')}"
+    assert lines[9] == "| finger_small | 7 / 2 | 31218 | 200, -, 100 |"
+    keys = {key for key, _ in reader.numbers}
+    for model in ("mechanics", "ours"):
+        for side in ("learned", "testing"):
+            for measure in ("whole_squared", "whole_rms", "squared", "rms"):
+                assert f"rows/0/models/{model}/{side}/{measure}" in keys
+    assert {"rows/0/noise/noise_floor", "rows/0/noise/noise_90"} <= keys
 
 
 def test_speeds_are_those_of_bench_with_what_they_were_measured_under(tmp_path):
@@ -111,7 +120,7 @@ def test_where_nothing_was_benchmarked_no_other_number_stands_in(tmp_path):
     page = (tmp_path / "all.html").read_text()
     assert f"softprint bench EXPERIMENT --out {tmp_path / 'cube'}" in page
     assert ">77<" not in page
-    assert table_lines(summary)[2].endswith("| not measured |")
+    assert table_lines(summary)[-1].endswith("| not measured |")
     (tmp_path / "cube" / "bench.json").write_text("{}")
     with pytest.raises(SoftprintError, match=r"bench\.json"):
         gather([tmp_path / "cube"], tmp_path / "all.html")
