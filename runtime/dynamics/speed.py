@@ -83,9 +83,22 @@ class _Drawer:
             before.result()
 
 
+def _warm_up(model: SceneModel, n_steps: int, draw: Callable[[Any], object]) -> None:
+    """Play to the first contact and no further: what is compiled or loaded there takes seconds, once on a machine or in
+    a process, and is no part of a frame."""
+    state = model.start().state
+    for _ in range(n_steps):
+        result = model.step(state)
+        state = result.state
+        draw(state)
+        if result.penetration > 0:
+            break
+
+
 def _measure(
     name: str, model: SceneModel, n_steps: int, at_most: int | None, draw: Callable[[Any], object]
 ) -> Speed | None:
+    _warm_up(model, n_steps, draw)
     state = model.start().state
     walls: list[float] = []
     cpus: list[float] = []
