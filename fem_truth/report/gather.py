@@ -1,5 +1,6 @@
-"""Many reports on one page: table 6.1 of the thesis, one line a body, from the report.json of each run, and how
-fast they are, from its bench.json.
+"""Many reports on one page: table 6.1 of the thesis, motions and the worst shapes of every body, from the report of
+each run; how fast they are, from its bench.json; and the studies of chapter 6 and of how much truth it takes, from what
+benchmarks left there.
 
 What the thesis measured stands beside it where the body is one of its four.
 """
@@ -12,11 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 from markupsafe import Markup
 
+from fem_truth.report.data_plot import data_figure_of
+from fem_truth.report.figures import RC, to_svg
 from fem_truth.report.learning import read_json, read_table
 from fem_truth.report.page import Numbers, look_up, page_style, page_template
+from fem_truth.report.picture import Picture
 from fem_truth.report.report_json import REPORT_VERSION, json_text, plain, write_text
+from fem_truth.report.thesis6_plots import thesis6_figure
+from fem_truth.report.worst_pictures import worst_pictures
 from runtime.errors import SoftprintError
 
 
@@ -51,7 +58,7 @@ def gather(runs: Sequence[Path], page: Path) -> dict[str, Any]:
     summary: dict[str, Any] = plain(
         {"softprint_gathered": 1, "rows": [_row(run, page.parent) for run in runs]}
     )
-    html = _render(summary)
+    html = _render(summary, [_drawn(run, str(number)) for number, run in enumerate(runs)])
     write_text(page.with_suffix(".json"), json_text(summary))
     write_text(page, html)
     return summary
@@ -81,6 +88,8 @@ def _row(run: Path, seen_from: Path) -> dict[str, Any]:
         "contacts": report["shapes"]["contacts"],
         "states": report["truth"]["states"],
         "noise": {key: report["truth"].get(key) for key in ("noise_floor", "noise_90")},
+        "worst": [_worst(report["shapes"], shape["shape"]) for shape in report["shapes"]["worst"]],
+        "motions": [_motion(scene) for scene in report["scenes"]],
         "run": str(run),
         "speeds": _speeds(run, judged),
         "thesis": None if thesis is None else vars(thesis),
@@ -91,6 +100,34 @@ def _sides(rows: Mapping[str, Any]) -> dict[str, Any]:
     """learned and testing of one model, as far as they are there."""
     keys = ("squared", "rms", "whole_squared", "whole_rms", "worst", "samples")
     return {side: {key: row[key] for key in keys} for side, row in rows.items()}
+
+
+def _worst(shapes: Mapping[str, Any], shape: str) -> dict[str, Any]:
+    """One of the judged model's worst testing shapes."""
+    row = shapes["shapes"][shapes["judged"]][shape]
+    return {"shape": shape, **{key: row[key] for key in ("whole_squared", "whole_rms", "squared", "rms")}}
+
+
+def _motion(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """Errors of every model in a test scene: at the states of full space, and running alone. RMS in metres, `left` and
+    `worst` in shares of the bare subspace's."""
+    given, alone = scene["errors_all"], scene["free"]
+    return {
+        "name": scene["name"],
+        "contact": scene["n_contact"],
+        "models": {
+            model: {
+                "rms": look_up(given, f"{model}/rms"),
+                "left": look_up(given, f"{model}/relative_rms"),
+                "worst": look_up(given, f"{model}/relative_worst"),
+                "alone_rms": look_up(alone, f"{model}/rms"),
+                "alone_left": look_up(alone, f"{model}/relative"),
+                "not_converged": look_up(alone, f"{model}/not_converged"),
+            }
+            for model in dict.fromkeys([*given, *alone])
+            if model != "full"
+        },
+    }
 
 
 def _speeds(run: Path, judged: str) -> dict[str, Any] | None:
@@ -113,9 +150,27 @@ def _speeds(run: Path, judged: str) -> dict[str, Any] | None:
     }
 
 
-def _render(summary: Mapping[str, Any]) -> str:
+@dataclass(frozen=True)
+class _Drawn:
+    """What a body has beside numbers: `worst_pictures`, and plots as SVG text."""
+
+    worst: list[list[Picture]]
+    thesis6: str | None
+    data: str | None
+
+
+def _drawn(run: Path, name: str) -> _Drawn:
+    with plt.rc_context(RC):
+        plots = {
+            kind: None if figure is None else Markup(to_svg(figure, f"{kind}{name}", {}))
+            for kind, figure in (("thesis6", thesis6_figure(run)), ("data", data_figure_of(run)))
+        }
+    return _Drawn(worst_pictures(run / "report.html"), **plots)
+
+
+def _render(summary: Mapping[str, Any], drawn: Sequence[_Drawn]) -> str:
     template = page_template("fem_truth.report", "gather.html.j2")
-    return template.render(s=summary, n=Numbers(summary), css=Markup(page_style()))
+    return template.render(s=summary, n=Numbers(summary), drawn=drawn, css=Markup(page_style()))
 
 
 def table_lines(summary: Mapping[str, Any]) -> list[str]:

@@ -1,13 +1,19 @@
-"""Reports of many bodies in one table."""
+"""Reports of many bodies on one page."""
 
 from __future__ import annotations
 
 import json
+import re
 
+import numpy as np
 import pytest
+
+pytest.importorskip("jinja2")
+pytest.importorskip("matplotlib")
 
 from fem_truth.report.gather import gather, table_lines
 from fem_truth.report.page import look_up
+from fem_truth.report.picture import encode
 from fem_truth.report.report_json import REPORT_VERSION
 from runtime.errors import SoftprintError
 from tests.page_reader import Reader
@@ -22,6 +28,19 @@ ROW = {
     "median": 0.1,
 }
 
+SCENE = {
+    "name": "press",
+    "n_contact": 9,
+    "errors_all": {
+        model: {"rms": 1e-3 * left, "relative_rms": left, "relative_worst": 1.5 * left}
+        for model, left in (("full", 0.0), ("bare", 1.0), ("mechanics", 0.5), ("ours", 0.25))
+    },
+    "free": {
+        model: {"rms": 2e-3 * left, "relative": left, "not_converged": 3}
+        for model, left in (("bare", 1.0), ("ours", 1.25))
+    },
+}
+
 
 def write_report(folder, name: str, **changed) -> None:
     folder.mkdir()
@@ -33,7 +52,10 @@ def write_report(folder, name: str, **changed) -> None:
             "judged": "ours",
             "sides": {name: {"learned": ROW, "testing": ROW} for name in ("mechanics", "ours")},
             "contacts": {"learned": 12},
+            "shapes": {"ours": {"wood_screw": ROW, "torus": ROW}},
+            "worst": [{"shape": "wood_screw"}],
         },
+        "scenes": [SCENE, {"name": "aside", "n_contact": 0, "errors_all": {}, "free": {}}],
         "truth": {"states": 1, "noise_floor": 3e-4, "noise_90": 2e-3},
         "timings": {"ours": {"steps_per_second": 77.0}},
     }
@@ -124,6 +146,74 @@ def test_where_nothing_was_benchmarked_no_other_number_stands_in(tmp_path):
     (tmp_path / "cube" / "bench.json").write_text("{}")
     with pytest.raises(SoftprintError, match=r"bench\.json"):
         gather([tmp_path / "cube"], tmp_path / "all.html")
+
+
+def test_motions_are_given_the_state_or_run_alone(tmp_path):
+    write_report(tmp_path / "cube", "cube")
+    summary = gather([tmp_path / "cube"], tmp_path / "all.html")
+    press, aside = summary["rows"][0]["motions"]
+    assert list(press["models"]) == ["bare", "mechanics", "ours"]
+    assert press["models"]["ours"] == {
+        "rms": 2.5e-4,
+        "left": 0.25,
+        "worst": 0.375,
+        "alone_rms": 2.5e-3,
+        "alone_left": 1.25,
+        "not_converged": 3,
+    }
+    assert press["models"]["mechanics"]["alone_rms"] is None  # it has not played the scene
+    assert aside["models"] == {}
+    reader = Reader()
+    reader.feed((tmp_path / "all.html").read_text())
+    assert ("rows/0/motions/0/models/ours/alone_left", "1.25") in reader.numbers
+
+
+def test_the_worst_shapes_come_with_small_pictures_of_the_report(tmp_path):
+    write_report(tmp_path / "cube", "cube")
+    gather([tmp_path / "cube"], tmp_path / "all.html")
+    page = (tmp_path / "all.html").read_text()
+    assert "wood screw" in page
+    assert "made without pictures" in page
+    (tmp_path / "cube" / "report.html").write_text(page_of_shapes(4))
+    gather([tmp_path / "cube"], tmp_path / "all.html")
+    page = (tmp_path / "all.html").read_text()
+    assert "made without pictures" not in page
+    assert re.findall(r'<img src="data:image/webp[^"]*" width="(\d+)" height="(\d+)" alt="(\d)"', page) == [
+        ("340", "170", kind) for kind in ("0", "1", "3")
+    ]
+
+
+def page_of_shapes(count: int) -> str:
+    """As a report has them, among other pictures: the contact, full space, the bare subspace, ours."""
+    pictures = [encode(np.full((300, 600, 4), 200, dtype=np.uint8), str(kind)) for kind in range(count)]
+    images = "".join(f'<img src="{picture.uri}" alt="{picture.alt}">' for picture in pictures)
+    other = f'<section id="pictures"><article>{images}</article></section>'
+    return f'{other}<section id="shapes"><article>{images}</article></section><section id="free">{images}'
+
+
+def test_studies_are_drawn_where_the_run_has_them(tmp_path):
+    run = tmp_path / "cube"
+    write_report(run, "cube")
+    gather([run], tmp_path / "all.html")
+    assert 'id="studies"' not in (tmp_path / "all.html").read_text()
+    data = {"testing_error": 0.2, "validation_error": 0.1, "testing_spread": 0.01}
+    rows = [{"shapes": shapes, "contacts": contacts, **data} for shapes, contacts in ((4, 1), (4, 2), (2, 2))]
+    (run / "bench_how_much_truth.json").write_text(json.dumps({"rows": rows}))
+    figures = {"jump": {"thesis6": [0.1, 0.2]}, "void": {"thesis6": [[0.3, 0.8]]}}
+    (run / "thesis6_figures.json").write_text(json.dumps(figures))
+    gather([run], tmp_path / "all.html")
+    page = (tmp_path / "all.html").read_text()
+    assert page.count("<svg") == 2
+    for words in ("training shapes", "6.3: raw or smoothed normal", "6.6: what a void"):
+        assert words in page
+    assert "6.5: one node" not in page  # of another file
+    for file in ("thesis6_figures.json", "bench_how_much_truth.json"):
+        kept = (run / file).read_text()
+        (run / file).write_text('{"rows": [{}]}')
+        with pytest.raises(SoftprintError, match=rf"{file}: not what benchmarks\.\w+ writes"):
+            gather([run], tmp_path / "all.html")
+        (run / file).write_text(kept)
+    assert (tmp_path / "all.html").read_text() == page
 
 
 @pytest.mark.parametrize(

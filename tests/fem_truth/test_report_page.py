@@ -14,6 +14,7 @@ from fem_truth.report.headline import console_lines, headline_cards
 from fem_truth.report.page import (
     PageContent,
     ScenePictures,
+    ShapeView,
     ShownFrame,
     format_number,
     look_up,
@@ -22,6 +23,7 @@ from fem_truth.report.page import (
 from fem_truth.report.picture import encode
 from fem_truth.report.report_json import json_text, plain
 from fem_truth.report.style import styles_for
+from fem_truth.report.worst_pictures import worst_pictures
 from tests.page_reader import Reader
 
 MODELS = ("full", "bare", "linear_response", "thesis5", "ours", "truth", "statics", "v1.2 <odd>")
@@ -234,6 +236,35 @@ def test_a_report_of_nothing_learned_says_what_to_run(summary):
     text = render_page(PageContent(bare, {}, {}, styles_for(MODELS)))
     for verb in ("generate", "train", "simulate"):
         assert f"softprint {verb}" in text
+
+
+def test_the_worst_shapes_can_be_taken_out_again(summary, tmp_path):
+    """By `softprint gather`, small."""
+    row = dict.fromkeys(
+        ("squared", "rms", "whole_squared", "whole_rms", "median", "worst", "samples", "sample"), 0.5
+    )
+    shapes = {"judged": "ours", "sides": {"ours": {"testing": row}}, "contacts": {"testing": 3}}
+    shapes["worst"] = [{"shape": "wood_screw", **row}]
+    pictures = {
+        name: encode(np.full((60, 400, 4), 200, dtype=np.uint8), name)
+        for name in ("it", "full", "bare", "ours")
+    }
+    view = ShapeView(pictures["it"], [(name, pictures[name]) for name in ("full", "bare", "ours")])
+    content = PageContent(
+        {**summary, "scenes": [], "shapes": shapes},
+        {},
+        dict.fromkeys(("phases", "quality", "shapes"), ""),
+        styles_for(MODELS),
+        [("ours", pictures["it"])],
+        [view],
+    )
+    page = tmp_path / "report.html"
+    page.write_text(render_page(content), encoding="utf-8")
+    (taken,) = worst_pictures(page)
+    assert [(picture.alt, picture.width, picture.height) for picture in taken] == [
+        (name, 340, 51) for name in ("it", "full", "ours")
+    ]
+    assert worst_pictures(tmp_path / "absent.html") == []
 
 
 def test_what_a_bench_was_measured_under_stands_beside_it(summary):
