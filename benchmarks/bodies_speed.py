@@ -4,11 +4,11 @@
 
 Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
 correction of form loads, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
-Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS.safetensors. A body whose
-run is elsewhere is given as EXPERIMENT=DIRECTORY. On two threads the surface of a step is drawn beside the next step,
-by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says. Figures to
-reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4 times the
-cost of the bare subspace.
+Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS_VERSION.safetensors. A
+body whose run is elsewhere is given as EXPERIMENT=DIRECTORY. On two threads the surface of a step is drawn beside the
+next step, by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says.
+Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4
+times the cost of the bare subspace.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from runtime.body import ReducedBody
 from runtime.cli.bench_verb import all_or_count
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
-from runtime.corrections.correction_file import save_correction
+from runtime.corrections.correction_file import VERSION, save_correction
 from runtime.corrections.load_model import LoadModel
 from runtime.corrections.options import load_model_options
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
@@ -59,7 +59,7 @@ def correction_file(context: Context, body: ReducedBody, loads: int | None) -> t
     if loads is None and trained.is_file():
         return trained, True
     count = loads or specs[-1].loads
-    path = out / f"speed_stand_in_{count}.safetensors"
+    path = out / f"speed_stand_in_{count}_{VERSION}.safetensors"
     if not path.is_file():
         stand_in(experiment, specs[-1], body, count, path)
     return path, False

@@ -5,7 +5,8 @@
 Needs a truth of the library (`softprint generate`). An input that is left out is zero for all samples. Every row has
 the same samples (each --every-th one), steps and settings. A table in Markdown of the squared error over the volume,
 sum |u - u*|^2 / sum |u*|^2, mean over the seeds and in brackets highest minus lowest: on validation shapes in a state
-not learned from, and on testing shapes. Weights are the best of a run by the former.
+not learned from, and on testing shapes. Weights are the best of a run by the former. In the last row the network is
+on its own: it corrects nothing, and is told nothing of what linear mechanics of the body makes of the contact.
 """
 
 from __future__ import annotations
@@ -14,14 +15,20 @@ import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
+from runtime.corrections.load_inputs import DIRECTIONS
+from runtime.corrections.load_model import LoadModel
 from runtime.corrections.options import load_model_options
+from runtime.corrections.trust import Trust
 from runtime.experiment.training_schema import ModelSpec
 from runtime.shapes import names
 from runtime.truth_file import load_truth
@@ -42,6 +49,9 @@ VARIANTS: dict[str, tuple[int, ...]] = {
     "the contact and the rest position": (*CONTACT, *PLACE),
     "the contact alone": CONTACT,
 }
+# Those of how the linear body has given way, and of the collider where it has moved to.
+OF_MECHANICS = (1, 3, 4, *range(6, 11), 16, 18, 20, *range(22, 28), 29, 31, *range(34, 39))
+UNGUIDED = "no mechanics"
 
 
 def told(data: LoadData, columns: Sequence[int]) -> LoadData:
@@ -49,6 +59,33 @@ def told(data: LoadData, columns: Sequence[int]) -> LoadData:
     kept = torch.zeros(data.local.shape[-1])
     kept[list(columns)] = 1.0
     return replace(data, local=data.local * kept)
+
+
+def unguided(data: LoadData) -> LoadData:
+    """The data without the loads that mechanics gives, the displacement by them, and what is told of either."""
+    lever = data.lever.clone()
+    lever[:, :, DIRECTIONS - 1] = 0.0
+    columns = [k for k in ALL if k not in OF_MECHANICS]
+    return replace(told(data, columns), load=torch.zeros_like(data.load), lever=lever)
+
+
+class UnguidedTask(LoadTask):
+    """Learned without mechanics, but in loads of the same size. There is no load beside which a correction could be
+    too large to be believed."""
+
+    def __init__(self, scale: Tensor, *parts: Any) -> None:
+        super().__init__(*parts)
+        self._scale = scale
+
+    def fresh_model(self, seed: int) -> LoadModel:
+        """See `LoadTask`."""
+        model = super().fresh_model(seed)
+        model.traction_scale.copy_(self._scale)
+        model.trust = Trust(len(model.local_mean))
+        return model
+
+    def finish(self, model: LoadModel, batch: int = 256) -> None:
+        """See `LoadTask`."""
 
 
 def main() -> None:
@@ -78,10 +115,14 @@ def main() -> None:
     print(f"{len(data[0])} samples to learn from, {len(data[1])} and {len(data[2])} to judge by\n")
     print("| inputs | their number | validation shapes | testing shapes | CPU s |")
     print("| --- | --- | --- | --- | --- |", flush=True)
-    for name, columns in VARIANTS.items():
+    scale = LoadTask(model_options, metric, data[0], data[1], body.n_rows).fresh_model(0).traction_scale
+    for name in (*VARIANTS, UNGUIDED):
         started = time.process_time()
-        learned, *judged = (told(part, columns) for part in data)
-        tasks = [LoadTask(model_options, metric, learned, side, body.n_rows) for side in judged]
+        if name == UNGUIDED:
+            make, (learned, *judged) = partial(UnguidedTask, scale), map(unguided, data)
+        else:
+            make, (learned, *judged) = LoadTask, (told(part, VARIANTS[name]) for part in data)
+        tasks = [make(model_options, metric, learned, side, body.n_rows) for side in judged]
         found = []
         for k in range(options.seeds):
             settings = training_settings(context.experiment.training, spec.form, context.seed + k)
@@ -89,7 +130,8 @@ def main() -> None:
             found.append([task.held_out_error(model).squared for task in tasks])
         cells = [f"{m:.2%} ({s:.2%})" for m, s in zip(np.mean(found, 0), np.ptp(found, 0), strict=True)]
         seconds = (time.process_time() - started) / options.seeds
-        print(f"| {name} | {len(columns)} | {' | '.join(cells)} | {seconds:.0f} |", flush=True)
+        count = len(VARIANTS.get(name, set(ALL) - set(OF_MECHANICS)))
+        print(f"| {name} | {count} | {' | '.join(cells)} | {seconds:.0f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,8 @@ from runtime.corrections.descriptor_model import DescriptorModelOptions, relativ
 from runtime.corrections.fade import Fade
 from runtime.descriptors import DirectGeometry, LocalDescriptor, biased_frames, random_frames
 from runtime.descriptors.attenuation import attenuation
+from runtime.descriptors.smoothed_gradient import unit_normal
+from runtime.descriptors.steadiness import steadiness
 from runtime.errors import SoftprintError
 from runtime.truth_file import TruthData
 from surrogate.touching import touching_samples
@@ -38,9 +40,10 @@ class DescriptorData:
     """n points of s samples, each in k frames.
 
     descriptor: (n, k, m) [m]; relative: W(X) T^-1 (q - x) (n, n_rows, dim) [m]; rotation: R (n, k, dim, dim);
-    share: (n, k) what each frame counts; factor: attenuation times fade (n,); target: (n, dim) [m] in collider
-    coordinates; weight: (n,), shares of the body's volume; sample: (n,) into the samples. Of the samples: whole, the
-    mean square of the displacement over the body (s,) [m^2], and beyond, the part of it where no descriptor reaches.
+    share: (n, k) what each frame counts; factor: attenuation, steadiness and fade together (n,); target: (n, dim)
+    [m] in collider coordinates; weight: (n,), shares of the body's volume; sample: (n,) into the samples. Of the
+    samples: whole, the mean square of the displacement over the body (s,) [m^2], and beyond, the part of it where no
+    descriptor reaches.
     """
 
     descriptor: Tensor
@@ -122,7 +125,8 @@ def load_descriptor_data(
             chosen, weight = _draw(drawing, weight * _density(distance, options.radius), u[near])
             near, a = near[chosen], a[chosen]
         z = z[near]
-        normal = geometry.normal(z)
+        gradient = geometry.smoothed(z)
+        normal = unit_normal(gradient)
         if drawing is not None:
             rotation = np.stack([random_frames(normal, drawing.rng) for _ in range(drawing.frames)], axis=1)
             share = np.full(rotation.shape[:2], 1.0 / drawing.frames)
@@ -135,7 +139,7 @@ def load_descriptor_data(
             relative,
             rotation,
             share,
-            fade.value(patch.depth) * a,
+            fade.value(patch.depth) * a * steadiness(gradient),
             u[near],
             weight,
         )

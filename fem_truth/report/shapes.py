@@ -65,11 +65,14 @@ def judge_shapes(
         return None
     require_same_colliders(truth, context.experiment)
     models = {name: _OnAny(correction, body, collider) for name, correction in trained.items()}
-    program = sources_hash(Path(runtime.__file__).parent)
+    programs = {
+        "program": sources_hash(Path(runtime.__file__).parent),
+        "report": sources_hash(Path(__file__).parent),
+    }
     errors = {
         name: remembered(
             files.folder / "shapes" / f"{name}.json",
-            {"truth": truth.content_hash, "correction": file_hash(trained[name].path), "program": program},
+            {"truth": truth.content_hash, "correction": file_hash(trained[name].path), **programs},
             partial(_measured, context, truth, body, model, name),
         )
         for name, model in models.items()

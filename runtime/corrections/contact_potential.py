@@ -30,6 +30,10 @@ class ContactPotential:
         """(n_loads,) the nodes of the mesh where loads are."""
         return self.probe.nodes
 
+    def begin(self) -> None:
+        """See `Potential`."""
+        self.probe.begin()
+
     def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:
         """W [J]."""
         press = self.probe.press(rows, pose, turn)

@@ -2,7 +2,8 @@
 
 Everything that detail adds to the subspace goes through this protocol (thesis eq. 5.1, x = x_reduced + u). A
 correction knows a body and one collider; *bound* to a set of material points it answers for these at a given
-reduced state and collider pose. All of it is quasi-static: it has no memory and no velocity.
+reduced state and collider pose. All of it is quasi-static: it has no velocity, and remembers nothing but where contact
+came from (`FollowsContact`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from runtime.body.material_points import MaterialPoints
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.internal_response import InternalResponse
 from runtime.errors import SoftprintError
+from runtime.rigid.twist import point_motion, turned_along
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +39,22 @@ class CorrectionField:
     def empty(cls, dim: int, n_rows: int) -> CorrectionField:
         """No point is active: the collider does not touch."""
         return cls(np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty((0, dim, n_rows, dim)))
+
+    def by_twist(self, rows: Array, affine_part: Array, centre: Array) -> Array:
+        """du/dtwist (m, dim, n_twist), the body held fixed: the collider moves by s and turns by w about the centre c
+        (dim,) [m], translation first (`runtime/rigid/twist.py`).
+
+        rows: (n_rows, dim), those of the linearisation; affine_part: o (n_rows,), see `Handles.affine_part`. A
+        correction turns with body and collider together, so a twist is the body moved the other way and u turned along,
+
+            du/dtwist = (0, E_k u) - du/drows (o I, E_k (rows - o c)),
+
+        exact wherever du/drows is.
+        """
+        motion = point_motion(rows - affine_part[:, None] * centre)
+        motion[:, :, : len(centre)] *= affine_part[:, None, None]
+        through_rows = np.tensordot(self.jacobian, motion, axes=2)
+        return np.asarray(turned_along(self.displacement) - through_rows)
 
 
 def require_body(name: str, dim: int, n_rows: int, body: ReducedBody) -> None:
@@ -90,6 +108,10 @@ class Potential(Protocol):
     @property
     def nodes(self) -> IntArray:
         """(n_loads,) the nodes of the mesh where loads are."""
+        ...
+
+    def begin(self) -> None:
+        """A motion begins: forget where contact came from."""
         ...
 
     def energy(self, rows: Array, pose: RigidPose, turn: Array) -> float:

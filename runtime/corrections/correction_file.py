@@ -33,7 +33,7 @@ from runtime.tensor_file import load_tensors, save_tensors
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 7
+KIND, VERSION = "correction", 8
 REMEDY = "train it again"
 # Forms: a `ContactModel`, a `LoadModel` with its `RestMechanics`, a `DescriptorModel`.
 FIELD, LOADS, DESCRIPTOR = "field", "loads", "descriptor"

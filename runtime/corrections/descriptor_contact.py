@@ -18,12 +18,14 @@ from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.reach import Reach
 from runtime.descriptors import Geometry, GridGeometry, MovingFrames, biased_frames, moving_frames
 from runtime.descriptors.attenuation import attenuation, attenuation_slope
+from runtime.descriptors.smoothed_gradient import unit_normal, unit_normal_slope
+from runtime.descriptors.steadiness import steadiness, steadiness_slope
 from runtime.errors import SoftprintError
 
 
 class DescriptorContact:
-    """u(X) = T R r (thesis eq. 6.1). Zero unless some surface sample of the reduced body penetrates, and at points
-    whose reduced position is farther than d from the collider.
+    """u(X) = T R r (thesis eq. 6.1). Zero unless some surface sample of the reduced body penetrates, at points whose
+    reduced position is farther than d from the collider, and where there is no telling the normal.
 
     geometry: where descriptors come from, by default grids around the collider, computed here. The model may be
     float32, as trained, or float64 (`model.double()`), for finite differences.
@@ -88,15 +90,15 @@ class BoundDescriptorContact:
         return displacement
 
     def predict(self, z: Array, relative: Array) -> Array:
-        """R r (n, dim) [m] at points z (n, dim), in collider coordinates and before it is attenuated; relative: see
+        """b R r (n, dim) [m] at points z (n, dim), in collider coordinates and before it is attenuated; relative: see
         `relative_rows`."""
-        u = np.zeros_like(z)
-        for frames in biased_frames(self._geometry.normal(z)):
+        u, gradient = np.zeros_like(z), self._geometry.smoothed(z)
+        for frames in biased_frames(unit_normal(gradient)):
             at, R = frames.at, frames.rotation
             phi = self._model.descriptor.values(self._geometry, z[at], R)
             r = self._model.evaluate(inputs_in_frame(phi, relative[at], R))
             u[at] += frames.weight[:, None] * np.einsum("nab,nb->na", R, r)
-        return u
+        return u * steadiness(gradient)[:, None]
 
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
         """u and du/drows of the points within d and within reach; none where the reduced body does not touch."""
@@ -107,7 +109,8 @@ class BoundDescriptorContact:
         relative = relative_rows(basis, contact.rows, self._affine, z)
         u, to_z = np.zeros_like(z), np.zeros((*z.shape, z.shape[1]))
         to_rows = np.zeros((*z.shape, *contact.rows.shape))
-        for frames in moving_frames(*self._geometry.normal_derivatives(z)):
+        smoothed = self._geometry.smoothed_derivatives(z)
+        for frames in moving_frames(*unit_normal_slope(*smoothed)):
             at = frames.at
             part = self._in_frames(frames, z[at], relative[at], basis[at])
             weight = frames.weight
@@ -117,8 +120,10 @@ class BoundDescriptorContact:
             )
             to_rows[at] += weight[:, None, None, None] * part[2]
         distance, gradient = self._geometry.distance_gradient(z)
-        a = attenuation(distance, self._radius)
-        slope = attenuation_slope(distance, self._radius)[:, None] * gradient
+        a, b = attenuation(distance, self._radius), steadiness(smoothed[0])
+        slope = (b * attenuation_slope(distance, self._radius))[:, None] * gradient
+        slope += a[:, None] * steadiness_slope(*smoothed)
+        a *= b
         to_z = a[:, None, None] * to_z + u[:, :, None] * slope[:, None, :]
         u *= a[:, None]
         jacobian = a[:, None, None, None] * to_rows + to_z[:, :, None, :] * basis[:, None, :, None]

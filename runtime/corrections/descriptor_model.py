@@ -1,10 +1,11 @@
 """The network of thesis 6.2.4: contact deformation from the local descriptor of any collider.
 
-    r = s N(phi, W(X) R^-1 T^-1 (q - x)),        u = a(phi_0) D^2 / (D^2 + D_0^2) T R r        (thesis eqs. 6.1 and 6.5)
+    r = s N(phi, W(X) R^-1 T^-1 (q - x)),        u = a(phi_0) b(g) D^2 / (D^2 + D_0^2) T R r   (thesis eqs. 6.1 and 6.5)
 
 with W = diag(U(X)); of frames, x is subtracted from the translation row alone. s [m] is the output scale, a the
-attenuation at distance d, and the factor of the depth D of the contact takes the field to zero as contact opens: a
-network that knows the neighbourhood of one point cannot tell whether the body is touched anywhere (see `fade.py`).
+attenuation at distance d, b that where the smoothed gradient g tells no normal, and the factor of the depth D of the
+contact takes the field to zero as contact opens: a network that knows the neighbourhood of one point cannot tell
+whether the body is touched anywhere (see `fade.py`).
 """
 
 from __future__ import annotations

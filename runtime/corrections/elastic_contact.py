@@ -32,7 +32,7 @@ from runtime.errors import SoftprintError
 
 class ElasticContact:
     """Zero unless some load on the body is inside the collider. float32 as trained, or float64. mechanics: of the body,
-    as it was trained with."""
+    as it was trained with. It remembers where contact came from, so that simulators need one each."""
 
     support: float = np.inf
 

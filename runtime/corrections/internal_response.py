@@ -24,6 +24,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,10 +80,6 @@ class InternalResponse:
             self.turns(turn),
         )
 
-    def strain(self, rows: Array, rotation: Array) -> Array:
-        """d (n_rows, dim) as seen by what has turned by a rotation R (dim, dim)."""
-        return self.centred(rows) @ rotation - self.centred(self.rest_rows)
-
     def centred(self, rows: Array) -> Array:
         """Rows less their mean translation, which strains nothing and would only be rounded: a body may be far from
         where it began."""
@@ -103,9 +100,10 @@ class InternalResponse:
         """The response of some of the nodes, by their numbers here. For the same nodes it is the same response, which
         remembers how they turned last, whoever asked."""
         name = np.asarray(nodes, dtype=np.int64).tobytes()
-        if name not in self._parts:
-            self._parts[name] = self._part(nodes)
-        return self._parts[name]
+        part = self._parts.get(name)
+        if part is None:
+            self._parts[name] = part = self._part(nodes)
+        return part
 
     def _part(self, nodes: IntArray) -> InternalResponse:
         modes, weight = np.ascontiguousarray(self.modes[nodes]), np.ascontiguousarray(self.weight[nodes])
@@ -116,8 +114,9 @@ class InternalResponse:
         return replace(self, gravity=gravity)
 
     @cached_property
-    def _parts(self) -> dict[bytes, InternalResponse]:
-        return {}
+    def _parts(self) -> WeakValueDictionary[bytes, InternalResponse]:
+        """Those that someone holds."""
+        return WeakValueDictionary()
 
     @cached_property
     def _mean(self) -> Array:

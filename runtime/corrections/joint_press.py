@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -19,6 +19,8 @@ from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import SdfDerivatives
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.load_press import LoadPress, LoadProbe, LoadsAround, PosedDistance
+from runtime.corrections.press_memory import PressMemory
+from runtime.errors import SoftprintError
 
 Poses = Mapping[str, RigidPose]
 
@@ -29,6 +31,17 @@ class NearestDistance:
 
     colliders: tuple[PosedDistance, ...]
     owner: IntArray
+
+    def value(self, x: Array) -> Array:
+        """Without its derivatives (m,) [m]."""
+        found = np.empty(len(x))
+        for mine, distance in zip(self._owned, self.colliders, strict=True):
+            found[mine] = distance.value(x[mine])
+        return found
+
+    def among(self, which: BoolArray) -> NearestDistance:
+        """See `LoadsDistance`."""
+        return NearestDistance(self.colliders, self.owner[which])
 
     def __call__(self, x: Array) -> SdfDerivatives:
         if len(self.colliders) == 1:
@@ -92,20 +105,27 @@ class JointProbe:
     def __init__(self, probes: Mapping[str, LoadProbe]) -> None:
         self.probes = dict(probes)
         self._any = next(iter(self.probes.values()))
-        self._last: tuple[Array, Poses, Array, JointPress | None] | None = None
+        self._memory = PressMemory[Poses, JointPress](self._same)
+        if any(probe.unlike(self._any) for probe in self.probes.values()):
+            raise SoftprintError(
+                f"the corrections of {', '.join(map(repr, probes))} press one body together, but with another contact "
+                "stiffness, band or internal response each: give them the same"
+            )
+
+    def _same(self, last: Poses, poses: Poses) -> bool:
+        return all(last[name] is poses[name] for name in self.probes)
 
     def press(self, rows: Array, poses: Poses, turn: Array) -> JointPress | None:
-        """The loads in balance at handle rows (n_rows, dim), or None where none is inside a collider. The last answer
-        is kept."""
-        near = None
-        if self._last is not None:
-            last_rows, last_poses, last_turn, near = self._last
-            same = all(last_poses[name] is poses[name] for name in self.probes)
-            if same and np.array_equal(last_turn, turn) and np.array_equal(last_rows, rows):
-                return near
-        press = self._press(rows, poses, turn, near)
-        self._last = (rows.copy(), dict(poses), turn, press)
-        return press
+        """The loads in balance at handle rows (n_rows, dim), or None where none is inside a collider."""
+        return self._memory.press(rows, dict(poses), turn, partial(self._press, rows, poses, turn))
+
+    def begin(self) -> None:
+        """Forget what was pressed before, and start from nothing."""
+        self._memory.forget()
+
+    def hold(self, press: JointPress | None) -> None:
+        """See `PressMemory`."""
+        self._memory.hold(press)
 
     def _press(self, rows: Array, poses: Poses, turn: Array, near: JointPress | None) -> JointPress | None:
         about = self._any.surroundings(rows, turn)
@@ -116,21 +136,14 @@ class JointProbe:
         names = tuple(touching)
         around, owner = _nearest(list(touching.values()))
         distances = tuple(PosedDistance(self.probes[name].collider, poses[name]) for name in names)
-        problem = self._any.problem(rows, around, NearestDistance(distances, owner))
-        start = None if near is None else near.predict(rows, poses, around.index)
-        solution = problem.solve(start)
-        motion = self._any.motion(around.index[solution.bearing], turn)
-        press = LoadPress(
-            rows.copy(),
-            poses[names[0]],
-            around.index,
-            around.position,
-            around.index,
-            motion,
-            problem,
-            solution,
-        )
-        return JointPress(press, names, dict(poses), owner)
+        start = None
+        if near is not None:
+            borne = near.press.index[near.press.bearing]
+            around = around.with_bearing(np.isin(around.index, borne))
+            start = near.predict(rows, poses, around.index[around.could_bear])
+        nearest = NearestDistance(distances, owner)
+        press = self._any.balanced(rows, poses[names[0]], turn, around, nearest, start)
+        return JointPress(press, names, dict(poses), owner[np.searchsorted(around.index, press.index)])
 
     def settled(self, rows: Array, poses: Poses, turn: Array) -> Callable[[IntArray], Array]:
         """See `LoadProbe.settled`."""
@@ -139,13 +152,16 @@ class JointProbe:
 
 
 def _nearest(parts: list[LoadsAround]) -> tuple[LoadsAround, IntArray]:
-    """Every load that could bear pressure once, and the number of the part in which it is deepest."""
-    index = np.concatenate([part.index[part.could_bear] for part in parts])
-    distance = np.concatenate([part.distance[part.could_bear] for part in parts])
-    position = np.concatenate([part.position[part.could_bear] for part in parts])
-    owner = np.repeat(np.arange(len(parts)), [int(part.could_bear.sum()) for part in parts])
+    """Every load once, ascending, and the number of the part in which it is deepest. It could bear pressure if it could
+    in any."""
+    index = np.concatenate([part.index for part in parts])
+    distance = np.concatenate([part.distance for part in parts])
+    position = np.concatenate([part.position for part in parts])
+    could_bear = np.concatenate([part.could_bear for part in parts])
+    owner = np.repeat(np.arange(len(parts)), [len(part.index) for part in parts])
     order = np.lexsort((distance, index))
-    first = order[np.r_[True, np.diff(index[order]) > 0]]
+    starts = np.flatnonzero(np.r_[True, np.diff(index[order]) > 0])
+    first = order[starts]
+    anywhere = np.logical_or.reduceat(could_bear[order], starts)
     depth = max(part.depth for part in parts)
-    everywhere = np.ones(len(first), dtype=bool)
-    return LoadsAround(index[first], distance[first], position[first], depth, everywhere), owner[first]
+    return LoadsAround(index[first], distance[first], position[first], depth, anywhere), owner[first]

@@ -33,7 +33,8 @@ class LoadFactor:
             self._among, self._F, everyone, *pressed, _NOTHING
         )
         self._given, K = load_step.saddle(self._among, self._load, stiff, v)
-        self._factor = lu_factor(K, overwrite_a=True, check_finite=False)
+        # Loads that only just touch have no direction that matters.
+        self._factor = lu_factor(K, overwrite_a=True, check_finite=False) if len(K) else None
 
     def given(self, loads: Array) -> Array:
         """G phi, displacements of loads phi, both in rest coordinates."""
@@ -66,4 +67,6 @@ class LoadFactor:
 
     def _solve(self, right: Array) -> Array:
         """K^-1 right (r, n)."""
+        if self._factor is None:
+            return right
         return np.asarray(lu_solve(self._factor, right, check_finite=False))

@@ -13,8 +13,9 @@ these over the loads around,
     <q> = sum_k K w_k q_k / sum_k K w_k,    K = (1 - |x_k - x|^2 / r^2)^2 within r = 2 band,
 
 w_k the weight by which a load takes part at all, so that none enters or leaves abruptly. Over loads in contact these
-see as much of the collider's shape as touches the body, for nothing: distances sampled on rings around every load were
-tried, and added nothing to them (`docs/any_collider_model.md`).
+see as much of the collider's shape as touches the body, for nothing. Distances sampled on rings about g around every
+load, the descriptor of the thesis made invariant, were tried beside curvature and strain: shapes learned from were
+fitted better, others not, which know the collider where it touches already.
 """
 
 from __future__ import annotations

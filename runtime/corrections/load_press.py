@@ -18,7 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Protocol
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from runtime.corrections.internal_reach import InternalReach
 from runtime.corrections.load_factor import LoadFactor
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.near_loads import NearLoads
+from runtime.corrections.press_memory import PressMemory
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.directions import times_directions
 
@@ -47,6 +49,18 @@ _LOOKS = 3
 Surroundings = tuple[Array, Array]
 
 
+class LoadsDistance(Protocol):
+    """The signed distance at certain loads (m,), each of one collider in the world; x (m, dim) where they are."""
+
+    def __call__(self, x: Array) -> SdfDerivatives: ...
+
+    def value(self, x: Array) -> Array: ...
+
+    def among(self, which: BoolArray) -> LoadsDistance:
+        """At some of the loads (m,)."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class PosedDistance:
     """The signed distance of a collider in the world."""
@@ -61,6 +75,10 @@ class PosedDistance:
     def value(self, x: Array) -> Array:
         """Without its derivatives (n,) [m]."""
         return self.collider.sdf(self.pose.apply_inverse(x))
+
+    def among(self, which: BoolArray) -> PosedDistance:
+        """See `LoadsDistance`."""
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,8 +243,12 @@ class LoadProbe:
         self._room = 0.0  # within which loads were looked for last [m]
         self._no_reach = np.zeros(len(compliance.nodes))
         self._among_near = NearLoads(self.among_loads)
-        self._last: tuple[Array, RigidPose, Array, LoadPress | None] | None = None
-        self._held: LoadPress | None = None
+        self._memory = PressMemory[RigidPose, LoadPress](lambda last, pose: last is pose)
+
+    def unlike(self, other: LoadProbe) -> bool:
+        """Whether it presses otherwise than another on the same compliance."""
+        alike = np.array_equal(self._stiffness, other._stiffness) and self._band == other._band
+        return not alike or self.internal is not other.internal
 
     def positions(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
         """x (m, dim) [m] of some of the loads (all by default), internal response included."""
@@ -255,38 +277,40 @@ class LoadProbe:
         return self._reach(rows, turn)
 
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
-        """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider. The last
-        answer is kept: dynamics asks for energy, derivatives and forces of one state one after the other."""
-        last = None
-        if self._last is not None:
-            last_rows, last_pose, last_turn, last = self._last
-            same = last_pose is pose and np.array_equal(last_turn, turn)
-            if same and np.array_equal(last_rows, rows):
-                return last
-        press = self._press(rows, pose, turn, self._held or last)
-        self._last = (rows.copy(), pose, turn, press)
-        return press
+        """The loads in balance at handle rows (n_rows, dim), or None where none is inside the collider."""
+        return self._memory.press(rows, pose, turn, partial(self._press, rows, pose, turn))
 
     def begin(self) -> None:
         """Forget what was pressed before, and start from nothing."""
-        self._last = self._held = None
+        self._memory.forget()
 
     def hold(self, press: LoadPress | None) -> None:
-        """Start from this press, until another is held, wherever the loads are pressed next. A line search looks about
-        one state: were each trial to start from the last, which may have slid to another balance, the energy would
-        leap however short the step becomes."""
-        self._held = press
+        """See `PressMemory`."""
+        self._memory.hold(press)
 
     def _press(self, rows: Array, pose: RigidPose, turn: Array, near: LoadPress | None) -> LoadPress | None:
         around = self.around(rows, pose, turn)
         if around is None:
             return None
-        distance = PosedDistance(self.collider, pose)
-        if near is not None:
-            around = around.with_bearing(np.isin(around.index, near.index[near.bearing]))
+        if near is None:
+            return self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose))
+        around = around.with_bearing(np.isin(around.index, near.index[near.bearing]))
+        start = near.predict(rows, pose, around.index[around.could_bear])
+        return self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose), start)
+
+    def balanced(
+        self,
+        rows: Array,
+        pose: RigidPose,
+        turn: Array,
+        around: LoadsAround,
+        distance: LoadsDistance,
+        start: tuple[Array, Array] | None = None,
+    ) -> LoadPress:
+        """Loads (n,) around in balance, those that the dent pushes in included; distance: at all of them; start: see
+        `LoadProblem.solve`, of those that could bear pressure."""
         problem = self.problem(rows, around, distance)
-        index = around.index[around.could_bear]
-        solution = problem.solve(None if near is None else near.predict(rows, pose, index))
+        solution = problem.solve(start)
         for _ in range(_LOOKS):
             pushed = self._pushed_in(rows, around, problem, solution, distance)
             if not pushed.any():
@@ -304,21 +328,21 @@ class LoadProbe:
         around: LoadsAround,
         problem: LoadProblem,
         solution: LoadSolution,
-        distance: PosedDistance,
+        distance: LoadsDistance,
     ) -> BoolArray:
         """(n,) which of the loads around, not among those that could bear pressure, the dent pushes into the
         collider."""
         b, pushed = solution.bearing, np.zeros(len(around.index), dtype=bool)
         # Nothing beside the loads that are pressed is moved farther than they are.
         farthest = np.sqrt((solution.moved[b] ** 2).sum(axis=1).max(initial=0.0))
-        beside = np.flatnonzero(~around.could_bear & (around.distance < farthest))
-        if not beside.size:
+        beside = ~around.could_bear & (around.distance < farthest)
+        if not beside.any():
             return pushed
         index, bearing = around.index[beside], around.index[around.could_bear][b]
         load = load_step.pulled_back(problem.F[b], solution.pressure[b], solution.normal[b])
         v = self._among_near.displacement(index, bearing, load)
         moved = load_step.moved_by(self.deformation(rows, index), v)
-        pushed[beside] = distance.value(around.position[beside] + moved) < 0.0
+        pushed[beside] = distance.among(beside).value(around.position[beside] + moved) < 0.0
         return pushed
 
     def around(
@@ -341,10 +365,8 @@ class LoadProbe:
         self._room = _MORE * _ROOM * depth
         return LoadsAround(index, distance, x, depth, distance < _ROOM * depth)
 
-    def problem(
-        self, rows: Array, around: LoadsAround, distance: Callable[[Array], SdfDerivatives]
-    ) -> LoadProblem:
-        """Of the loads that could bear pressure."""
+    def problem(self, rows: Array, around: LoadsAround, distance: LoadsDistance) -> LoadProblem:
+        """Of the loads that could bear pressure; distance: of all around."""
         index = around.index[around.could_bear]
         return LoadProblem(
             self._among_near.compliance(index),
@@ -352,7 +374,7 @@ class LoadProbe:
             self._stiffness[index],
             around.position[around.could_bear],
             around.depth,
-            distance,
+            distance.among(around.could_bear),
         )
 
     def settled(self, rows: Array, pose: RigidPose, turn: Array) -> Callable[[IntArray], Array]:

@@ -52,7 +52,7 @@ class NearLoads:
             if len(new):
                 if self._count + len(new) > len(self._known):
                     new = np.unique(loads)
-                    self._forget(max(len(self._known), 2 * len(new)))
+                    self._forget(max(len(self._known), min(2 * len(new), len(self._slot))))
                 self._take(new)
             return np.asarray(self._slot[loads]), self._pairs
 

@@ -34,6 +34,8 @@ class Felt(NamedTuple):
 class PotentialGroup(Protocol):
     """A `Potential` of several colliders; poses of all colliders of the scene, by name."""
 
+    def begin(self) -> None: ...
+
     def energy(self, rows: Array, poses: Poses, turn: Array) -> float: ...
 
     def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, RowHessian | None]: ...
@@ -74,6 +76,10 @@ class SinglePotential:
     def __init__(self, name: str, potential: Potential) -> None:
         self._name, self._potential = name, potential
 
+    def begin(self) -> None:
+        """See `Potential.begin`."""
+        self._potential.begin()
+
     def energy(self, rows: Array, poses: Poses, turn: Array) -> float:
         """W [J]."""
         return self._potential.energy(rows, poses[self._name], turn)
@@ -105,6 +111,10 @@ class JointPotential:
         self._names = tuple(potentials)
         self.probe = JointProbe({name: potential.probe for name, potential in potentials.items()})
 
+    def begin(self) -> None:
+        """See `Potential.begin`."""
+        self.probe.begin()
+
     def energy(self, rows: Array, poses: Poses, turn: Array) -> float:
         """W [J] of all of them."""
         joint = self.probe.press(rows, poses, turn)
@@ -113,6 +123,7 @@ class JointPotential:
     def linearise(self, rows: Array, poses: Poses, turn: Array) -> tuple[float, Array, RowHessian | None]:
         """See `Potential.linearise`."""
         joint = self.probe.press(rows, poses, turn)
+        self.probe.hold(joint)
         if joint is None or not joint.press.bearing.size:
             return 0.0, np.zeros_like(rows), None
         press = joint.press

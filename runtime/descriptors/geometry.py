@@ -24,13 +24,21 @@ GRADIENT_CELLS, DISTANCE_CELLS = 24, 64
 class Geometry(Protocol):
     """A collider's neighbourhood, in its own coordinates."""
 
-    def normal(self, z: Array) -> Array:
-        """Smoothed unit normal (n, dim) at points z (n, dim)."""
+    def smoothed(self, z: Array) -> Array:
+        """Smoothed gradient g (n, dim) at points z (n, dim)."""
         ...
+
+    def smoothed_derivatives(self, z: Array) -> tuple[Array, Array]:
+        """g (n, dim) and dg_a/dz_c (n, dim, dim) [1/m]."""
+        ...
+
+    def normal(self, z: Array) -> Array:
+        """Smoothed unit normal (n, dim)."""
+        return unit_normal(self.smoothed(z))
 
     def normal_derivatives(self, z: Array) -> tuple[Array, Array]:
         """Smoothed unit normal (n, dim) and its derivative (n, dim, dim) [1/m]."""
-        ...
+        return unit_normal_slope(*self.smoothed_derivatives(z))
 
     def distance(self, z: Array) -> Array:
         """Signed distance (n,) [m]."""
@@ -41,20 +49,20 @@ class Geometry(Protocol):
         ...
 
 
-class DirectGeometry:
+class DirectGeometry(Geometry):
     """From the collider itself. radius: d [m]; sets: of differences in the smoothed gradient."""
 
     def __init__(self, collider: Collider, radius: float, sets: int) -> None:
         self._collider = collider
         self._smoothed = SmoothedGradient(collider, radius, sets)
 
-    def normal(self, z: Array) -> Array:
+    def smoothed(self, z: Array) -> Array:
         """See `Geometry`."""
-        return unit_normal(self._smoothed.value(z))
+        return self._smoothed.value(z)
 
-    def normal_derivatives(self, z: Array) -> tuple[Array, Array]:
+    def smoothed_derivatives(self, z: Array) -> tuple[Array, Array]:
         """See `Geometry`."""
-        return unit_normal_slope(*self._smoothed.derivatives(z))
+        return self._smoothed.derivatives(z)
 
     def distance(self, z: Array) -> Array:
         """See `Geometry`."""
@@ -66,7 +74,7 @@ class DirectGeometry:
         return found.value, found.gradient
 
 
-class GridGeometry:
+class GridGeometry(Geometry):
     """Distance and smoothed gradient from cubic splines on grids around the collider, for points within d of its
     bounds; precomputed in seconds."""
 
@@ -86,14 +94,14 @@ class GridGeometry:
         nodes, shape, origin, spacing = _nodes(collider, 2 * radius, largest / distance_cells)
         self._distance = SplineGrid(collider.sdf(nodes).reshape(shape), origin, spacing)
 
-    def normal(self, z: Array) -> Array:
+    def smoothed(self, z: Array) -> Array:
         """See `Geometry`."""
-        return unit_normal(np.column_stack([grid.value(z) for grid in self._gradient]))
+        return np.column_stack([grid.value(z) for grid in self._gradient])
 
-    def normal_derivatives(self, z: Array) -> tuple[Array, Array]:
+    def smoothed_derivatives(self, z: Array) -> tuple[Array, Array]:
         """See `Geometry`."""
         values, slopes = zip(*(grid.gradients(z) for grid in self._gradient), strict=True)
-        return unit_normal_slope(np.column_stack(values), np.stack(slopes, axis=1))
+        return np.column_stack(values), np.stack(slopes, axis=1)
 
     def distance(self, z: Array) -> Array:
         """See `Geometry`."""

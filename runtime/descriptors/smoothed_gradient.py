@@ -79,7 +79,7 @@ def _in_chunks(function: Callable[[Array], Array], z: Array) -> Array:
 
 
 def unit_normal(gradient: Array) -> Array:
-    """n = g / |g| (n, dim); the first axis where g vanishes."""
+    """n = g / |g| (n, dim); the first axis where g vanishes, and nothing counts (`steadiness.py`)."""
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
     somewhere = np.eye(gradient.shape[1])[0]
     return np.where(length > 0.0, gradient / np.where(length > 0.0, length, 1.0), somewhere)

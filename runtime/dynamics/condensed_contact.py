@@ -36,6 +36,11 @@ class CondensedContact:
         joint = [group for group in self._groups if isinstance(group, JointPotential)]
         return {name: group.probe for group in joint for name in group.probe.probes}
 
+    def begin(self) -> None:
+        """A motion begins: forget where contact came from."""
+        for group in self._groups:
+            group.begin()
+
     def settled(self, rows: Array, poses: Poses, turn: Array) -> dict[str, Callable[[IntArray], Array]]:
         """Where loads are in a state, see `Potential`."""
         return {k: at for group in self._groups for k, at in group.settled(rows, poses, turn).items()}

@@ -57,6 +57,9 @@ class _Strained(NamedTuple):
     F: Array
     energy: float
 
+    def is_at(self, rows: Array, turn: Array) -> bool:
+        return np.array_equal(self.rows, rows) and np.array_equal(self.turn, turn)
+
 
 class InternalElasticEnergy:
     """Of U rows, the internal response and the corrections at the watched points; an `Elastic`."""
@@ -132,7 +135,7 @@ class InternalElasticEnergy:
         """At handle rows, and displacements (n, dim) of the watched points. Without these the last one is kept: a line
         search ends where the next iteration begins."""
         last = self._last
-        if displacement is None and last is not None and last.rows is rows and last.turn is turn:
+        if displacement is None and last is not None and last.is_at(rows, turn):
             return last
         held, missed = self._at(turn), self._at(turn).missed
         change = self._internal.centred(rows - turn).ravel()
@@ -140,7 +143,7 @@ class InternalElasticEnergy:
         if displacement is not None:
             F += self._elasticity.correction_gradients(displacement)
         energy = missed.value + change @ (missed.slope + 0.5 * (missed.stiffness @ change))
-        found = _Strained(rows, turn, change, F, self._elasticity.energy(F) + float(energy))
+        found = _Strained(rows.copy(), turn.copy(), change, F, self._elasticity.energy(F) + float(energy))
         if displacement is None:
             self._last = found
         return found

@@ -18,7 +18,7 @@ from runtime.dynamics.elastic import Elastic
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 # By so much the deformation gradient may have changed (root mean square over the cells) before a new one is found.
-_SAME = 0.005
+_SAME = 0.02
 # Hessians of fewer multiplications are found sooner than the iterations take that a kept one may cost.
 _DEAR = 2e7
 

@@ -169,7 +169,9 @@ class Simulator:
         check_colliders(self.colliders, dim)
 
     def rest_state(self, time: float = 0.0, poses: Mapping[str, RigidPose] | None = None) -> ReducedState:
-        """The undeformed body, not moving; kinematic handles where they are at ``time`` [s]."""
+        """The undeformed body, not moving; kinematic handles where they are at ``time`` [s]. A motion begins: where
+        contact came from is forgotten, of which drawings and forces of a state in contact may depend."""
+        self._condensed.begin()
         rest = self.body.rest_rows
         rows = place_kinematic(rest, rest, self.body.handles, self._kinematic, time)
         where = poses_at(self.colliders, time, poses)
@@ -179,6 +181,7 @@ class Simulator:
         self, state: ReducedState, poses: Mapping[str, RigidPose] | None = None
     ) -> StepResult[ReducedState]:
         """One time step. ``poses``: of colliders at the *end* of the step, in place of their paths."""
+        self._check_state(state)
         timings = Timings()
         h = self.settings.time_step
         end = state.time + h
@@ -209,6 +212,11 @@ class Simulator:
         reached = ReducedState(end, rows, velocity, end_poses, turn, motions)
         return self._result(solved, reached, energy, inertia, timings, free)
 
+    def _check_state(self, state: ReducedState) -> None:
+        """One that the last step did not return may have been made by hand."""
+        if self._last is None or self._last[0] is not state:
+            self.body.handles.check_rows(state.rows, "rows of the state")
+
     def _carried_on(self, state: ReducedState) -> Array:
         """Rows after a step at constant velocity, frames kept rigid: where Newton starts."""
         handles = self.body.handles
@@ -222,6 +230,7 @@ class Simulator:
         a scene starts. Something must hold the body: kinematic handles, springs or contact. Colliders that move freely
         stay where they are, and keep their motion."""
         begin = state or self.rest_state()
+        self._check_state(begin)
         settings = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
         timings = Timings()
         rows, iterations = begin.rows, 0

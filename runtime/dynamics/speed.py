@@ -66,7 +66,10 @@ def measure(
     beside: draw the surface of a step beside the next one, if the model is a reduced one."""
     if beside and isinstance(model, ReducedModel):
         with ThreadPoolExecutor(1) as second:
-            return _measure(name, model, n_steps, at_most, _Drawer(model, second))
+            drawer = _Drawer(model, second)
+            found = _measure(name, model, n_steps, at_most, drawer)
+            drawer.wait()
+            return found
     return _measure(name, model, n_steps, at_most, model.surface_positions)
 
 
@@ -78,9 +81,14 @@ class _Drawer:
         self._drawn: Future[Array] | None = None
 
     def __call__(self, state: Any) -> None:
-        before, self._drawn = self._drawn, self._second.submit(self._model.surface_later(state))
-        if before is not None:
-            before.result()
+        drawing = self._second.submit(self._model.surface_later(state))
+        self.wait()
+        self._drawn = drawing
+
+    def wait(self) -> None:
+        """For the one that is being drawn; raises what went wrong there."""
+        if self._drawn is not None:
+            self._drawn.result()
 
 
 def _warm_up(model: SceneModel, n_steps: int, draw: Callable[[Any], object]) -> None:

@@ -53,7 +53,7 @@ class Evaluation(NamedTuple):
 class StepEnergy:
     """A `newton.Problem` over handle rows and poses, for one step.
 
-    quadratic: inertia, gravity and springs; turn: (dim, dim), what the internal response is turned by; step: what
+    quadratic: inertia, gravity and springs; turn: (n_rows, dim), see `turning.py`; step: what
     friction remembers, None where there is none; free_colliders: those that are solved for, None where all of them
     stand where they are told;
     friction_updates: how many linearisations take up new normal forces for friction before these are frozen

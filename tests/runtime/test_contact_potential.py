@@ -10,9 +10,10 @@ from runtime.contact import PenaltyContact
 from runtime.corrections import load_press, load_solve
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.potential_group import SinglePotential, grouped
+from runtime.corrections.potential_group import JointPotential, SinglePotential, grouped
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.dynamics.condensed_contact import CondensedContact
+from runtime.errors import SoftprintError
 
 STIFFNESS = 1e10  # N/m^4
 
@@ -48,15 +49,59 @@ def test_second_derivatives_along_some_directions(pressed):
     assert hessian(along) == pytest.approx(along.T @ hessian() @ along, rel=1e-9)
 
 
-def test_loads_that_the_dent_pushes_in_are_found(pressed, monkeypatch):
+def with_another(potential, body, mechanics):
+    """Of the ball and of another one far away, which together press nothing else."""
+    far = LoadProbe(body, Sphere(0.01, body.dim, "far"), mechanics, STIFFNESS, potential.probe._band)
+    return JointPotential({"ball": potential, "far": ContactPotential(far)})
+
+
+@pytest.mark.parametrize("joint", [False, True], ids=["alone", "with another"])
+def test_loads_that_the_dent_pushes_in_are_found(jelly_body, dim, monkeypatch, joint):
     """Whichever loads it begins with, every one that would be inside the collider takes part in the end."""
-    potential, rows, pose, turn = pressed
-    energy = potential.energy(rows, pose, turn)
-    few = ContactPotential(potential.probe)
-    few.probe._last, few.probe._band = None, 2e-3
+    mechanics = compute_rest_mechanics(jelly_body, 400, internal=False)
+    place = np.append(np.full(dim - 1, 0.004), 0.06 + 0.02 - 0.006)
+    poses = {"ball": RigidPose(np.eye(dim), place), "far": RigidPose(np.eye(dim), np.full(dim, 1.0))}
+    rows = jelly_body.rest_rows
+
+    def energy():
+        probe = LoadProbe(jelly_body, Sphere(0.02, dim, "ball"), mechanics, STIFFNESS, 2e-3)
+        potential = ContactPotential(probe)
+        group = (
+            with_another(potential, jelly_body, mechanics) if joint else SinglePotential("ball", potential)
+        )
+        return group.energy(rows, poses, rows)
+
+    expected = energy()
     monkeypatch.setattr(load_press, "_ROOM", -0.4)  # begins with those deeper than that share of the deepest
     # Both are balanced to a millionth of the depth.
-    assert few.energy(rows, pose, turn) == pytest.approx(energy, rel=1e-6)
+    assert energy() == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("depth", [1e-13, 1e-15, 0.0])
+def test_a_collider_that_only_just_touches(jelly_body, dim, depth):
+    """No direction of its stiffening matters then, and there is nothing to factorise."""
+    mechanics = compute_rest_mechanics(jelly_body, 400, internal=False)
+    probe = LoadProbe(jelly_body, Sphere(0.02, dim, "ball"), mechanics, STIFFNESS)
+    nodes = jelly_body.mesh.points[probe.nodes]
+    top = nodes[np.argmax(nodes[:, -1] - 1e-3 * np.linalg.norm(nodes[:, :-1], axis=1))]
+    pose = RigidPose(np.eye(dim), top + np.append(np.zeros(dim - 1), 0.02 - depth))
+    rows = jelly_body.rest_rows
+    energy, gradient, hessian = ContactPotential(probe).linearise(rows, pose, rows)
+    # k a d^3 / 3 is below 1e-30 J.
+    assert 0.0 <= energy < 1e-30
+    assert np.abs(gradient).max() < 1e-15
+    if hessian is not None:
+        assert np.isfinite(hessian()).all()
+
+
+def test_what_presses_together_presses_alike(jelly_body, dim):
+    mechanics = compute_rest_mechanics(jelly_body, 50, internal=False)
+    soft, stiff = (
+        ContactPotential(LoadProbe(jelly_body, Sphere(0.02, dim, name), mechanics, stiffness))
+        for name, stiffness in (("soft", STIFFNESS), ("stiff", 2.0 * STIFFNESS))
+    )
+    with pytest.raises(SoftprintError, match=r"'soft', 'stiff' press one body together.*give them the same"):
+        grouped({"soft": soft, "stiff": stiff})
 
 
 def test_derivatives(pressed, monkeypatch):

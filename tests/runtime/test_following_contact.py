@@ -3,12 +3,17 @@
 import numpy as np
 import pytest
 
-from runtime.colliders import Capsule, RigidPose
+from runtime.colliders import Capsule, KeyframedPath, RigidPose, Sphere
+from runtime.contact import PenaltyContact
 from runtime.corrections.contact_loads import ContactLoadsProbe
+from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.correction import FollowsContact
 from runtime.corrections.elastic_contact import ElasticContact
 from runtime.corrections.load_model import LoadModel, LoadModelOptions
+from runtime.corrections.load_press import LoadProbe
+from runtime.corrections.potential_group import JointPotential, SinglePotential
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 
 TOP, RADIUS, DEPTH = 0.06, 0.004, 0.006
 STIFFNESS, BAND = 1e10, 0.004
@@ -49,6 +54,64 @@ def test_a_thin_rod_that_is_followed_does_not_let_the_surface_through(jelly2d_bo
     assert (np.sort(followed)[:-2] < -0.5 * DEPTH).all()
     probe.begin()
     np.testing.assert_array_equal(heights(probe, rows, lying(DEPTH)), at_once)
+
+
+def groups(body, pressed):
+    """The rod on its own, and together with another collider that is far away."""
+    rod, mechanics = pressed
+    far = Sphere(0.01, 2, "far")
+
+    def of(collider):
+        return ContactPotential(LoadProbe(body, collider, mechanics, STIFFNESS))
+
+    return SinglePotential("rod", of(rod)), JointPotential({"rod": of(rod), "far": of(far)})
+
+
+def test_a_trial_elsewhere_changes_nothing(jelly2d_body, pressed):
+    """A line search looks about the state that was linearised, wherever its last trial was."""
+    rows = jelly2d_body.rest_rows
+
+    def poses(depth):
+        return {"rod": lying(depth), "far": RigidPose(np.eye(2), np.array([0.0, 1.0]))}
+
+    for group in groups(jelly2d_body, pressed):
+        for depth in DEPTH * np.arange(1, 9) / 8:
+            followed = group.linearise(rows, poses(depth), rows)[0]
+        trial = group.energy(rows, poses(0.98 * DEPTH), rows)
+        assert trial == pytest.approx(followed, rel=0.05)
+        assert group.energy(rows, poses(-0.001), rows) == 0.0
+        assert group.energy(rows, poses(0.98 * DEPTH), rows) == trial
+        group.begin()
+        # At once the rod is let through, at a tenth of the energy.
+        assert group.energy(rows, poses(0.98 * DEPTH), rows) < 0.2 * trial
+
+
+def test_a_motion_begins_anew(jelly2d_body, pressed):
+    """The rod begins deep in the block, goes out and comes in again, in balance otherwise than it was at the start."""
+    rod, mechanics = pressed
+    model = LoadModel(LoadModelOptions((8,), "silu", 1e-3, BAND, STIFFNESS), 2, jelly2d_body.n_rows)
+    path = KeyframedPath([0.0, 0.3, 0.6], [lying(depth).translation for depth in (DEPTH, -0.002, DEPTH)])
+    correction = ElasticContact("mechanics", model, jelly2d_body, rod, mechanics)
+    handles = jelly2d_body.handles
+    held = [*(frame.name for frame in handles.frames), *range(handles.n_points)]
+    simulator = Simulator(
+        jelly2d_body,
+        [PlacedCollider("rod", rod, path, correction=correction)],
+        contact=PenaltyContact(STIFFNESS),
+        kinematic=[KinematicHandle(handle, None) for handle in held],
+    )
+
+    def forces():
+        result = simulator.settle()
+        found = [result.contacts["rod"].force]
+        for _ in range(36):
+            result = simulator.step(result.state)
+            found.append(result.contacts["rod"].force)
+        return np.array(found)
+
+    first = forces()
+    assert first[0, 1] * first[-1, 1] < 0.0
+    np.testing.assert_array_equal(forces(), first)
 
 
 def test_a_bound_correction_is_led_like_its_loads(jelly2d_body, pressed):

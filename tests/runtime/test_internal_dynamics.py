@@ -180,7 +180,9 @@ def test_what_the_cubature_misses_turns_along_by_regions(dim):
     # One frame is felt everywhere; stored over (row, axis, axis, row).
     by_region = missed._missed.reshape(-1, n, dim, dim, n).transpose(0, 1, 2, 4, 3)
     for M, R in zip(by_region, rotations, strict=True):
-        z = np.vstack([internal.strain(rows, R), internal.gravity @ R]).ravel()
+        z = np.vstack(
+            [internal.centred(rows) @ R - internal.centred(internal.rest_rows), internal.gravity @ R]
+        ).ravel()
         expected += 0.5 * z @ M.reshape(z.size, z.size) @ z
     found = value + slope @ change + 0.5 * change @ stiffness @ change
     # float32 of the modes, which annihilate translations.
