@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fem_truth.report.data_plot import DATA, data_figure
 from runtime.arrays import BoolArray, IntArray
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
@@ -139,38 +140,6 @@ def _trained(
     )
 
 
-def plot(path: Path, found: Sequence[Row]) -> None:
-    """Two panels: error against contacts of a shape, and against shapes."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    all_shapes, all_contacts = max(row.shapes for row in found), max(row.contacts for row in found)
-    panels = {
-        "contacts of a shape in a state": [(row.contacts, row) for row in found if row.shapes == all_shapes],
-        "training shapes": sorted(
-            ((row.shapes, row) for row in found if row.contacts == all_contacts), key=lambda pair: pair[0]
-        ),
-    }
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True, layout="constrained")
-    for panel, (label, points) in zip(axes, panels.items(), strict=True):
-        x = [at for at, _ in points]
-        spread = [50 * row.testing_spread for _, row in points]
-        panel.errorbar(
-            x, [100 * row.testing_error for _, row in points], spread, fmt="o-", label="testing shapes"
-        )
-        panel.plot(x, [100 * row.validation_error for _, row in points], "s--", label="validation shapes")
-        panel.set_xscale("log", base=2)
-        panel.set_xticks(x, [str(at) for at in x])
-        panel.set_xlabel(label)
-        panel.grid(alpha=0.3)
-    axes[0].set_ylabel("relative RMS error [%]")
-    axes[0].set_ylim(bottom=0)  # of both: only now is everything drawn
-    axes[0].legend()
-    figure.savefig(path, dpi=140)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -204,10 +173,10 @@ def main() -> None:
                 for key, value in asdict(row).items()
             ]
             print(f"| {' | '.join(shown)} |", flush=True)
-    with atomic_path(context.out_dir / "bench_how_much_truth.json") as temporary:
+    with atomic_path(context.out_dir / DATA) as temporary:
         temporary.write_text(json.dumps({"rows": [asdict(row) for row in found]}, indent=1))
     if options.plot:
-        plot(options.plot, found)
+        data_figure([asdict(row) for row in found]).savefig(options.plot, dpi=140)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Many reports on one page: table 6.1 of the thesis, one line a body, from the report.json of each run.
+"""Many reports on one page: table 6.1 of the thesis, motions and the worst shapes of every body, from the report of
+each run; how fast they are, from its bench.json; and the studies of chapter 6 and of how much truth it takes, from what
+benchmarks left there.
 
 What the thesis measured stands beside it where the body is one of its four.
 """
@@ -11,11 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 from markupsafe import Markup
 
-from fem_truth.report.learning import read_json
+from fem_truth.report.data_plot import data_figure_of
+from fem_truth.report.figures import RC, to_svg
+from fem_truth.report.learning import read_json, read_table
 from fem_truth.report.page import Numbers, look_up, page_style, page_template
+from fem_truth.report.picture import Picture
 from fem_truth.report.report_json import REPORT_VERSION, json_text, plain, write_text
+from fem_truth.report.thesis6_plots import thesis6_figure
+from fem_truth.report.worst_pictures import worst_pictures
 from runtime.errors import SoftprintError
 
 
@@ -38,6 +46,9 @@ THESIS = {
     "finger": ThesisRow("30 x 1 x 32", 0.140, 0.155, 142, 1, 11),
 }
 
+# Of a model's line in bench.json; files of earlier versions have no mean and no slow frames.
+_MEASURED = ("steps", "frames_per_second", "step", "mean", "slow", "converged")
+
 
 def gather(runs: Sequence[Path], page: Path) -> dict[str, Any]:
     """Write the page and, beside it, the same numbers as JSON. Returns the numbers.
@@ -47,7 +58,7 @@ def gather(runs: Sequence[Path], page: Path) -> dict[str, Any]:
     summary: dict[str, Any] = plain(
         {"softprint_gathered": 1, "rows": [_row(run, page.parent) for run in runs]}
     )
-    html = _render(summary)
+    html = _render(summary, [_drawn(run, str(number)) for number, run in enumerate(runs)])
     write_text(page.with_suffix(".json"), json_text(summary))
     write_text(page, html)
     return summary
@@ -76,9 +87,11 @@ def _row(run: Path, seen_from: Path) -> dict[str, Any]:
         "models": sides,
         "contacts": report["shapes"]["contacts"],
         "states": report["truth"]["states"],
-        "noise_floor": report["truth"]["noise_floor"],
-        "speeds": _speeds(report, judged),
-        "machine": report["machine"],
+        "noise": {key: report["truth"].get(key) for key in ("noise_floor", "noise_90")},
+        "worst": [_worst(report["shapes"], shape["shape"]) for shape in report["shapes"]["worst"]],
+        "motions": [_motion(scene) for scene in report["scenes"]],
+        "run": str(run),
+        "speeds": _speeds(run, judged),
         "thesis": None if thesis is None else vars(thesis),
     }
 
@@ -89,53 +102,104 @@ def _sides(rows: Mapping[str, Any]) -> dict[str, Any]:
     return {side: {key: row[key] for key in keys} for side, row in rows.items()}
 
 
-def _speeds(report: Mapping[str, Any], judged: str) -> dict[str, Any]:
-    """Frames a second of the bare subspace, of full space and of the judged model: of `softprint bench` if it was run,
-    and otherwise of the simulated motions."""
-    measured = {
-        row["model"]: row["frames_per_second"]
-        for table in report["benchmarks"]
-        if table["name"] == "bench"
-        for row in table["rows"]
-    } or {model: row["steps_per_second"] for model, row in report["timings"].items()}
-    bare, full, ours = (measured.get(name) for name in ("bare", "full", judged))
+def _worst(shapes: Mapping[str, Any], shape: str) -> dict[str, Any]:
+    """One of the judged model's worst testing shapes."""
+    row = shapes["shapes"][shapes["judged"]][shape]
+    return {"shape": shape, **{key: row[key] for key in ("whole_squared", "whole_rms", "squared", "rms")}}
+
+
+def _motion(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """Errors of every model in a test scene: at the states of full space, and running alone. RMS in metres, `left` and
+    `worst` in shares of the bare subspace's."""
+    given, alone = scene["errors_all"], scene["free"]
     return {
-        "bare": bare,
-        "full": full,
-        "ours": ours,
-        "cost_of_bare": bare / ours if bare and ours else None,
-        "faster_than_full": ours / full if full and ours else None,
+        "name": scene["name"],
+        "contact": scene["n_contact"],
+        "models": {
+            model: {
+                "rms": look_up(given, f"{model}/rms"),
+                "left": look_up(given, f"{model}/relative_rms"),
+                "worst": look_up(given, f"{model}/relative_worst"),
+                "alone_rms": look_up(alone, f"{model}/rms"),
+                "alone_left": look_up(alone, f"{model}/relative"),
+                "not_converged": look_up(alone, f"{model}/not_converged"),
+            }
+            for model in dict.fromkeys([*given, *alone])
+            if model != "full"
+        },
     }
 
 
-def _render(summary: Mapping[str, Any]) -> str:
+def _speeds(run: Path, judged: str) -> dict[str, Any] | None:
+    """What `softprint bench` measured of the bare subspace, of full space and of the judged model, and under which
+    conditions; None where it was not run: what motions recorded is something else, for they draw no surface."""
+    path = run / "bench.json"
+    if not path.is_file():
+        return None
+    table = read_table(path)
+    by_model = {row.get("model"): row for row in table["rows"]}
+    rows = {
+        name: by_model.get(model) for name, model in (("bare", "bare"), ("full", "full"), ("ours", judged))
+    }
+    rates = {name: look_up(row or {}, "frames_per_second") for name, row in rows.items()}
+    return {
+        **{name: row and {key: row.get(key) for key in _MEASURED} for name, row in rows.items()},
+        "cost_of_bare": rates["bare"] / rates["ours"] if rates["bare"] and rates["ours"] else None,
+        "faster_than_full": rates["ours"] / rates["full"] if rates["ours"] and rates["full"] else None,
+        "conditions": table.get("conditions"),
+    }
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What a body has beside numbers: `worst_pictures`, and plots as SVG text."""
+
+    worst: list[list[Picture]]
+    thesis6: str | None
+    data: str | None
+
+
+def _drawn(run: Path, name: str) -> _Drawn:
+    with plt.rc_context(RC):
+        plots = {
+            kind: None if figure is None else Markup(to_svg(figure, f"{kind}{name}", {}))
+            for kind, figure in (("thesis6", thesis6_figure(run)), ("data", data_figure_of(run)))
+        }
+    return _Drawn(worst_pictures(run / "report.html"), **plots)
+
+
+def _render(summary: Mapping[str, Any], drawn: Sequence[_Drawn]) -> str:
     template = page_template("fem_truth.report", "gather.html.j2")
-    return template.render(s=summary, n=Numbers(summary), css=Markup(page_style()))
+    return template.render(s=summary, n=Numbers(summary), drawn=drawn, css=Markup(page_style()))
 
 
 def table_lines(summary: Mapping[str, Any]) -> list[str]:
-    """The table as Markdown, for the console: squared errors of all that full space adds, as the thesis counts, and of
-    contact alone."""
+    """Two tables as Markdown, for the console: errors of every model, squared and (root), of all that full space adds,
+    as the thesis counts, and of contact alone; and sizes and speeds of the bodies."""
     lines = [
-        "| body | handles | tets | learned from, never seen | thesis | contact alone: learned from (root) "
-        "| never seen (root) | noise | bare, full, ours [1/s] |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| body | model | learned from | never seen | thesis | contact alone: learned from | never seen "
+        "| noise, median and 90 % |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for row in summary["rows"]:
-        sides = [f"models/{row['judged']}/{side}/" for side in ("learned", "testing")]
-        whole = ", ".join(_percent(look_up(row, side + "whole_squared")) for side in sides)
-        errors = [
-            f"{_percent(look_up(row, side + 'squared'))} ({_percent(look_up(row, side + 'rms'))})"
-            for side in sides
-        ]
-        thesis = row["thesis"]
-        reference = f"{_percent(thesis['train'])}, {_percent(thesis['test'])}" if thesis else ""
-        speeds = ", ".join(_plain(row["speeds"][name]) for name in ("bare", "full", "ours"))
+        for model, sides in row["models"].items():
+            errors = [
+                f"{_percent(look_up(sides, f'{side}/{measure}squared'))} "
+                f"({_percent(look_up(sides, f'{side}/{measure}rms'))})"
+                for measure in ("whole_", "")
+                for side in ("learned", "testing")
+            ]
+            thesis = row["thesis"] if model == row["judged"] else None
+            reference = f"{_percent(thesis['train'])}, {_percent(thesis['test'])}" if thesis else ""
+            noise = ", ".join(_percent(value) for value in row["noise"].values())
+            cells = (row["name"], model, *errors[:2], reference, *errors[2:], noise)
+            lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", "| body | handles | tets | bare, full, ours [1/s] |", "| --- | --- | --- | --- |"]
+    for row in summary["rows"]:
+        rates = (look_up(row, f"speeds/{name}/frames_per_second") for name in ("bare", "full", "ours"))
+        speeds = ", ".join(_plain(rate) for rate in rates) if row["speeds"] else "not measured"
         body = row["body"]
-        lines.append(
-            f"| {row['name']} | {body['points']} / {body['frames']} | {body['cells']} | {whole} | {reference} "
-            f"| {errors[0]} | {errors[1]} | {_percent(row['noise_floor'])} | {speeds} |"
-        )
+        lines.append(f"| {row['name']} | {body['points']} / {body['frames']} | {body['cells']} | {speeds} |")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""`softprint gather`: the reports of many bodies as one table on one page."""
+"""`softprint gather`: the reports of many bodies on one page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Print the table; PAGE.html and PAGE.json."""
+    """Print the tables; PAGE.html and PAGE.json."""
     from fem_truth.report.gather import gather, table_lines
     from runtime.errors import SoftprintError
 
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
 VERB = Verb(
     name="gather",
     order=55,
-    summary="Put the reports of many bodies into one table (thesis, table 6.1).",
+    summary="Put the reports of many bodies on one page (thesis, table 6.1).",
     example="softprint gather runs/ball_small runs/finger_small --out bodies.html",
     run=run,
     needs=("jinja2", "matplotlib"),

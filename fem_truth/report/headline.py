@@ -87,7 +87,8 @@ def _speed(summary: Mapping[str, Any], model: str) -> list[Card]:
             row["steps_per_second"],
             "plain",
             "steps a second in contact",
-            f"{format_number(row['step'], 'ms')} a step, {row['iterations']:.1f} Newton iterations, "
+            f"{format_number(row['step'], 'ms')} a step, the surface not drawn, {row['iterations']:.1f} Newton "
+            f"iterations, {_percent(row['converged'])} of the steps converged; "
             f"{summary['machine']['cores']} cores.{cost}",
         )
     ]

@@ -10,13 +10,16 @@ from typing import Any
 from runtime.corrections.correction_file import CorrectionHeader, read_header
 from runtime.errors import SoftprintError
 
+# What `softprint bench` says of a measurement; files of earlier versions say less.
+_CONDITIONS = ("scene", "tolerance", "iterations", "threads", "time_step", "machine")
+
 
 @dataclass(frozen=True)
 class Learning:
     """What is known of the corrections of a run, by name.
 
     headers: what their files say of them; curves: what training wrote beside them (`history` and errors on
-    held-out states); ablation, benchmarks: tables with `columns` and `rows`."""
+    held-out states); ablation, benchmarks: tables with `columns` and `rows`, see `read_table`."""
 
     headers: Mapping[str, CorrectionHeader] = field(default_factory=dict)
     curves: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -123,7 +126,7 @@ def read_curves(path: Path) -> dict[str, Any]:
 
 def read_table(path: Path) -> dict[str, Any]:
     """A table from a JSON file that holds a list of records, or an object with such a list under `rows`
-    or `speeds` (what `softprint bench` writes)."""
+    or `speeds` (what `softprint bench` writes, with the `conditions` that it measured under)."""
     content = read_json(path)
     records = content.get("rows", content.get("speeds")) if isinstance(content, dict) else content
     if (
@@ -134,4 +137,7 @@ def read_table(path: Path) -> dict[str, Any]:
         raise SoftprintError(
             f"{path}: expected a list of records, or an object with such a list under `rows`"
         )
-    return table_of(records)
+    table = table_of(records)
+    if isinstance(content, dict) and "speeds" in content:
+        table["conditions"] = {name: content.get(name) for name in _CONDITIONS}
+    return table

@@ -123,7 +123,10 @@ def _summary(truth: TruthData, errors: dict[str, SampleErrors], judged: str) -> 
             {
                 "shape": shape,
                 "sample": worst_sample(truth, errors[judged], shape),
-                **{key: shapes[judged][shape][key] for key in ("squared", "rms", "worst")},
+                **{
+                    key: shapes[judged][shape][key]
+                    for key in ("squared", "rms", "whole_squared", "whole_rms", "worst")
+                },
             }
             for shape in worst
         ],

@@ -22,7 +22,10 @@ def test_a_table_from_records_and_from_a_bench(tmp_path):
         ],
     }
     path.write_text(json.dumps({"scene": "x", "speeds": [{"model": "bare", "phases": {"solve": 1e-3}}]}))
-    assert read_table(path)["rows"] == [{"model": "bare", "phases solve": 1e-3}]
+    bench = read_table(path)
+    assert bench["rows"] == [{"model": "bare", "phases solve": 1e-3}]
+    assert bench["conditions"]["scene"] == "x"
+    assert bench["conditions"]["tolerance"] is None  # written before bench told of it
 
 
 @pytest.mark.parametrize("content", ["{", "[]", "3", '{"rows": 3}', "[1, 2]"])

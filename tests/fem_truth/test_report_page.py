@@ -2,7 +2,6 @@
 
 import json
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from fem_truth.report.headline import console_lines, headline_cards
 from fem_truth.report.page import (
     PageContent,
     ScenePictures,
+    ShapeView,
     ShownFrame,
     format_number,
     look_up,
@@ -23,6 +23,8 @@ from fem_truth.report.page import (
 from fem_truth.report.picture import encode
 from fem_truth.report.report_json import json_text, plain
 from fem_truth.report.style import styles_for
+from fem_truth.report.worst_pictures import worst_pictures
+from tests.page_reader import Reader
 
 MODELS = ("full", "bare", "linear_response", "thesis5", "ours", "truth", "statics", "v1.2 <odd>")
 
@@ -53,6 +55,7 @@ def phase_row(step, phases):
         "faster_than_full": 0.05 / step,
         "cost_of_bare": None,
         "iterations": 3.25,
+        "converged": 0.995,
         "phases": phases,
     }
 
@@ -178,25 +181,6 @@ def page(summary):
     return render_page(PageContent(summary, scenes, plots, styles, [("ours", picture)]))
 
 
-class Reader(HTMLParser):
-    """Collects the numbers of a page and everything that it would load."""
-
-    def __init__(self):
-        super().__init__()
-        self.numbers, self.loads, self.tags, self.missing_alt = [], [], set(), 0
-
-    def handle_starttag(self, tag, attributes):
-        found = dict(attributes)
-        self.tags.add(tag)
-        if tag == "data":
-            self.numbers.append((found["data-key"], found["value"]))
-        if tag == "img" and not found.get("alt"):
-            self.missing_alt += 1
-        self.loads += [
-            found[name] for name in ("src", "href", "srcset", "xlink:href", "action") if name in found
-        ]
-
-
 def test_every_number_is_the_one_in_the_json(page, summary):
     reader = Reader()
     reader.feed(page)
@@ -254,6 +238,50 @@ def test_a_report_of_nothing_learned_says_what_to_run(summary):
         assert f"softprint {verb}" in text
 
 
+def test_the_worst_shapes_can_be_taken_out_again(summary, tmp_path):
+    """By `softprint gather`, small."""
+    row = dict.fromkeys(
+        ("squared", "rms", "whole_squared", "whole_rms", "median", "worst", "samples", "sample"), 0.5
+    )
+    shapes = {"judged": "ours", "sides": {"ours": {"testing": row}}, "contacts": {"testing": 3}}
+    shapes["worst"] = [{"shape": "wood_screw", **row}]
+    pictures = {
+        name: encode(np.full((60, 400, 4), 200, dtype=np.uint8), name)
+        for name in ("it", "full", "bare", "ours")
+    }
+    view = ShapeView(pictures["it"], [(name, pictures[name]) for name in ("full", "bare", "ours")])
+    content = PageContent(
+        {**summary, "scenes": [], "shapes": shapes},
+        {},
+        dict.fromkeys(("phases", "quality", "shapes"), ""),
+        styles_for(MODELS),
+        [("ours", pictures["it"])],
+        [view],
+    )
+    page = tmp_path / "report.html"
+    page.write_text(render_page(content), encoding="utf-8")
+    (taken,) = worst_pictures(page)
+    assert [(picture.alt, picture.width, picture.height) for picture in taken] == [
+        (name, 340, 51) for name in ("it", "full", "ours")
+    ]
+    assert worst_pictures(tmp_path / "absent.html") == []
+
+
+def test_what_a_bench_was_measured_under_stands_beside_it(summary):
+    styles = styles_for(MODELS)
+    summary = {**summary, "scenes": []}
+    plots = dict.fromkeys(("phases", "quality"), "")
+    assert "have not been timed here" in render_page(PageContent(summary, {}, plots, styles))
+    speeds = {"columns": ["model", "slow"], "rows": [{"model": "ours", "slow": 0.025}]}
+    told = {"scene": "press", "tolerance": 1e-6, "iterations": 40, "threads": 2}
+    bench = {"name": "bench", **speeds, "conditions": told}
+    text = render_page(PageContent({**summary, "benchmarks": [bench]}, {}, plots, styles))
+    assert "have not been timed here" not in text
+    assert "scene \u201cpress\u201d" in text
+    assert "drawn beside the next step" in text
+    assert ">25.0\u202fms</data>" in text
+
+
 @pytest.mark.parametrize(
     ("value", "style", "text"),
     [
@@ -289,6 +317,7 @@ def test_the_headline_is_printable(summary):
         "error of the contact displacement itself",
     ]
     assert "Label-noise floor: 1.20" in cards[1].note
+    assert "99.5\u202f% of the steps converged" in cards[2].note
     lines = console_lines(summary, cards)
     assert lines[0].startswith("toy")
     assert all("\u202f" not in line for line in lines)

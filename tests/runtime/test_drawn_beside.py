@@ -1,6 +1,8 @@
 """A surface that is drawn beside the steps that follow is the one that is drawn at once."""
 
+import time
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from runtime.dynamics.model import ReducedModel
-from runtime.dynamics.speed import measure
+from runtime.dynamics.speed import measure, speed_table
 
 STIFFNESS = 1e10  # N/m^4
 
@@ -80,8 +82,8 @@ def test_what_goes_wrong_on_the_other_thread_is_told(simulator, monkeypatch):
         raise ValueError("cannot draw")
 
     later = model.surface_later
-    # The last of four frames.
-    frames = iter([later, later, later, lambda state: broken])
+    # The last of four frames, after one that warms up.
+    frames = iter([*4 * [later], lambda state: broken])
     monkeypatch.setattr(model, "surface_later", lambda state: next(frames)(state))
     with pytest.raises(ValueError, match="cannot draw"):
         measure("ours", model, 6, 4, beside=True)
@@ -103,3 +105,41 @@ def test_what_loads_were_given_stays_while_others_ask():
             expected = np.einsum("ijcd,jd->ic", among[np.ix_(loads, loads)], forces)
             # Sums of float64 products, in another order.
             np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+class Played:
+    """Stands for a model of a scene: a step takes as long as it is told, those without a time do not touch. The first
+    contact ever takes longer, as where something is compiled."""
+
+    def __init__(self, seconds, first=0.0):
+        self.seconds, self.first = seconds, first
+
+    def start(self):
+        return SimpleNamespace(state=0)
+
+    def step(self, at):
+        took = self.seconds[at]
+        if took > 0:
+            time.sleep(took + self.first)
+            self.first = 0.0
+        return SimpleNamespace(
+            state=at + 1, penetration=float(took > 0), iterations=1, converged=took < 0.02, timings={}
+        )
+
+    def surface_positions(self, at):
+        return None
+
+
+def test_slow_frames_at_the_end_are_seen():
+    """Nine steps of 1 ms in contact, and two of 30 ms: the median knows nothing of them."""
+    seconds = [0.0] + 9 * [0.001] + 2 * [0.03]
+    speed = measure("x", Played(seconds, first=0.5), len(seconds), None)
+    assert speed.slow < 0.25  # nothing is compiled while the clock runs
+    assert (speed.steps, speed.converged) == (11, pytest.approx(9 / 11))
+    # Sleeping takes its time at least, and a few milliseconds more on a busy machine.
+    assert speed.step < 0.02 < 0.03 <= speed.slow
+    assert speed.step < speed.mean < speed.slow
+    first = measure("x", Played(seconds), len(seconds), 4)
+    assert (first.steps, first.converged) == (4, 1.0)
+    line = speed_table([speed])[1].split()
+    assert line[1:5] == ["11", *(f"{1e3 * value:.2f}" for value in (speed.step, speed.mean, speed.slow))]

@@ -1,6 +1,7 @@
 """Scenes played into motion files: what comes back, what is kept, and what is refused."""
 
 import argparse
+import json
 
 import numpy as np
 import pytest
@@ -213,7 +214,18 @@ def test_bench_prints_a_table_and_keeps_it(context):
     context.write = said.append
     assert BENCH.run(options(BENCH, "--model", "bare", "--iterations", "1", "--steps", "2"), context) == 0
     assert any(line.startswith("bare") for line in said)
-    assert (context.out_dir / "bench.json").is_file()
+    assert json.loads((context.out_dir / "bench.json").read_text())["threads"] == 1
+    on_two = options(BENCH, "--model", "bare", "--steps", "2", "--threads", "2")
+    assert BENCH.run(on_two, context) == 0
+    kept = json.loads((context.out_dir / "bench.json").read_text())
+    assert (kept["threads"], kept["speeds"][0]["steps"]) == (2, 2)
+    assert kept["tolerance"] == context.experiment.dynamics.tolerance
+    assert BENCH.run(options(BENCH, "--model", "bare"), context) == 0
+    whole = json.loads((context.out_dir / "bench.json").read_text())["speeds"][0]
+    assert whole["steps"] > 2  # all that are in contact, where nothing is said
+    assert whole["step"] <= whole["slow"]
+    with pytest.raises(SystemExit):
+        options(BENCH, "--steps", "0")
     with pytest.raises(SoftprintError, match="has no contact"):
         BENCH.run(options(BENCH, "--model", "bare", "--scene", "fall"), context)
 
