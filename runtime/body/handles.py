@@ -195,6 +195,13 @@ class Handles:
         rigid = np.linalg.solve(transposed @ frames, transposed @ moved)
         return np.concatenate([flat[:points], rigid.ravel()])
 
+    def units(self, lever: float) -> Array:
+        """(n_dofs,) that take all of v to lengths: 1 for those, 1/lever [1/m] for the rotations of frames."""
+        units = np.ones(self.n_dofs)
+        for frame in self.frames:
+            units[self.dofs_of(frame.name)][-rotation_dofs(self.dim) :] = 1.0 / lever
+        return units
+
     def retract(self, rows: Array, increment: Array) -> Array:
         """Rows after the increment v (n_dofs,) [m, rad]: points add it, frames take its exponential map."""
         result, points = rows.copy(), self.n_points * self.dim

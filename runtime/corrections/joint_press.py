@@ -18,7 +18,8 @@ import numpy as np
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.load_press import LoadPress, LoadProbe, LoadsAround, PosedDistance
+from runtime.corrections.load_press import LoadPress, LoadProbe
+from runtime.corrections.loads_around import LoadsAround, PosedDistance
 from runtime.corrections.press_memory import PressMemory
 from runtime.errors import SoftprintError
 

@@ -17,20 +17,20 @@ the body's turn is held.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Protocol
 
 import numpy as np
 
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.body.body import ReducedBody
-from runtime.colliders.collider import Collider, SdfDerivatives
+from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections import load_kernels, load_step
 from runtime.corrections.internal_reach import InternalReach
 from runtime.corrections.load_factor import LoadFactor
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
+from runtime.corrections.loads_around import LoadsAround, LoadsDistance, PosedDistance
 from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.press_memory import PressMemory
 from runtime.corrections.rest_mechanics import RestMechanics
@@ -47,54 +47,6 @@ _LOOKS = 3
 
 # Positions of all loads (n, dim) [m], and how far they may be from there (n,) [m].
 Surroundings = tuple[Array, Array]
-
-
-class LoadsDistance(Protocol):
-    """The signed distance at certain loads (m,), each of one collider in the world; x (m, dim) where they are."""
-
-    def __call__(self, x: Array) -> SdfDerivatives: ...
-
-    def value(self, x: Array) -> Array: ...
-
-    def among(self, which: BoolArray) -> LoadsDistance:
-        """At some of the loads (m,)."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class PosedDistance:
-    """The signed distance of a collider in the world."""
-
-    collider: Collider
-    pose: RigidPose
-
-    def __call__(self, x: Array) -> SdfDerivatives:
-        value, gradient, hessian = self.collider.sdf_derivatives(self.pose.apply_inverse(x))
-        return SdfDerivatives(value, *load_kernels.turned(gradient, hessian, self.pose.rotation))
-
-    def value(self, x: Array) -> Array:
-        """Without its derivatives (n,) [m]."""
-        return self.collider.sdf(self.pose.apply_inverse(x))
-
-    def among(self, which: BoolArray) -> PosedDistance:
-        """See `LoadsDistance`."""
-        return self
-
-
-@dataclass(frozen=True, eq=False)
-class LoadsAround:
-    """Loads (n,) about a collider, their signed distance (n,) and position (n, dim) [m] undisplaced, the depth [m] of
-    the deepest, and which of them could bear pressure (n,)."""
-
-    index: IntArray
-    distance: Array
-    position: Array
-    depth: float
-    could_bear: BoolArray
-
-    def with_bearing(self, more: BoolArray) -> LoadsAround:
-        """Those, too, could bear pressure."""
-        return replace(self, could_bear=self.could_bear | more)
 
 
 @dataclass(frozen=True, eq=False)

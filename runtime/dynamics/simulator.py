@@ -16,7 +16,6 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
-from runtime.body.rotations import rotation_dofs
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.corrections.correction import is_field
@@ -115,7 +114,7 @@ class Simulator:
         self._gravity = acceleration
         self._free = free_dofs(body.handles, self._kinematic)
         self._weight = Weight(body, acceleration, internal)
-        self._units = _units(body)[self._free]
+        self._units = body.handles.units(0.5 * body.mesh.size)[self._free]
         stiffness = float(np.mean(body.material.young)) * body.mesh.size ** (body.dim - 1)
         self._force_floor = max(
             _NEGLIGIBLE_STRAIN * stiffness, float(body.node_mass.sum() * np.linalg.norm(acceleration))
@@ -189,7 +188,7 @@ class Simulator:
         free = (
             self._movers.step(state, h, self._gravity, self._friction is not None) if self._movers else None
         )
-        inertia = _about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
+        inertia = QuadraticForm.about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
         turn = state.rows
         contact = None
         if self._friction is not None:
@@ -276,7 +275,7 @@ class Simulator:
 
     @cached_property
     def _no_inertia(self) -> QuadraticForm:
-        return _about(np.zeros_like(self.body.reduced_mass), self.body.rest_rows)
+        return QuadraticForm.about(np.zeros_like(self.body.reduced_mass), self.body.rest_rows)
 
     def _energy(
         self,
@@ -390,19 +389,3 @@ class Simulator:
         return self.body.mesh.deformation_gradients(
             self.positions(state), slice(None) if cells is None else cells
         )
-
-
-def _about(mass: Array, centre: Array) -> QuadraticForm:
-    """1/2 tr((rows - centre)^T mass (rows - centre))."""
-    linear = mass @ centre
-    return QuadraticForm(mass, linear, 0.5 * float(np.vdot(centre, linear)))
-
-
-def _units(body: ReducedBody) -> Array:
-    """(n_dofs,) 1 for lengths; 1/lever [1/m] for the rotations of frames, the lever being half the body's
-    size."""
-    units = np.ones(body.n_dofs)
-    spin = rotation_dofs(body.dim)
-    for frame in body.handles.frames:
-        units[body.handles.dofs_of(frame.name)][-spin:] = 2.0 / body.mesh.size
-    return units

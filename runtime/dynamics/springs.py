@@ -49,6 +49,12 @@ class QuadraticForm:
     linear: Array
     constant: float
 
+    @classmethod
+    def about(cls, matrix: Array, centre: Array) -> QuadraticForm:
+        """1/2 tr((rows - centre)^T matrix (rows - centre))."""
+        linear = matrix @ centre
+        return cls(matrix, linear, 0.5 * float(np.vdot(centre, linear)))
+
     def energy(self, rows: Array) -> float:
         return float(0.5 * np.vdot(rows, self.matrix @ rows) - np.vdot(self.linear, rows) + self.constant)
 

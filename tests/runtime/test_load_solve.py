@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from runtime.colliders import Box, RigidPose, Sphere
-from runtime.corrections.load_press import PosedDistance
 from runtime.corrections.load_solve import LoadProblem
+from runtime.corrections.loads_around import PosedDistance
 
 A, STIFFNESS, RADIUS = 2e-3, 5e5, 0.02
 
