@@ -27,11 +27,15 @@ def _alike(first: Array, second: Array) -> bool:
 def displacement(
     modes: Floats, weight: Floats, index: IntArray, rows: Array, rest: Array, gravity: Array, turns: Array
 ) -> Array:
-    """R (L d + w R^T g) (m, dim) for the strain d = R^T rows - rest, rows and rest (n_rows, dim)."""
+    """R (L d + w R^T g) (m, dim) for the strain d = R^T rows - rest, rows and rest (n_rows, dim).
+
+    Modes may be float32, the strain is not: rounded, it would move loads by nanometres to and fro as the rows change by
+    less, and the contact energy of a line search with them.
+    """
     n_rows, dim = rows.shape
     by_node = modes.reshape(len(modes), dim, n_rows * dim)
     by_axis, at_rest = np.ascontiguousarray(rows.T), np.ascontiguousarray(rest.T)
-    along, strain, hanging = np.empty(n_rows), np.empty(n_rows * dim, modes.dtype), np.empty(dim)
+    along, strain, hanging = np.empty(n_rows), np.empty(n_rows * dim), np.empty(dim)
     u = np.zeros((len(index), dim))
     for k, node in enumerate(index):
         turn = turns[node]

@@ -52,15 +52,15 @@ _SENTENCES = {
     "below what the correction's float32 network can resolve, or the start has inverted cells.",
     Status.NOT_FINITE: "Energy or gradient is not finite: inverted cells in a material that resists "
     "inversion with infinite energy, or a state that is not made of numbers; take a smaller time step.",
-    Status.STALLED: "The energy falls no further, but the forces balance only nearly: it jumps close by, as where a "
+    Status.STALLED: "The energy falls hardly further, but the forces balance only nearly: it jumps close by, as where a "
     "load in contact slips from one side of a thin wall to the other; take a smaller time step.",
 }
 
 _ARMIJO = 1e-4
-# An iteration stalls that goes less than this share of its direction and gains no more than round-off; after so many
-# in a row the next ones would do the same.
-_SHORT = 0.01
-_STALLS = 5
+# An iteration that goes less than this share of its direction stalls: the energy jumps, and the next ones would only
+# creep up to where it does. Few steps get over it after so many in a row.
+_SHORT = 0.05
+_STALLS = 6
 _TRIALS = 20
 # Eigenvalues smaller than this share of the largest are raised to it: nothing moves farther than the model is
 # valid.
@@ -166,8 +166,8 @@ def minimise(
         stepped = _line_search(problem, x, at, direction, slope)
         if stepped is None:
             return NewtonResult(x, Status.LINE_SEARCH_FAILED, iteration + 1, residual, decrement)
-        x, energy, share = stepped
-        stalls = stalls + 1 if share < _SHORT and energy >= at.energy - at.noise else 0
+        x, share = stepped
+        stalls = stalls + 1 if share < _SHORT else 0
         if stalls == _STALLS:
             return NewtonResult(x, Status.STALLED, iteration + 1, residual, decrement)
     return NewtonResult(x, Status.MAX_ITERATIONS, settings.max_iterations, residual, decrement)
@@ -190,9 +190,9 @@ def descent_direction(hessian: Array, gradient: Array) -> Array:
 
 def _line_search(
     problem: Problem[Point], x: Point, at: Linearisation, direction: Array, slope: float
-) -> tuple[Point, float, float] | None:
-    """The first point x + alpha v that satisfies Armijo's condition, the energy there, and alpha as a share of the
-    first one that was tried; None if none does.
+) -> tuple[Point, float] | None:
+    """The first point x + alpha v that satisfies Armijo's condition, and alpha as a share of the first one that was
+    tried; None if none does.
 
     alpha starts at 1, or at what the problem allows; each next one is where the parabola through E(x), its slope and
     the last energy is lowest, but at least a tenth and at most half of the last (Nocedal and Wright 2006, section 3.5).
@@ -202,7 +202,7 @@ def _line_search(
         candidate = problem.retract(x, step * direction)
         energy = problem.energy(candidate)
         if energy <= at.energy + _ARMIJO * step * slope + at.noise:
-            return candidate, energy, step / first
+            return candidate, step / first
         lowest = (
             -0.5 * slope * step**2 / (energy - at.energy - slope * step)
             if np.isfinite(energy)

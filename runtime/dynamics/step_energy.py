@@ -38,7 +38,8 @@ from runtime.dynamics.timings import Timings
 
 # Energies are sums of some thousand float64 terms: differences below this share of their size are round-off.
 _ROUND_OFF = 1e-13
-# The same for what float32 takes part in: networks, and the internal response of the surface.
+# The same for what is exact to fewer digits: networks in float32, and loads in contact, in balance to a share of their
+# depth.
 _SINGLE_ROUND_OFF = 1e-8
 
 

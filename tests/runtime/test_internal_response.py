@@ -93,6 +93,19 @@ def test_a_rigid_motion_strains_nothing(body, response, dim):
     assert np.abs(weightless.displacement(rows, rows)).max() < 1e-12
 
 
+def test_the_slightest_change_is_seen(body, response):
+    """Modes are float32, but what they are given is not rounded: while the turn is held the response is affine in the
+    rows, to the last nanometre of a line search."""
+    single = replace(response, modes=response.modes.astype(np.float32))
+    rows = strained(body, 3e-3)
+    change = 1e-9 * np.random.default_rng(7).normal(size=rows.shape)
+    gained = single.displacement(rows + change, rows) - single.displacement(rows, rows)
+    expected = np.tensordot(single.derivative(rows), change, 2)
+    # Round-off of float64, of displacements of a millimetre; in float32 it would be a tenth of a nanometre.
+    np.testing.assert_allclose(gained, expected, rtol=0.0, atol=1e-16)
+    assert np.abs(expected).max() > 1e-10
+
+
 def test_without_two_frames_it_turns_as_one(body, dim):
     """As if every node had the rotation of the mean deformation gradient."""
     response = compute_internal_response(body, gravity(dim), RestResponse(body))

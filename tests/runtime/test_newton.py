@@ -98,7 +98,8 @@ def test_a_jump_beside_the_minimum_is_told_and_not_tried_to_the_last():
     result = minimise(Smooth(cliff), np.ones(1), NewtonSettings(max_iterations=200, tolerance=1e-6))
     assert result.status is Status.STALLED
     assert not result.converged
-    assert "falls no further" in result.reason
-    assert result.x[0] == pytest.approx(0.01, rel=1e-6)
-    assert result.residual == pytest.approx(0.01, rel=1e-6)
-    assert result.iterations < 100
+    assert "falls hardly further" in result.reason
+    # Six steps of less than a twentieth of the way to the minimum.
+    assert result.x[0] == pytest.approx(0.01, rel=0.05)
+    assert result.residual == pytest.approx(0.01, rel=0.05)
+    assert result.iterations < 60
