@@ -52,8 +52,8 @@ _SENTENCES = {
     "below what the correction's float32 network can resolve, or the start has inverted cells.",
     Status.NOT_FINITE: "Energy or gradient is not finite: inverted cells in a material that resists "
     "inversion with infinite energy, or a state that is not made of numbers; take a smaller time step.",
-    Status.STALLED: "The energy falls hardly further, but the forces balance only nearly: it jumps close by, as where a "
-    "load in contact slips from one side of a thin wall to the other; take a smaller time step.",
+    Status.STALLED: "The energy falls hardly further, but the forces balance only nearly: it jumps close by, as where "
+    "a load in contact slips from one side of a thin wall to the other; take a smaller time step.",
 }
 
 _ARMIJO = 1e-4
