@@ -57,9 +57,11 @@ _SENTENCES = {
 }
 
 _ARMIJO = 1e-4
-# An iteration that goes less than this share of its direction stalls: the energy jumps, and the next ones would only
-# creep up to where it does. Few steps get over it after so many in a row.
-_SHORT = 0.05
+# Where forces balance to this share, and yet an iteration goes less than that share of its direction, the energy jumps
+# close by, and the next ones only creep up to where it does: few steps get over it after so many in a row. Far from
+# balance many short ones may be what it takes.
+_NEARLY = 0.05
+_SHORT = 0.02
 _STALLS = 6
 _TRIALS = 20
 # Eigenvalues smaller than this share of the largest are raised to it: nothing moves farther than the model is
@@ -167,7 +169,7 @@ def minimise(
         if stepped is None:
             return NewtonResult(x, Status.LINE_SEARCH_FAILED, iteration + 1, residual, decrement)
         x, share = stepped
-        stalls = stalls + 1 if share < _SHORT else 0
+        stalls = stalls + 1 if residual < _NEARLY and share < _SHORT else 0
         if stalls == _STALLS:
             return NewtonResult(x, Status.STALLED, iteration + 1, residual, decrement)
     return NewtonResult(x, Status.MAX_ITERATIONS, settings.max_iterations, residual, decrement)

@@ -99,7 +99,7 @@ def test_a_jump_beside_the_minimum_is_told_and_not_tried_to_the_last():
     assert result.status is Status.STALLED
     assert not result.converged
     assert "falls hardly further" in result.reason
-    # Six steps of less than a twentieth of the way to the minimum.
+    # Six steps of less than a fiftieth of the way to the minimum.
     assert result.x[0] == pytest.approx(0.01, rel=0.05)
     assert result.residual == pytest.approx(0.01, rel=0.05)
     assert result.iterations < 60
