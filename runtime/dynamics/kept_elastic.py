@@ -5,7 +5,8 @@ little from one iteration to the next, or from step to step: the tangent of a ma
 deformation gradient. Newton's method takes only a direction from it; energy and gradient are exact, and so is what it
 converges to. What is kept is the Hessian along the directions that were asked for, the coordinates of points and
 frames: they turn with the body, so that their meaning changes no more than its strain. On the bare subspace the hand of
-`examples/hand.toml` takes no more iterations than with a new one each time, and 13 ms a step in place of 22.
+`examples/hand.toml` takes no more iterations than with a new one each time, and half the time: 10 ms a step along its
+motion, where a fourth of the threshold below takes 21 and two and a half times of it 13.
 """
 
 from __future__ import annotations
