@@ -318,7 +318,7 @@ def test_fields_are_learned(truth, jelly2d_body):
     """Thirty samples do not teach a field network other states, but it must be able to fit them."""
     task = field_task(truth, jelly2d_body)
     everything = torch.arange(task.n_samples)
-    before = float(task.loss(task.fresh_model(0), everything))
+    before = float(task.loss(task.fresh_model(0), everything).detach())
     settings = TrainingSettings(1000, 8, 5e-3, 0.0, 1, 0)
     after = float(task.loss(train(task, settings).model, everything))
     assert after < 0.25 * before
@@ -328,7 +328,7 @@ def test_descriptors_are_learned(truth, jelly2d_body):
     """As for fields: it must be able to fit what it is shown."""
     task = descriptor_task(truth, jelly2d_body)
     everything = torch.arange(task.n_samples)
-    before = float(task.loss(task.fresh_model(0), everything))
+    before = float(task.loss(task.fresh_model(0), everything).detach())
     after = float(task.loss(train(task, TrainingSettings(600, 256, 6e-3, 0.0, 1, 0)).model, everything))
     assert after < 0.25 * before
 
