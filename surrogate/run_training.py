@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+import runtime
 from runtime.arrays import IntArray
 from runtime.body.body import ReducedBody
 from runtime.cli.context import Context
@@ -36,7 +37,7 @@ from runtime.experiment.training_schema import (
     ModelSpec,
     TrainingSpec,
 )
-from runtime.files import atomic_path
+from runtime.files import atomic_path, content_hash, sources_hash
 from runtime.truth_colliders import require_same_colliders
 from runtime.truth_file import TruthData, load_truth
 from surrogate.dataset import ContactDataset, PoolSize, load_dataset
@@ -282,6 +283,7 @@ def _learn(
     _write_curves(path.with_suffix(".json"), spec.name, result, lessons)
     training = {
         **recipe,
+        "program": _program(),
         "seconds": seconds,
         "samples": len(lessons.split.train),
     }
@@ -320,7 +322,18 @@ def _is_done(context: Context, name: str, recipe: dict[str, object]) -> bool:
     except SoftprintError as error:
         log.warning("%s; it is trained again now", error)
         return False
-    return {key: found.get(key) for key in recipe} == recipe
+    done = {key: found.get(key) for key in recipe} == recipe
+    if done and found.get("program") != _program():
+        log.warning(
+            "%s is kept, but was learned by another version of the program: --no-resume learns it again", path
+        )
+    return done
+
+
+def _program() -> str:
+    """What learns, as a hash of its sources: from the same recipe others may come to other weights."""
+    folders = {"runtime": Path(runtime.__file__).parent, "surrogate": Path(__file__).parent}
+    return content_hash({name: sources_hash(folder) for name, folder in folders.items()})
 
 
 def _write_curves(

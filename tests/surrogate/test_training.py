@@ -320,7 +320,7 @@ def test_fields_are_learned(truth, jelly2d_body):
     everything = torch.arange(task.n_samples)
     before = float(task.loss(task.fresh_model(0), everything).detach())
     settings = TrainingSettings(1000, 8, 5e-3, 0.0, 1, 0)
-    after = float(task.loss(train(task, settings).model, everything))
+    after = float(task.loss(train(task, settings).model, everything).detach())
     assert after < 0.25 * before
 
 
@@ -329,7 +329,9 @@ def test_descriptors_are_learned(truth, jelly2d_body):
     task = descriptor_task(truth, jelly2d_body)
     everything = torch.arange(task.n_samples)
     before = float(task.loss(task.fresh_model(0), everything).detach())
-    after = float(task.loss(train(task, TrainingSettings(600, 256, 6e-3, 0.0, 1, 0)).model, everything))
+    after = float(
+        task.loss(train(task, TrainingSettings(600, 256, 6e-3, 0.0, 1, 0)).model, everything).detach()
+    )
     assert after < 0.25 * before
 
 
