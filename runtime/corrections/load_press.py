@@ -244,10 +244,10 @@ class LoadProbe:
         around = self.around(rows, pose, turn)
         if around is None:
             return None
-        if near is None:
-            return self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose))
-        around = around.with_bearing(np.isin(around.index, near.index[near.bearing]))
-        start = near.predict(rows, pose, around.index[around.could_bear])
+        start = None
+        if near is not None:
+            around = around.with_bearing(np.isin(around.index, near.index[near.bearing]))
+            start = near.predict(rows, pose, around.index[around.could_bear])
         return self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose), start)
 
     def balanced(

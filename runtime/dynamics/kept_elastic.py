@@ -6,7 +6,7 @@ deformation gradient. Newton's method takes only a direction from it; energy and
 converges to. What is kept is the Hessian along the directions that were asked for, the coordinates of points and
 frames: they turn with the body, so that their meaning changes no more than its strain. On the bare subspace the hand of
 `examples/hand.toml` takes no more iterations than with a new one each time, and half the time: 10 ms a step along its
-motion, where a fourth of the threshold below takes 21 and two and a half times of it 13.
+motion, where a fourth of the threshold below takes 22 and two and a half times of it 14.
 """
 
 from __future__ import annotations

@@ -38,8 +38,7 @@ from runtime.dynamics.timings import Timings
 
 # Energies are sums of some thousand float64 terms: differences below this share of their size are round-off.
 _ROUND_OFF = 1e-13
-# The same for what is exact to fewer digits: networks in float32, and loads in contact, in balance to a share of their
-# depth.
+# The same for what networks in float32 take part in.
 _SINGLE_ROUND_OFF = 1e-8
 
 
@@ -209,8 +208,7 @@ class StepEnergy:
         found = Linearisation(
             energy=quadratic + elastic + contact,
             noise=_ROUND_OFF * (abs(self._quadratic.constant) + abs(quadratic))
-            + (_SINGLE_ROUND_OFF if self._points.corrected or self._surface.settled else _ROUND_OFF)
-            * (elastic + contact),
+            + (_SINGLE_ROUND_OFF if self._points.corrected else _ROUND_OFF) * (elastic + contact),
             gradient=parts[0] + parts[1] + parts[2],
             second_derivative=hessian,
             scale=max(*(float(np.linalg.norm(part)) for part in parts), self._force_floor),

@@ -54,11 +54,6 @@ class SurfaceEnergy:
         self._contact = contact
         self._friction = friction
 
-    @property
-    def settled(self) -> bool:
-        """Whether there is an internal response, in float32 as a rule."""
-        return self._internal is not None
-
     def positions(self, rows: Array, turn: Array, displacement: Array | None) -> Array:
         """x; turn: of the internal response; displacement: u (n, dim) [m] of the corrections."""
         x: Array = self._basis @ rows
