@@ -3,20 +3,23 @@ the handle rows: each of them moves the rows of one handle."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.compiled import summing
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 
 
 @summing
-def times_directions(matrix: Array, T: Array) -> Array:
-    """M T (m, k) of M (m, n)."""
+def times_directions(matrix: Floats, T: Array) -> Floats:
+    """M T (m, k) of M (m, n), in its precision."""
     rows, columns = np.nonzero(T)
-    result = np.zeros((len(matrix), T.shape[1]))
-    shares = np.empty(len(rows))
+    result = np.zeros((len(matrix), T.shape[1]), matrix.dtype)
+    shares = np.empty(len(rows), matrix.dtype)
     for at in range(len(rows)):
         shares[at] = T[rows[at], columns[at]]
     for i in range(len(matrix)):

@@ -12,6 +12,7 @@ import numpy as np
 
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.pose import RigidPose
+from runtime.colliders.pose_kernels import turned
 
 
 class SdfDerivatives(NamedTuple):
@@ -46,6 +47,10 @@ class Collider(Protocol):
 
     def sdf_derivatives(self, z: Array) -> SdfDerivatives:
         """Signed distance, gradient and Hessian at local points z (n, dim)."""
+        ...
+
+    def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
+        """The same of points x (n, dim) of the world with the collider at a pose, in the world."""
         ...
 
     def about(self, z: Array, distance: float) -> IntArray:
@@ -102,6 +107,11 @@ class ColliderBase:
 
     def sdf_derivatives(self, z: Array) -> SdfDerivatives:
         raise NotImplementedError
+
+    def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
+        """See `Collider`."""
+        value, gradient, hessian = self.sdf_derivatives(pose.apply_inverse(x))
+        return SdfDerivatives(value, *turned(gradient, hessian, pose.rotation))
 
 
 def norm_derivatives(v: Array) -> SdfDerivatives:

@@ -37,12 +37,15 @@ class _Level(NamedTuple):
     grid: SplineGrid
     band: float
 
+    @property
+    def core_bounds(self) -> tuple[Array, Array]:
+        """Of the box where the grid alone counts."""
+        return self.grid.origin + self.band, self.grid.upper - self.band
+
     def core(self, z: Array) -> BoolArray:
         """Where the grid alone counts."""
-        grid = self.grid
-        half = 0.5 * (grid.upper - grid.origin) - self.band
-        inside = np.abs(z - 0.5 * (grid.origin + grid.upper)) <= half
-        return np.asarray(inside.all(axis=1))
+        lower, upper = self.core_bounds
+        return np.asarray(((z >= lower) & (z <= upper)).all(axis=1))
 
     def within(self, z: Array) -> IntArray:
         """Indices of the points where the grid counts at all."""
@@ -142,6 +145,11 @@ class GridCollider(ColliderBase):
         if distance >= (1.0 - BLEND_BAND) * self._fine_margin:
             return super().closer_to(x, pose, distance)
         return self.fine.grid.closer_to(x, pose, self.lower, self.upper, distance)
+
+    def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
+        """See `Collider`."""
+        found = self.fine.grid.derivatives_at(x, pose, *self.fine.core_bounds)
+        return super().sdf_derivatives_at(x, pose) if found is None else found
 
     def _around(self, z: Array) -> SdfDerivatives:
         """Outside the core of the fine grid: ball, coarse and fine, blended."""

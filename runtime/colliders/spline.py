@@ -75,6 +75,14 @@ class SplineGrid:
         spline_kernels.derivatives(*self._given(z), *result)
         return result
 
+    def derivatives_at(self, x: Array, pose: RigidPose, lower: Array, upper: Array) -> SdfDerivatives | None:
+        """Of points x (n, dim) of the world, with the grid at a pose, in the world; None where not all of them are in
+        the box from lower to upper (dim,) of the grid."""
+        inside, *found = spline_kernels.derivatives_at(
+            pose.rotation, pose.translation, lower, upper, *self._given(x)
+        )
+        return SdfDerivatives(*found) if inside else None
+
     def closer_to(
         self, x: Array, pose: RigidPose, lower: Array, upper: Array, distance: float
     ) -> tuple[IntArray, Array, Array]:

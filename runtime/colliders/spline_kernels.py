@@ -122,6 +122,37 @@ def gradients(
 
 
 @compiled
+def _derivatives(
+    first: int, spacing: float, strides: IntArray, b: Array, c: Array, g: Array, h: Array
+) -> float:
+    """The value of a cell's sum from `first`; fills in its gradient g (dim,) and Hessian h (dim, dim)."""
+    dim, value = len(b), 0.0
+    if dim == 2:
+        value, g[0], g[1], h[0, 0], h[0, 1], h[1, 1] = _plane(c, first, strides[0], b)
+    else:
+        g[:], h[:] = 0.0, 0.0
+        for i in range(4):
+            plane = _plane(c, first + i * strides[0], strides[1], b[1:])
+            x, x_1, x_2 = b[0, 0, i], b[0, 1, i], b[0, 2, i]
+            value += x * plane[0]
+            g[0] += x_1 * plane[0]
+            g[1] += x * plane[1]
+            g[2] += x * plane[2]
+            h[0, 0] += x_2 * plane[0]
+            h[0, 1] += x_1 * plane[1]
+            h[0, 2] += x_1 * plane[2]
+            h[1, 1] += x * plane[3]
+            h[1, 2] += x * plane[4]
+            h[2, 2] += x * plane[5]
+    for i in range(dim):
+        g[i] /= spacing
+        for j in range(i, dim):
+            h[i, j] /= spacing * spacing
+            h[j, i] = h[i, j]
+    return value
+
+
+@compiled
 def derivatives(
     z: Array,
     origin: Array,
@@ -138,29 +169,55 @@ def derivatives(
     b = np.empty((dim, 3, 4))
     for point in range(n):
         first = _locate(z[point], origin, spacing, last, strides, b)
-        g, h = gradient[point], hessian[point]
-        if dim == 2:
-            value[point], g[0], g[1], h[0, 0], h[0, 1], h[1, 1] = _plane(c, first, strides[0], b)
-        else:
-            value[point], g[:], h[:] = 0.0, 0.0, 0.0
-            for i in range(4):
-                plane = _plane(c, first + i * strides[0], strides[1], b[1:])
-                x, x_1, x_2 = b[0, 0, i], b[0, 1, i], b[0, 2, i]
-                value[point] += x * plane[0]
-                g[0] += x_1 * plane[0]
-                g[1] += x * plane[1]
-                g[2] += x * plane[2]
-                h[0, 0] += x_2 * plane[0]
-                h[0, 1] += x_1 * plane[1]
-                h[0, 2] += x_1 * plane[2]
-                h[1, 1] += x * plane[3]
-                h[1, 2] += x * plane[4]
-                h[2, 2] += x * plane[5]
+        value[point] = _derivatives(first, spacing, strides, b, c, gradient[point], hessian[point])
+
+
+@compiled
+def _to_local(x: Array, rotation: Array, translation: Array, z: Array) -> None:
+    """z = R^T (x - t) of one point."""
+    dim = len(x)
+    for a in range(dim):
+        z[a] = 0.0
         for i in range(dim):
-            g[i] /= spacing
-            for j in range(i, dim):
-                h[i, j] /= spacing * spacing
-                h[j, i] = h[i, j]
+            z[a] += rotation[i, a] * (x[i] - translation[i])
+
+
+@compiled
+def derivatives_at(
+    rotation: Array,
+    translation: Array,
+    lower: Array,
+    upper: Array,
+    x: Array,
+    origin: Array,
+    spacing: float,
+    last: Array,
+    strides: IntArray,
+    c: Array,
+) -> tuple[bool, Array, Array, Array]:
+    """Whether all points x = R z + t (n, dim) lie in the box from lower to upper (dim,), and if so the values (n,), the
+    gradients R s' (n, dim) and the Hessians R s'' R^T (n, dim, dim) there."""
+    n, dim = x.shape
+    value, gradient, hessian = np.empty(n), np.zeros((n, dim)), np.zeros((n, dim, dim))
+    b, h = np.empty((dim, 3, 4)), np.empty((dim, dim))
+    z, g, half = np.empty(dim), np.empty(dim), np.empty(dim)
+    for point in range(n):
+        _to_local(x[point], rotation, translation, z)
+        for a in range(dim):
+            if not lower[a] <= z[a] <= upper[a]:
+                return False, value, gradient, hessian
+        first = _locate(z, origin, spacing, last, strides, b)
+        value[point] = _derivatives(first, spacing, strides, b, c, g, h)
+        for i in range(dim):
+            for j in range(dim):
+                gradient[point, i] += rotation[i, j] * g[j]
+                half[j] = 0.0
+                for k in range(dim):
+                    half[j] += rotation[i, k] * h[k, j]
+            for j in range(dim):
+                for k in range(dim):
+                    hessian[point, i, j] += half[k] * rotation[j, k]
+    return True, value, gradient, hessian
 
 
 @compiled
@@ -186,10 +243,8 @@ def closer(
     count = 0
     for point in range(n):
         inside = True
+        _to_local(x[point], rotation, translation, z)
         for a in range(dim):
-            z[a] = 0.0
-            for i in range(dim):
-                z[a] += rotation[i, a] * (x[point, i] - translation[i])
             inside = inside and lower[a] < z[a] < upper[a]
         if not inside:
             continue

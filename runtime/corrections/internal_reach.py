@@ -15,6 +15,7 @@ import numpy as np
 from runtime.arrays import Array
 from runtime.body.handles import Handles
 from runtime.corrections.internal_response import InternalResponse
+from runtime.row_products import placed
 
 
 class InternalReach:
@@ -44,7 +45,7 @@ class InternalReach:
     def __call__(self, rows: Array, turn: Array) -> tuple[Array, Array]:
         """Positions (n, dim) and how far x may be from them (n,) [m]."""
         if self._last is None or not np.array_equal(self._last[0], turn):
-            self._last = turn.copy(), self._basis @ turn + self._internal.displacement(turn, turn)
+            self._last = turn.copy(), placed(self._basis, turn) + self._internal.displacement(turn, turn)
         change = rows - turn
         places = self._places @ change
         shift = places.mean(axis=0)

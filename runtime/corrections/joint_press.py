@@ -18,6 +18,7 @@ import numpy as np
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import SdfDerivatives
 from runtime.colliders.pose import RigidPose
+from runtime.corrections import load_kernels
 from runtime.corrections.load_press import LoadPress, LoadProbe
 from runtime.corrections.loads_around import LoadsAround, PosedDistance
 from runtime.corrections.press_memory import PressMemory
@@ -140,7 +141,7 @@ class JointProbe:
         start = None
         if near is not None:
             borne = near.press.index[near.press.bearing]
-            around = around.with_bearing(np.isin(around.index, borne))
+            around = around.with_bearing(load_kernels.are_among(around.index, borne))
             start = near.predict(rows, poses, around.index[around.could_bear])
         nearest = NearestDistance(distances, owner)
         press = self._any.balanced(rows, poses[names[0]], turn, around, nearest, start)

@@ -1,5 +1,8 @@
 """How forces and displacements of loads that bear pressure answer each other, to first order, factorised.
 
+In the precision of the compliance, single as a rule: Newton's method takes a direction from it, and a load where to
+start from.
+
 With G carried along to the world, G_w = F G F^T, and the stiffening D = W L W^T of the contact in its principal
 directions (`load_step.py`), for any displacements c of k loads in the world
 
@@ -8,12 +11,16 @@ directions (`load_step.py`), for any displacements c of k loads in the world
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 
-from runtime.arrays import Array
 from runtime.corrections import load_kernels, load_step
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
+
+Floats = NDArray[np.floating[Any]]
 
 # Directions that change what they meet by less than this share are left out.
 _NOTHING = 1e-9
@@ -32,40 +39,44 @@ class LoadFactor:
         self._load, stiff, self._w, v = load_step.directions(
             self._among, self._F, everyone, *pressed, _NOTHING
         )
-        self._given, K = load_step.saddle(self._among, self._load, stiff, v)
+        self._given, K = load_step.saddle(self._among, self._load, stiff, v.astype(self._kind))
         # Loads that only just touch have no direction that matters.
         self._factor = lu_factor(K, overwrite_a=True, check_finite=False) if len(K) else None
 
-    def given(self, loads: Array) -> Array:
-        """G phi, displacements of loads phi, both in rest coordinates."""
-        return np.asarray(self._among @ loads)
+    @property
+    def _kind(self) -> np.dtype[np.floating[Any]]:
+        return self._among.dtype
 
-    def carried(self, v: Array) -> Array:
+    def given(self, loads: Floats) -> Floats:
+        """G phi, displacements of loads phi, both in rest coordinates."""
+        return np.asarray(self._among @ loads.astype(self._kind, copy=False))
+
+    def carried(self, v: Floats) -> Floats:
         """F v, in the world."""
         return load_kernels.carried(self._F, v)
 
-    def carried_back(self, forces: Array) -> Array:
+    def carried_back(self, forces: Floats) -> Floats:
         """F^T f, in rest coordinates."""
         return load_kernels.carried(np.ascontiguousarray(self._F.transpose(0, 2, 1)), forces)
 
-    def stiffen(self, c: Array) -> Array:
+    def stiffen(self, c: Floats) -> Floats:
         """D (I + G_w D)^-1 c."""
         return load_kernels.spread(self._load, self._w, self._solve(self._along(c)), len(c))
 
-    def soften(self, c: Array) -> Array:
+    def soften(self, c: Floats) -> Floats:
         """(I + G_w D)^-1 c."""
-        return c - self.carried(self._given.T @ self._solve(self._along(c)))
+        return np.asarray(c - self.carried(self._given.T @ self._solve(self._along(c))))
 
-    def curvature(self, c: Array) -> Array:
+    def curvature(self, c: Floats) -> Floats:
         """c^T D (I + G_w D)^-1 c (n, n)."""
         along = self._along(c)
         return np.asarray(along.T @ self._solve(along))
 
-    def _along(self, c: Array) -> Array:
+    def _along(self, c: Floats) -> Floats:
         """W^T c (r, n)."""
-        return load_kernels.gathered(self._load, self._w, c)
+        return load_kernels.gathered(self._load, self._w, c.astype(self._kind, copy=False))
 
-    def _solve(self, right: Array) -> Array:
+    def _solve(self, right: Floats) -> Floats:
         """K^-1 right (r, n)."""
         if self._factor is None:
             return right

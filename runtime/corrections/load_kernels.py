@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, BoolArray, IntArray
 from runtime.compiled import compiled
+
+Floats = NDArray[np.floating[Any]]
 
 
 @compiled
@@ -33,29 +35,21 @@ def within(
 
 
 @compiled
-def turned(vectors: Array, matrices: Array, R: Array) -> tuple[Array, Array]:
-    """R v and R A R^T of vectors (n, dim) and matrices (n, dim, dim)."""
-    n, dim = vectors.shape
-    v, A, half = np.zeros((n, dim)), np.zeros((n, dim, dim)), np.empty((dim, dim))
-    for i in range(n):
-        for a in range(dim):
-            for b in range(dim):
-                v[i, a] += R[a, b] * vectors[i, b]
-                half[a, b] = 0.0
-                for c in range(dim):
-                    half[a, b] += R[a, c] * matrices[i, c, b]
-        for a in range(dim):
-            for b in range(dim):
-                for c in range(dim):
-                    A[i, a, b] += half[a, c] * R[b, c]
-    return v, A
+def are_among(index: IntArray, others: IntArray) -> BoolArray:
+    """Which of `index` (n,) are among the others (m,), both ascending."""
+    found, at = np.zeros(len(index), dtype=np.bool_), 0
+    for i in range(len(index)):
+        while at < len(others) and others[at] < index[i]:
+            at += 1
+        found[i] = at < len(others) and others[at] == index[i]
+    return found
 
 
 @compiled
-def among(G: NDArray[np.floating[Any]], loads: IntArray, dim: int) -> Array:
-    """G (n*dim, n*dim) among some of the loads (n,), in float64."""
+def among(G: Floats, loads: IntArray, dim: int) -> Floats:
+    """G (n*dim, n*dim) among some of the loads (n,)."""
     n = len(loads)
-    result = np.empty((n * dim, n * dim))
+    result = np.empty((n * dim, n * dim), G.dtype)
     for i in range(n):
         for a in range(dim):
             row, into = G[loads[i] * dim + a], result[i * dim + a]
@@ -66,39 +60,44 @@ def among(G: NDArray[np.floating[Any]], loads: IntArray, dim: int) -> Array:
 
 
 @compiled
-def carried(F: Array, c: Array) -> Array:
+def carried(F: Array, c: Floats) -> Floats:
     """F_i c_i (k*dim, n) of c (k*dim, n)."""
     k, dim, _ = F.shape
-    result = np.empty(c.shape)
+    result = np.zeros(c.shape, c.dtype)
     for i in range(k):
         for a in range(dim):
             into = result[i * dim + a]
-            into[:] = F[i, a, 0] * c[i * dim]
-            for b in range(1, dim):
-                into += F[i, a, b] * c[i * dim + b]
+            for b in range(dim):
+                share, row = F[i, a, b], c[i * dim + b]
+                for at in range(len(into)):
+                    into[at] += share * row[at]
     return result
 
 
 @compiled
-def gathered(load: IntArray, w: Array, c: Array) -> Array:
+def gathered(load: IntArray, w: Array, c: Floats) -> Floats:
     """w . c (r, n) of directions w (r, dim), each at one of the loads, and c (k*dim, n)."""
     r, dim = w.shape
-    result = np.empty((r, c.shape[1]))
+    result = np.zeros((r, c.shape[1]), c.dtype)
     for at in range(r):
-        result[at] = w[at, 0] * c[load[at] * dim]
-        for b in range(1, dim):
-            result[at] += w[at, b] * c[load[at] * dim + b]
+        into = result[at]
+        for b in range(dim):
+            share, row = w[at, b], c[load[at] * dim + b]
+            for column in range(len(into)):
+                into[column] += share * row[column]
     return result
 
 
 @compiled
-def spread(load: IntArray, w: Array, y: Array, size: int) -> Array:
+def spread(load: IntArray, w: Array, y: Floats, size: int) -> Floats:
     """sum w y (size, n) of y (r, n): the transpose of `gathered`, size = k*dim."""
     r, dim = w.shape
-    result = np.zeros((size, y.shape[1]))
+    result = np.zeros((size, y.shape[1]), y.dtype)
     for at in range(r):
         for b in range(dim):
-            result[load[at] * dim + b] += w[at, b] * y[at]
+            share, into = w[at, b], result[load[at] * dim + b]
+            for column in range(len(into)):
+                into[column] += share * y[at, column]
     return result
 
 

@@ -35,6 +35,7 @@ from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.press_memory import PressMemory
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.directions import times_directions
+from runtime.row_products import deformed, placed, placed_some
 
 # Loads outside the collider by up to this share of its depth could be pushed into it by the dent beside them. Farther
 # out few are, one in fifty of those that bear pressure under thin and curved colliders; they are found by looking.
@@ -131,11 +132,13 @@ class LoadPress:
 
     def second_derivative(self, along: Array | None = None) -> Array:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
-        carried, turned = self._carried_along
+        kind = self.problem.compliance.dtype
+        carried, turned = (motion.astype(kind, copy=False) for motion in self._carried_along)
         if along is not None:
             carried, turned = times_directions(carried, along), times_directions(turned, along)
         answer = self.factor.given(turned)
-        return self.factor.curvature(carried + self.factor.carried(answer)) - turned.T @ answer
+        curvature = self.factor.curvature(carried + self.factor.carried(answer)) - turned.T @ answer
+        return np.asarray(curvature, dtype=np.float64)
 
     @cached_property
     def factor(self) -> LoadFactor:
@@ -187,6 +190,7 @@ class LoadProbe:
         self.collider, self.nodes = collider, compliance.nodes
         self.among_loads = compliance.among_loads()
         self.points = points
+        self._gradients = np.ascontiguousarray(points.basis_gradient.transpose(0, 2, 1))
         self.internal = None if internal is None else internal.at(compliance.nodes)
         self._stiffness, self._band = stiffness * compliance.areas, band
         self._reach = (
@@ -204,7 +208,8 @@ class LoadProbe:
 
     def positions(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
         """x (m, dim) [m] of some of the loads (all by default), internal response included."""
-        x = (self.points.basis if index is None else self.points.basis[index]) @ rows
+        basis = self.points.basis
+        x = placed(basis, rows) if index is None else placed_some(basis, rows, index)
         return x if self.internal is None else x + self.internal.displacement(rows, turn, index)
 
     def _near(
@@ -225,7 +230,7 @@ class LoadProbe:
     def surroundings(self, rows: Array, turn: Array) -> Surroundings:
         """Of all loads."""
         if self._reach is None:
-            return self.points.basis @ rows, self._no_reach
+            return placed(self.points.basis, rows), self._no_reach
         return self._reach(rows, turn)
 
     def press(self, rows: Array, pose: RigidPose, turn: Array) -> LoadPress | None:
@@ -246,7 +251,7 @@ class LoadProbe:
             return None
         start = None
         if near is not None:
-            around = around.with_bearing(np.isin(around.index, near.index[near.bearing]))
+            around = around.with_bearing(load_kernels.are_among(around.index, near.index[near.bearing]))
             start = near.predict(rows, pose, around.index[around.could_bear])
         return self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose), start)
 
@@ -352,7 +357,7 @@ class LoadProbe:
 
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """F (m, dim, dim)."""
-        return np.ascontiguousarray(rows.T @ self.points.basis_gradient[index])
+        return deformed(self._gradients[index], rows)
 
     def motion(self, index: IntArray, turn: Array) -> LoadMotion:
         """How the loads `index` move with the handle rows."""

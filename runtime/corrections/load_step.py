@@ -73,6 +73,18 @@ def moved_by(F: Array, v: Array) -> Array:
 
 
 @summing
+def energy(k: Array, phi: Array, v: Array, left: Array) -> float:
+    """E [J] = 1/2 phi . v + sum k max(0, left)^3 / 3 of loads phi and what they move (m, dim)."""
+    work = penalty = 0.0
+    for j in range(len(k)):
+        for a in range(phi.shape[1]):
+            work += phi[j, a] * v[j, a]
+        e = max(left[j], 0.0)
+        penalty += k[j] * e * e * e
+    return 0.5 * work + penalty / 3.0
+
+
+@summing
 def balance(
     G: Floats, F: Array, k: Array, e: Array, v: Array, value: Array, gradient: Array
 ) -> tuple[Array, Array, Array, float]:
@@ -171,10 +183,10 @@ def directions(
 
 
 @summing
-def saddle(G: Floats, load: IntArray, stiff: Array, v: Array) -> tuple[Array, Array]:
-    """V^T G (r, m*dim) and K = L^-1 + V^T G V (r, r)."""
+def saddle(G: Floats, load: IntArray, stiff: Array, v: Array) -> tuple[Floats, Floats]:
+    """V^T G (r, m*dim) and K = L^-1 + V^T G V (r, r), in the precision of v."""
     r, dim = v.shape
-    given, K = np.zeros((r, G.shape[1])), np.empty((r, r))
+    given, K = np.zeros((r, G.shape[1]), v.dtype), np.empty((r, r), v.dtype)
     for c in range(r):
         row = given[c]
         for a in range(dim):
@@ -182,8 +194,8 @@ def saddle(G: Floats, load: IntArray, stiff: Array, v: Array) -> tuple[Array, Ar
             for at in range(len(row)):
                 row[at] += share * column[at]
         for d in range(c + 1):
-            entry = 0.0
-            for b in range(dim):
+            entry = row[load[d] * dim] * v[d, 0]
+            for b in range(1, dim):
                 entry += row[load[d] * dim + b] * v[d, b]
             K[c, d] = K[d, c] = entry
         K[c, c] += 1.0 / stiff[c]
@@ -191,25 +203,14 @@ def saddle(G: Floats, load: IntArray, stiff: Array, v: Array) -> tuple[Array, Ar
 
 
 @summing
-def _reacting(
-    G: Floats,
-    F: Array,
-    bearing: IntArray,
-    k: Array,
-    e: Array,
-    pressure: Array,
-    gradient: Array,
-    hessian: Array,
-    right: Array,
-) -> tuple[Array, Array]:
-    """F^T D F dv and G F^T D F dv (m, dim) where (I + G F^T D F) dv = right (m, dim) at the loads that bear
-    pressure."""
-    load, stiff, _, v = directions(G, F, bearing, k, e, pressure, gradient, hessian, _SLIGHT)
+def _reacting(G: Floats, load: IntArray, stiff: Array, v: Floats, right: Array) -> tuple[Array, Array]:
+    """F^T D F dv and G F^T D F dv (m, dim) where (I + G F^T D F) dv = right (m, dim), of the directions `load`, l and v
+    of D, solved in the precision of v."""
     r, dim = v.shape
     if r == 0:
         return np.zeros(right.shape), np.zeros(right.shape)
     given, K = saddle(G, load, stiff, v)
-    along = np.zeros(r)
+    along = np.zeros(r, v.dtype)
     for c in range(r):
         for a in range(dim):
             along[c] += v[c, a] * right[load[c], a]
@@ -249,7 +250,9 @@ def step(
     for j in bearing:
         pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j])
     right = -lag - product(G, pulled_back(F, pushed, gradient))
-    dv = right - _reacting(G, F, bearing, k, e, pressure, gradient, hessian, right)[1]
+    load, stiff, _, v_c = directions(G, F, bearing, k, e, pressure, gradient, hessian, _SLIGHT)
+    # In the precision of G, single as a rule, for the next iteration puts right what this one is off by.
+    dv = right - _reacting(G, load, stiff, v_c.astype(G.dtype), right)[1]
     moved, e = moved_by(F, dv), e.copy()
     for j in bearing:
         e[j] = -value[j]
@@ -270,11 +273,17 @@ def descent(
     lag: Array,
     gradient: Array,
     hessian: Array,
+    roughly: bool,
 ) -> tuple[Array, Array, float]:
     """A change of the loads phi (m, dim), what it moves (m, dim), and how fast the energy changes along it: Newton's
-    step on E(phi) from phi, with `balanced` what phi leads to."""
+    step on E(phi) from phi, with `balanced` what phi leads to. roughly: in the precision of G."""
     bearing = np.flatnonzero(e > 0.0)
-    reacting, moved = _reacting(G, F, bearing, k, e, pressure, gradient, hessian, -lag)
+    load, stiff, _, v = directions(G, F, bearing, k, e, pressure, gradient, hessian, _SLIGHT)
+    if roughly:
+        reacting = _reacting(G, load, stiff, v.astype(G.dtype), -lag)[0]
+        moved = product(G, reacting)
+    else:
+        reacting, moved = _reacting(G, load, stiff, v, -lag)
     change = balanced - phi - reacting
     along = -lag - moved
     return change, along, np.sum((phi - balanced) * along)

@@ -8,7 +8,6 @@ from typing import Protocol
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections import load_kernels
 
 
 class LoadsDistance(Protocol):
@@ -31,8 +30,7 @@ class PosedDistance:
     pose: RigidPose
 
     def __call__(self, x: Array) -> SdfDerivatives:
-        value, gradient, hessian = self.collider.sdf_derivatives(self.pose.apply_inverse(x))
-        return SdfDerivatives(value, *load_kernels.turned(gradient, hessian, self.pose.rotation))
+        return self.collider.sdf_derivatives_at(x, self.pose)
 
     def value(self, x: Array) -> Array:
         """Without its derivatives (n,) [m]."""

@@ -30,6 +30,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from runtime.arrays import Array, scatter_sum
 from runtime.body.body import ReducedBody
 from runtime.body.rotations import nearest_rotations
+from runtime.row_products import deformed
 
 # The length l, in distances of handles (V / n_handles)^(1/dim). From 0.3 to 0.6 little changes.
 _LENGTH = 0.4
@@ -40,27 +41,19 @@ class Turning:
 
     def __init__(self, gradients: NDArray[np.floating[Any]], positions: Array) -> None:
         """gradients: G^T (n, dim, n_rows) [1/m]; positions: see `InternalResponse`."""
-        alike = bool((gradients == gradients[:1]).all())
-        # In double precision, so that turning everything turns them alike to round-off.
-        self._gradients = np.ascontiguousarray(gradients[:1] if alike else gradients, dtype=np.float64)
+        self.alike = bool((gradients == gradients[:1]).all())  # whether all of them are one rotation
+        self._gradients = np.ascontiguousarray(gradients[:1] if self.alike else gradients, dtype=np.float32)
         self._shape = len(gradients), gradients.shape[1], gradients.shape[1]
         self._positions, self._mean = positions, positions / positions.sum()
         self._last: tuple[Array, Array] | None = None
-
-    @property
-    def alike(self) -> bool:
-        """Whether all of them are one rotation."""
-        return len(self._gradients) == 1
 
     def rotations(self, turn: Array) -> Array:
         """R (n, dim, dim) at a turn (n_rows, dim); those of the last one are kept, whichever thread asked."""
         last = self._last
         if last is None or not np.array_equal(last[0], turn):
-            n, dim, n_rows = self._gradients.shape
             # Translations, which turn nothing, would only be rounded: a body may be far from where it began.
             centred = turn - np.outer(self._positions, self._mean @ turn)
-            transposed = self._gradients.reshape(n * dim, n_rows) @ centred
-            found = nearest_rotations(transposed.reshape(n, dim, dim).transpose(0, 2, 1))
+            found = nearest_rotations(deformed(self._gradients, centred))
             self._last = last = turn.copy(), np.broadcast_to(found, self._shape)
         return last[1]
 

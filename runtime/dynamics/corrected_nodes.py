@@ -11,6 +11,7 @@ from runtime.corrections.correction import BoundCorrection, Correction
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.joint_press import BoundPressed, JointProbe
 from runtime.dynamics.state import ReducedState
+from runtime.row_products import placed
 
 
 class CorrectedNodes:
@@ -41,7 +42,7 @@ class CorrectedNodes:
         moved = [self._later(collider, correction, state, turn) for collider, correction in self._bound]
 
         def positions() -> Array:
-            x: Array = basis @ rows
+            x = placed(basis, rows)
             if internal is not None:
                 x += internal.displacement(rows, turn)
             for displacement in moved:

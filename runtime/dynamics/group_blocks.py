@@ -48,18 +48,11 @@ class GroupBlocks:
             B[cells[:, None], :, columns] = block.transpose(2, 0, 1)
         return B.reshape(-1, self._size)
 
-    def to_world(self, blocks: Array, rotations: Array, rows: Array) -> tuple[Singles, Array]:
+    def to_world(self, blocks: Singles, rotations: Array, rows: Array) -> tuple[Singles, Array]:
         """R_c B_c R_c^T of what every cell sees, turned by R (m, dim, dim), in single precision; and this times rows
         (n_rows, dim), (m, dim, dim), in double precision."""
-        turned, stretched = np.empty(blocks.shape, np.float32), np.empty(rotations.shape)
-        every = zip(self._groups, self._each(blocks), self._each(turned), strict=True)
-        for (cells, columns), block, into in every:
-            shape = -1, self._dim, self._dim, self._dim, len(cells)
-            R = rotations[cells].transpose(1, 2, 0).copy()
-            own = rows[columns[:: self._dim] // self._dim]
-            of_rows = _to_world(block.reshape(shape), R, own, into.reshape(shape))
-            stretched[cells] = of_rows.transpose(2, 0, 1)
-        return turned, stretched
+        turned = np.empty(blocks.shape, np.float32)
+        return turned, _to_world(*self._layout, blocks, rotations, rows, turned)
 
     def times(self, blocks: Floats, change: Array) -> Array:
         """B change (m, dim, dim) of a change (n_rows*dim,)."""
@@ -157,40 +150,57 @@ def _gathered(
 
 
 @summing
-def _to_world(blocks: Array, turns: Array, rows: Array, result: Singles) -> Array:
-    """R B R^T, B (k, dim, dim, dim, m) over (row, axis b, i, j, cell), R (dim, dim, m); and the sum of it over rows (k,
-    dim), (dim, dim, m)."""
-    n_rows, dim, m = len(blocks), turns.shape[0], turns.shape[2]
-    left, of_rows = np.empty((dim, dim, dim, m)), np.zeros((dim, dim, m))
-    entry = np.empty(m)
-    for r in range(n_rows):
-        for b in range(dim):
+def _to_world(
+    cells: IntArray,
+    first: IntArray,
+    columns: IntArray,
+    first_column: IntArray,
+    blocks: Floats,
+    rotations: Array,
+    rows: Array,
+    turned: Singles,
+) -> Array:
+    """Writes R B R^T of every group; its product with the rows (m, dim, dim)."""
+    dim, at = rows.shape[1], 0
+    stretched = np.empty(rotations.shape)
+    for group in range(len(first) - 1):
+        own = cells[first[group] : first[group + 1]]
+        felt = columns[first_column[group] : first_column[group + 1] : dim] // dim
+        # What is turned alike is turned at once, all j of all cells. In 2D the third of every three products is with 0.
+        size, last = dim * len(own), dim - 1
+        R = np.zeros((dim, 3, dim, len(own)))
+        for c in range(len(own)):
+            for i in range(dim):
+                for a in range(dim):
+                    R[i, a, :, c] = rotations[own[c], i, a]
+        by_axis = R.reshape(dim, 3, size)
+        end = at + len(felt) * dim * dim * size
+        B = blocks[at:end].reshape(len(felt), dim, dim, size)
+        result = turned[at:end].reshape(len(felt), dim, dim, size)
+        at = end
+        left, entry, of_rows = np.empty((dim, dim, size)), np.empty(size), np.zeros((dim, size))
+        for r in range(len(felt)):
+            for b in range(dim):
+                x, y, z = B[r, b, 0], B[r, b, 1], B[r, b, last]
+                for i in range(dim):
+                    into, by_x, by_y, by_z = left[b, i], by_axis[i, 0], by_axis[i, 1], by_axis[i, 2]
+                    for k in range(size):
+                        into[k] = by_x[k] * x[k] + by_y[k] * y[k] + by_z[k] * z[k]
+            for b in range(dim):
+                share, by_x, by_y, by_z = rows[felt[r], b], by_axis[b, 0], by_axis[b, 1], by_axis[b, 2]
+                for i in range(dim):
+                    x, y, z = left[0, i], left[1, i], left[last, i]
+                    for k in range(size):
+                        entry[k] = by_x[k] * x[k] + by_y[k] * y[k] + by_z[k] * z[k]
+                    single, total = result[r, b, i], of_rows[i]
+                    for k in range(size):
+                        single[k] = entry[k]
+                        total[k] += share * entry[k]
+        for c in range(len(own)):
             for i in range(dim):
                 for j in range(dim):
-                    into = left[b, i, j]
-                    first, turn = blocks[r, b, 0, j], turns[i, 0]
-                    for c in range(m):
-                        into[c] = turn[c] * first[c]
-                    for a in range(1, dim):
-                        other, turn = blocks[r, b, a, j], turns[i, a]
-                        for c in range(m):
-                            into[c] += turn[c] * other[c]
-        for b in range(dim):
-            share = rows[r, b]
-            for i in range(dim):
-                for j in range(dim):
-                    first, turn = left[0, i, j], turns[b, 0]
-                    for c in range(m):
-                        entry[c] = turn[c] * first[c]
-                    for a in range(1, dim):
-                        other, turn = left[a, i, j], turns[b, a]
-                        for c in range(m):
-                            entry[c] += turn[c] * other[c]
-                    into, total = result[r, b, i, j], of_rows[i, j]
-                    for c in range(m):
-                        into[c] = entry[c]
-                        total[c] += share * entry[c]
-    return of_rows
+                    stretched[own[c], i, j] = of_rows[i, j * len(own) + c]
+    return stretched
 
 
 @summing

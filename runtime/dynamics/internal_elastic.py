@@ -72,8 +72,10 @@ class InternalElasticEnergy:
         self._turning = Turning(internal.turning[cells].mean(axis=1), internal.positions)
         by_strain, by_gravity = _derivatives(self._elasticity, internal.at(cells.ravel()))
         groups, by_strain = NearFrames(body).groups(by_strain)
+        # Rounded before anything is made of it, so that all agree.
+        by_strain = by_strain.astype(np.float32).astype(np.float64)
         self._blocks = GroupBlocks(groups, body.n_rows, body.dim)
-        self._by_strain = self._blocks.packed(by_strain)
+        self._by_strain = self._blocks.packed(by_strain).astype(np.float32)
         rest = by_strain @ internal.centred(internal.rest_rows).ravel()
         self._unstrained = np.eye(body.dim) - rest.reshape(-1, body.dim, body.dim)
         self._by_gravity = by_gravity

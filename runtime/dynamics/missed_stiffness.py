@@ -129,7 +129,10 @@ def _about(
         size = dim * dim * (k + 1)
         M = missed[at : at + (k + 1) * size].reshape(k + 1, dim, dim, k + 1)
         at += (k + 1) * size
-        left, turned = np.empty((dim, k + 1)), np.empty(k + 1)
+        # In 2D the third of every three products is with zero.
+        left, last = np.empty((dim, k + 1)), dim - 1
+        across = np.zeros((dim, 3))
+        across[:, :dim] = R
         for r in range(k + 1):
             for a in range(dim):
                 force = 0.0
@@ -145,21 +148,16 @@ def _about(
                 continue
             # M is symmetric: of every two blocks one is turned.
             for i in range(dim):
-                left[:] = 0.0
-                for a in range(dim):
-                    for b in range(dim):
-                        row, into, share = M[r, a, b], left[b], R[i, a]
-                        for s in range(r + 1):
-                            into[s] += share * row[s]
-                for j in range(dim):
-                    turned[:] = 0.0
-                    for b in range(dim):
-                        into, share = left[b], R[j, b]
-                        for s in range(r + 1):
-                            turned[s] += share * into[s]
-                    by_row = total[own[r], i]
+                u, v, w = across[i]
+                for b in range(dim):
+                    of_x, of_y, of_z, into = M[r, 0, b], M[r, 1, b], M[r, last, b], left[b]
                     for s in range(r + 1):
-                        by_row[own[s], j] += turned[s]
+                        into[s] = u * of_x[s] + v * of_y[s] + w * of_z[s]
+                of_x, of_y, of_z, by_row = left[0], left[1], left[last], total[own[r], i]
+                for j in range(dim):
+                    u, v, w = across[j]
+                    for s in range(r + 1):
+                        by_row[own[s], j] += u * of_x[s] + v * of_y[s] + w * of_z[s]
     full = total.reshape(n_rows * dim, n_rows * dim)
     for r in range(n_rows):
         for i in range(dim):

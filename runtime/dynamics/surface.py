@@ -27,6 +27,7 @@ from runtime.dynamics.corrected_points import CorrectedPoints, Poses
 from runtime.dynamics.coupling import Centres, Coupling, point_coupling
 from runtime.dynamics.state import ContactForce, SurfaceLoads, resultant
 from runtime.dynamics.step_contact import StepContact
+from runtime.row_products import placed
 
 
 class SurfaceEnergy:
@@ -56,7 +57,7 @@ class SurfaceEnergy:
 
     def positions(self, rows: Array, turn: Array, displacement: Array | None) -> Array:
         """x; turn: of the internal response; displacement: u (n, dim) [m] of the corrections."""
-        x: Array = self._basis @ rows
+        x = placed(self._basis, rows)
         if self._internal is not None:
             x += self._internal.displacement(rows, turn)
         return x if displacement is None else x + displacement[self._samples]

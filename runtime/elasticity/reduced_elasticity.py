@@ -20,6 +20,7 @@ import numpy as np
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.elasticity.materials import Material
 from runtime.mesh import Mesh
+from runtime.row_products import deformed
 
 if TYPE_CHECKING:
     from runtime.body.body import ReducedBody
@@ -92,8 +93,7 @@ class ReducedElasticity:
 
     def deformation_gradients(self, rows: Array) -> Array:
         """F (m, dim, dim) of the reduced positions."""
-        dim = rows.shape[1]
-        return (self._flat @ rows).reshape(-1, dim, dim).transpose(0, 2, 1)
+        return deformed(self._basis_gradient_transposed, rows)
 
     def correction_gradients(self, displacement: Array) -> Array:
         """What a displacement (n_nodes, dim) of the nodes adds to F: (m, dim, dim)."""

@@ -1,4 +1,4 @@
-"""Points of the world near a collider at a pose: one compiled look gives what distance and pose give one by one."""
+"""Points of the world about a collider at a pose: one compiled look gives what distance and pose give one by one."""
 
 from __future__ import annotations
 
@@ -25,3 +25,17 @@ def test_of_a_grid_are_those_of_its_distance(distance):
     # Round-off of a turn there and back.
     np.testing.assert_allclose(near, z[index], atol=1e-15)
     np.testing.assert_allclose(value, collider.sdf(z[index]), atol=1e-15)
+
+
+@pytest.mark.parametrize("spread", [0.6, 4.0], ids=["within its fine grid", "far beyond it"])
+def test_derivatives_of_a_grid_turn_with_its_pose(spread):
+    rng = np.random.default_rng(1)
+    collider = library_collider("torus", SIZE, resolution=16)
+    pose = RigidPose.from_rotation_vector([0.3, -0.5, 0.9], [0.01, -0.02, 0.03])
+    z = rng.uniform(-spread * SIZE, spread * SIZE, size=(100, 3))
+    found, local = collider.sdf_derivatives_at(pose.apply(z), pose), collider.sdf_derivatives(z)
+    R = pose.rotation
+    # Round-off of a turn there and back, by as much as each derivative may change over a cell.
+    np.testing.assert_allclose(found.value, local.value, atol=1e-15)
+    np.testing.assert_allclose(found.gradient, local.gradient @ R.T, atol=1e-12)
+    np.testing.assert_allclose(found.hessian, R @ local.hessian @ R.T, atol=1e-12 / SIZE)

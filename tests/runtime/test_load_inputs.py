@@ -61,8 +61,11 @@ def cone(dim):
     return Cone(np.append(np.zeros(dim - 1), -0.03), np.full(dim, 0.02), 0.02, 0.01, "cone")
 
 
-# Round-off, some hundred terms long; that of single precision is in the network alone.
-@pytest.mark.parametrize(("kind", "tolerance"), [(torch.float32, 1e-6), (torch.float64, 1e-12)])
+# Of fields: loads are balanced to 1e-6 of the depth by steps in single precision, whose round-off is what differs.
+SINGLE_STEPS = 1e-8
+
+
+@pytest.mark.parametrize(("kind", "tolerance"), [(torch.float32, 1e-6), (torch.float64, SINGLE_STEPS)])
 def test_body_and_collider_turned_together_turn_the_field(jelly_body, mechanics_of, dim, kind, tolerance):
     correction = ElasticContact(
         "any", any_model(jelly_body, kind), jelly_body, cone(dim), mechanics_of(jelly_body)
@@ -87,7 +90,7 @@ def test_the_axes_of_the_collider_do_not_count(jelly_body, mechanics_of, dim):
     bound, rows = correction.bind(jelly_body.node_points()), bumped(jelly_body)
     one, other = bound.displacement(rows, pose), bound.displacement(rows, pose.compose(quarter))
     assert np.abs(one).max() > 1e-5
-    np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-11 * np.abs(one).max())  # round-off
+    np.testing.assert_allclose(other, one, rtol=0.0, atol=SINGLE_STEPS * np.abs(one).max())
 
 
 def test_the_order_of_loads_does_not_count(jelly_body, mechanics_of, dim):
