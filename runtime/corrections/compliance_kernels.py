@@ -56,14 +56,15 @@ def apply(
 def gathered(pairs: NDArray[np.float32], loads: IntArray) -> NDArray[np.float32]:
     """G (m*dim, m*dim) [m/N] among the loads (m,); pairs: G (n_loads, n_loads, dim, dim)."""
     m, dim = len(loads), pairs.shape[2]
-    result = np.empty((m * dim, m * dim), dtype=pairs.dtype)
+    result = np.empty((m, dim, m, dim), dtype=pairs.dtype)
     for i in range(m):
         for j in range(m):
             G = pairs[loads[i], loads[j]]
             for a in range(dim):
-                for b in range(dim):
-                    result[i * dim + a, j * dim + b] = G[a, b]
-    return result
+                # In 2D the second is taken twice.
+                result[i, a, j, 0], result[i, a, j, 1] = G[a, 0], G[a, 1]
+                result[i, a, j, dim - 1] = G[a, dim - 1]
+    return result.reshape(m * dim, m * dim)
 
 
 @summing
