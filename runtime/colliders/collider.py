@@ -25,6 +25,10 @@ class SdfDerivatives(NamedTuple):
     def take(self, index: IntArray | BoolArray | slice) -> SdfDerivatives:
         return SdfDerivatives(self.value[index], self.gradient[index], self.hessian[index])
 
+    def turned(self, pose: RigidPose) -> SdfDerivatives:
+        """The same in the world, of a collider at a pose."""
+        return SdfDerivatives(self.value, *turned(self.gradient, self.hessian, pose.rotation))
+
 
 class Collider(Protocol):
     """A rigid solid. `lower` and `upper` (dim,) bound it in its own coordinates; `size` is half of its
@@ -110,8 +114,7 @@ class ColliderBase:
 
     def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
         """See `Collider`."""
-        value, gradient, hessian = self.sdf_derivatives(pose.apply_inverse(x))
-        return SdfDerivatives(value, *turned(gradient, hessian, pose.rotation))
+        return self.sdf_derivatives(pose.apply_inverse(x)).turned(pose)
 
 
 def norm_derivatives(v: Array) -> SdfDerivatives:

@@ -75,10 +75,12 @@ class SplineGrid:
         spline_kernels.derivatives(*self._given(z), *result)
         return result
 
-    def derivatives_at(self, x: Array, pose: RigidPose, lower: Array, upper: Array) -> SdfDerivatives | None:
-        """Of points x (n, dim) of the world, with the grid at a pose, in the world; None where not all of them are in
-        the box from lower to upper (dim,) of the grid."""
-        inside, *found = spline_kernels.derivatives_at(
+    def derivatives_within(
+        self, x: Array, pose: RigidPose, lower: Array, upper: Array
+    ) -> SdfDerivatives | None:
+        """Of points x (n, dim) of the world, with the grid at a pose, in its own coordinates; None where not all of
+        them are in the box from lower to upper (dim,) of the grid."""
+        inside, *found = spline_kernels.derivatives_within(
             pose.rotation, pose.translation, lower, upper, *self._given(x)
         )
         return SdfDerivatives(*found) if inside else None

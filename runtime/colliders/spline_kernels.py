@@ -183,7 +183,7 @@ def _to_local(x: Array, rotation: Array, translation: Array, z: Array) -> None:
 
 
 @compiled
-def derivatives_at(
+def derivatives_within(
     rotation: Array,
     translation: Array,
     lower: Array,
@@ -195,28 +195,18 @@ def derivatives_at(
     strides: IntArray,
     c: Array,
 ) -> tuple[bool, Array, Array, Array]:
-    """Whether all points x = R z + t (n, dim) lie in the box from lower to upper (dim,), and if so the values (n,), the
-    gradients R s' (n, dim) and the Hessians R s'' R^T (n, dim, dim) there."""
+    """Whether all points x = R z + t (n, dim) lie in the box from lower to upper (dim,), and if so the values (n,),
+    gradients (n, dim) and Hessians (n, dim, dim) by z there."""
     n, dim = x.shape
-    value, gradient, hessian = np.empty(n), np.zeros((n, dim)), np.zeros((n, dim, dim))
-    b, h = np.empty((dim, 3, 4)), np.empty((dim, dim))
-    z, g, half = np.empty(dim), np.empty(dim), np.empty(dim)
+    value, gradient, hessian = np.empty(n), np.empty((n, dim)), np.empty((n, dim, dim))
+    b, z = np.empty((dim, 3, 4)), np.empty(dim)
     for point in range(n):
         _to_local(x[point], rotation, translation, z)
         for a in range(dim):
             if not lower[a] <= z[a] <= upper[a]:
                 return False, value, gradient, hessian
         first = _locate(z, origin, spacing, last, strides, b)
-        value[point] = _derivatives(first, spacing, strides, b, c, g, h)
-        for i in range(dim):
-            for j in range(dim):
-                gradient[point, i] += rotation[i, j] * g[j]
-                half[j] = 0.0
-                for k in range(dim):
-                    half[j] += rotation[i, k] * h[k, j]
-            for j in range(dim):
-                for k in range(dim):
-                    hessian[point, i, j] += half[k] * rotation[j, k]
+        value[point] = _derivatives(first, spacing, strides, b, c, gradient[point], hessian[point])
     return True, value, gradient, hessian
 
 

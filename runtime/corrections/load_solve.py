@@ -47,8 +47,6 @@ _NEAR_ITERATIONS = 7
 # Newton's method is given up when the error has grown so many times.
 _GROWTH = 10.0
 _DESCENT_ITERATIONS = 100
-# So far from balance, as a share of the depth, single precision is enough for a direction.
-_ROUGHLY = 1e-3
 # An energy so many times as high is more than round-off above another.
 _HIGHER = 1.0 + 1e-6
 # Where nothing is known: penetration is a tenth of what it would be if nothing gave way.
@@ -159,8 +157,7 @@ class LoadProblem:
             converged = residual <= _TOLERANCE * self.depth
             if converged or iteration == _DESCENT_ITERATIONS:
                 break
-            roughly = residual > _ROUGHLY * self.depth
-            change, along, slope = self._direction(e, at, phi, balanced, lag, roughly)
+            change, along, slope = self._direction(e, at, phi, balanced, lag)
             energy = self._energy(phi, v, e)
             length = 1.0
             while True:
@@ -174,7 +171,7 @@ class LoadProblem:
         return self._solution(e, at, balanced, lag, converged, iteration, residual)
 
     def _direction(
-        self, e: Array, at: SdfDerivatives, phi: Array, balanced: Array, lag: Array, roughly: bool
+        self, e: Array, at: SdfDerivatives, phi: Array, balanced: Array, lag: Array
     ) -> tuple[Array, Array, float]:
         """A change of the loads (m, dim) along which E falls, what it moves, and how fast E falls; without the
         curvature of the distance where with it E would rise."""
@@ -192,7 +189,6 @@ class LoadProblem:
                     lag,
                     at.gradient,
                     curvature,
-                    roughly,
                 )
             except np.linalg.LinAlgError:  # with curvature only: I + G D is regular for D >= 0
                 continue

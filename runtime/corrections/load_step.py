@@ -203,25 +203,23 @@ def saddle(G: Floats, load: IntArray, stiff: Array, v: Array) -> tuple[Floats, F
 
 
 @summing
-def _reacting(G: Floats, load: IntArray, stiff: Array, v: Floats, right: Array) -> tuple[Array, Array]:
-    """F^T D F dv and G F^T D F dv (m, dim) where (I + G F^T D F) dv = right (m, dim), of the directions `load`, l and v
-    of D, solved in the precision of v."""
+def _reacting(G: Floats, load: IntArray, stiff: Array, v: Floats, right: Array) -> Array:
+    """F^T D F dv (m, dim) where (I + G F^T D F) dv = right (m, dim), of the directions `load`, l and v of D, solved in
+    the precision of v."""
     r, dim = v.shape
+    reacting = np.zeros(right.shape)
     if r == 0:
-        return np.zeros(right.shape), np.zeros(right.shape)
-    given, K = saddle(G, load, stiff, v)
+        return reacting
+    K = saddle(G, load, stiff, v)[1]
     along = np.zeros(r, v.dtype)
     for c in range(r):
         for a in range(dim):
             along[c] += v[c, a] * right[load[c], a]
     y = np.linalg.solve(K, along)
-    reacting, moved = np.zeros(right.shape), np.zeros(right.size)
     for c in range(r):
         for a in range(dim):
             reacting[load[c], a] += v[c, a] * y[c]
-        for at in range(len(moved)):
-            moved[at] += given[c, at] * y[c]
-    return reacting, moved.reshape(right.shape)
+    return reacting
 
 
 @summing
@@ -252,7 +250,7 @@ def step(
     right = -lag - product(G, pulled_back(F, pushed, gradient))
     load, stiff, _, v_c = directions(G, F, bearing, k, e, pressure, gradient, hessian, _SLIGHT)
     # In the precision of G, single as a rule, for the next iteration puts right what this one is off by.
-    dv = right - _reacting(G, load, stiff, v_c.astype(G.dtype), right)[1]
+    dv = right - product(G, _reacting(G, load, stiff, v_c.astype(G.dtype), right))
     moved, e = moved_by(F, dv), e.copy()
     for j in bearing:
         e[j] = -value[j]
@@ -273,17 +271,13 @@ def descent(
     lag: Array,
     gradient: Array,
     hessian: Array,
-    roughly: bool,
 ) -> tuple[Array, Array, float]:
     """A change of the loads phi (m, dim), what it moves (m, dim), and how fast the energy changes along it: Newton's
-    step on E(phi) from phi, with `balanced` what phi leads to. roughly: in the precision of G."""
+    step on E(phi) from phi, with `balanced` what phi leads to."""
     bearing = np.flatnonzero(e > 0.0)
     load, stiff, _, v = directions(G, F, bearing, k, e, pressure, gradient, hessian, _SLIGHT)
-    if roughly:
-        reacting = _reacting(G, load, stiff, v.astype(G.dtype), -lag)[0]
-        moved = product(G, reacting)
-    else:
-        reacting, moved = _reacting(G, load, stiff, v, -lag)
+    reacting = _reacting(G, load, stiff, v.astype(G.dtype), -lag)
     change = balanced - phi - reacting
-    along = -lag - moved
+    # What exactly this change moves, whatever the precision of it.
+    along = -lag - product(G, reacting)
     return change, along, np.sum((phi - balanced) * along)

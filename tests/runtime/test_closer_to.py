@@ -7,6 +7,7 @@ import pytest
 
 from runtime.colliders import RigidPose
 from runtime.colliders.library import library_collider
+from runtime.colliders.polygon import polygon_collider
 
 SIZE = 0.02
 
@@ -27,12 +28,22 @@ def test_of_a_grid_are_those_of_its_distance(distance):
     np.testing.assert_allclose(value, collider.sdf(z[index]), atol=1e-15)
 
 
+def torus():
+    return library_collider("torus", SIZE, resolution=16)
+
+
+def drop_2d():
+    outline = SIZE * np.array([[-0.8, -0.5], [0.7, -0.6], [0.9, 0.3], [0.0, 0.9], [-0.6, 0.4]])
+    return polygon_collider(outline, resolution=24)
+
+
 @pytest.mark.parametrize("spread", [0.6, 4.0], ids=["within its fine grid", "far beyond it"])
-def test_derivatives_of_a_grid_turn_with_its_pose(spread):
+@pytest.mark.parametrize(("make", "turned"), [(torus, [0.3, -0.5, 0.9]), (drop_2d, [0.7])], ids=["3D", "2D"])
+def test_derivatives_of_a_grid_turn_with_its_pose(make, turned, spread):
     rng = np.random.default_rng(1)
-    collider = library_collider("torus", SIZE, resolution=16)
-    pose = RigidPose.from_rotation_vector([0.3, -0.5, 0.9], [0.01, -0.02, 0.03])
-    z = rng.uniform(-spread * SIZE, spread * SIZE, size=(100, 3))
+    collider = make()
+    pose = RigidPose.from_rotation_vector(turned, [0.01, -0.02, 0.03][: collider.dim])
+    z = rng.uniform(-spread * SIZE, spread * SIZE, size=(100, collider.dim))
     found, local = collider.sdf_derivatives_at(pose.apply(z), pose), collider.sdf_derivatives(z)
     R = pose.rotation
     # Round-off of a turn there and back, by as much as each derivative may change over a cell.
