@@ -42,6 +42,7 @@ from runtime.dynamics.springs import HandleSpring, QuadraticForm, Springs
 from runtime.dynamics.state import Configuration, ContactForce, ReducedState, StepResult
 from runtime.dynamics.step_contact import StepContact
 from runtime.dynamics.step_energy import StepEnergy
+from runtime.dynamics.step_start import StepStart
 from runtime.dynamics.surface import SurfaceEnergy
 from runtime.dynamics.timings import Timings
 from runtime.dynamics.weight import Weight
@@ -112,6 +113,7 @@ class Simulator:
         acceleration = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
         self._check(acceleration)
         self._gravity = acceleration
+        self._start = StepStart(body, self._kinematic, self.settings.time_step)
         self._free = free_dofs(body.handles, self._kinematic)
         self._weight = Weight(body, acceleration, internal)
         self._units = body.handles.units(0.5 * body.mesh.size)[self._free]
@@ -198,29 +200,21 @@ class Simulator:
                 settled = self._condensed.settled(state.rows, state.poses, before)
             contact = StepContact(surface, state.poses, h, settled)
         energy = self._energy(end, turn, inertia, contact, timings, free)
-        start = place_kinematic(
-            self._carried_on(state), self.body.rest_rows, self.body.handles, self._kinematic, end
-        )
-        begin = Configuration(start, end_poses)
+        begin = self._start(state, energy, end, end_poses)
         if free is not None:
-            begin = free.start(start, end_poses, energy.energy)
+            begin = free.start(begin.rows, end_poses, energy.energy)
         solved = minimise(energy, begin, self.settings.newton, timings.solve)
         rows, end_poses = solved.x
         velocity = (rows - state.rows) / h
         motions = {} if free is None else free.motions(end_poses)
         reached = ReducedState(end, rows, velocity, end_poses, turn, motions)
+        self._start.learn(solved, reached, energy)
         return self._result(solved, reached, energy, inertia, timings, free)
 
     def _check_state(self, state: ReducedState) -> None:
         """One that the last step did not return may have been made by hand."""
         if self._last is None or self._last[0] is not state:
             self.body.handles.check_rows(state.rows, "rows of the state")
-
-    def _carried_on(self, state: ReducedState) -> Array:
-        """Rows after a step at constant velocity, frames kept rigid: where Newton starts."""
-        handles = self.body.handles
-        change = self.settings.time_step * state.rows_velocity
-        return handles.retract(state.rows, handles.increment(state.rows, change))
 
     def settle(
         self, state: ReducedState | None = None, newton: NewtonSettings | None = None

@@ -18,6 +18,7 @@ Colliders that move freely bring their twists as further unknowns, and their own
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +49,15 @@ class Evaluation(NamedTuple):
     at: Configuration
     surface: Array
     elastic: float
+
+
+@dataclass(eq=False)
+class Seen:
+    """The forces of contact (n_free,) [N] that the last linearisation found, and the Hessian (n_free, n_free) [N/m]
+    that was last asked for, None as long as none was."""
+
+    contact: Array
+    hessian: Array | None = None
 
 
 class StepEnergy:
@@ -94,9 +104,13 @@ class StepEnergy:
         self._units = units
         self._timings = timings
         self._latest: Evaluation | None = None
+        # None where contact is more than a function of the body's state: with friction, colliders that are unknowns, or
+        # fields that move points.
+        self.seen: Seen | None = None
         self._blocks = _by_axis(quadratic.matrix, handles.dim)
         # Where all handles are free points, the unknowns are the rows themselves.
-        self._straight = not handles.frames and len(free) == handles.n_dofs
+        self._all_free = len(free) == handles.n_dofs
+        self._straight = not handles.frames and self._all_free
 
     def retract(self, x: Configuration, v: Array) -> Configuration:
         """After the increment v (n_free + twists,) of the free coordinates and of the free colliders."""
@@ -146,6 +160,18 @@ class StepEnergy:
             return self._latest.surface
         return self._surface.positions(x.rows, self.turn, self._points.scatter(field))
 
+    def slope(self, x: Configuration, contact: Array) -> Array:
+        """The gradient (n_free,) [N] at x, but that contact is what it was elsewhere (n_free,). Of the body alone."""
+        with self._timings.elastic:
+            _, elastic, _ = self._elastic.linearise(x.rows, self.turn, None)
+        with self._timings.solve:
+            return (self._quadratic.gradient(x.rows) + elastic).ravel() @ self._tangent(x.rows) + contact
+
+    def _tangent(self, rows: Array) -> Array:
+        """T (n_rows*dim, n_free)."""
+        tangent = self._handles.tangent(rows)
+        return (tangent if self._all_free else tangent[:, self._free]) * self._units
+
     def contacts(self, at: Evaluation) -> tuple[float, float, dict[str, ContactForce]]:
         """Contact energy and friction energy [J], those among colliders too; the force of the body on each
         collider."""
@@ -185,12 +211,15 @@ class StepEnergy:
         self._latest = Evaluation(x, surface, elastic)
         with self._timings.solve:
             quadratic_gradient = self._quadratic.gradient(rows)
-            tangent = self._handles.tangent(rows)[:, self._free] * self._units
+            tangent = self._tangent(rows)
             along = None if self._straight else tangent
             parts: list[Array] = [
                 part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)
             ]
             slope = quadratic_gradient + elastic_gradient + contact_gradient
+
+        if self._step is None and self._colliders is None and not self._points.corrected:
+            self.seen = Seen(parts[2], None if self.seen is None else self.seen.hessian)
 
         def hessian() -> Array:
             with self._timings.solve:
@@ -202,6 +231,8 @@ class StepEnergy:
             with self._timings.contact:
                 for condensed_hessian in condensed_hessians:
                     total += condensed_hessian(along)
+            if self.seen is not None:
+                self.seen.hessian = total
             return total
 
         quadratic = self._quadratic.energy(rows)
