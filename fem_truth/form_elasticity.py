@@ -15,7 +15,7 @@ from fem_truth import dolfinx_version as dfx
 from fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
 from fem_truth.elasticity_form import energy_density
 from runtime.arrays import Array, IntArray
-from runtime.elasticity.determinant import determinant
+from runtime.elasticity.invariants import determinant
 from runtime.elasticity.materials import Material
 from runtime.mesh import Mesh
 

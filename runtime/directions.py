@@ -15,33 +15,25 @@ Floats = NDArray[np.floating[Any]]
 
 
 @summing
+def _along(matrix: Floats, T: Array) -> Floats:
+    """T^T M (k, m) of M (n, m): whole rows at once, which the processor takes several entries of."""
+    rows, columns = np.nonzero(T)
+    result = np.zeros((T.shape[1], matrix.shape[1]), matrix.dtype)
+    for at in range(len(rows)):
+        share = matrix.dtype.type(T[rows[at], columns[at]])
+        row, into = matrix[rows[at]], result[columns[at]]
+        for column in range(len(row)):
+            into[column] += share * row[column]
+    return result
+
+
+@summing
 def times_directions(matrix: Floats, T: Array) -> Floats:
     """M T (m, k) of M (m, n), in its precision."""
-    rows, columns = np.nonzero(T)
-    result = np.zeros((len(matrix), T.shape[1]), matrix.dtype)
-    shares = np.empty(len(rows), matrix.dtype)
-    for at in range(len(rows)):
-        shares[at] = T[rows[at], columns[at]]
-    for i in range(len(matrix)):
-        row, into = matrix[i], result[i]
-        for at in range(len(rows)):
-            into[columns[at]] += row[rows[at]] * shares[at]
-    return result
+    return np.ascontiguousarray(_along(np.ascontiguousarray(matrix.T), T).T)
 
 
 @summing
 def between_directions(matrix: Array, T: Array) -> Array:
     """T^T M T (k, k) of M (n, n)."""
-    n, k = T.shape
-    half = np.zeros((k, n))
-    rows, columns = np.nonzero(T)
-    for at in range(len(rows)):
-        share, row, into = T[rows[at], columns[at]], matrix[rows[at]], half[columns[at]]
-        for column in range(n):
-            into[column] += share * row[column]
-    result = np.zeros((k, k))
-    for i in range(k):
-        row, into = half[i], result[i]
-        for at in range(len(rows)):
-            into[columns[at]] += row[rows[at]] * T[rows[at], columns[at]]
-    return result
+    return _along(np.ascontiguousarray(_along(matrix, T).T), T).T.copy()

@@ -49,14 +49,20 @@ def placed_some(weights: Floats, rows: Array, index: IntArray) -> Array:
 
 
 @summing
-def deformed(gradients: Floats, rows: Array) -> Array:
-    """F = rows^T G (n, dim, dim) of G^T (n, dim, n_rows), summed in double precision, so that turning the rows turns F
-    to round-off."""
-    n, dim, n_rows = gradients.shape
-    by_axis = placed(gradients.reshape(n * dim, n_rows), rows)
-    F = np.empty((n, dim, dim))
-    for i in range(n):
+def deformed_some(gradients: Floats, rows: Array, index: IntArray) -> Array:
+    """F = rows^T G (m, dim, dim) at some points (m,), of G^T (n, dim, n_rows); summed in double precision, so that
+    turning the rows turns F to round-off."""
+    dim = rows.shape[1]
+    axes, F, column = np.ascontiguousarray(rows.T), np.empty((len(index), dim, dim)), np.empty(dim)
+    for k, i in enumerate(index):
         for j in range(dim):
+            _place(gradients[i, j], axes[0], axes[1], axes[dim - 1], column)
             for a in range(dim):
-                F[i, a, j] = by_axis[i * dim + j, a]
+                F[k, a, j] = column[a]
     return F
+
+
+@summing
+def deformed(gradients: Floats, rows: Array) -> Array:
+    """The same at all points (n, dim, dim)."""
+    return deformed_some(gradients, rows, np.arange(len(gradients)))

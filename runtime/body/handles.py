@@ -22,7 +22,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from runtime.arrays import Array, IntArray
-from runtime.body.rotations import moved_frames, nearest_rotation, rotation_dofs, skew
+from runtime.body.rotations import frame_tangents, moved_frames, nearest_rotation, rotation_dofs, skew
 from runtime.errors import SoftprintError
 
 
@@ -153,28 +153,19 @@ class Handles:
 
     def tangent(self, rows: Array) -> Array:
         """T (n_rows*dim, n_dofs): d rows.ravel() = T v, to first order in the v of :meth:`retract`."""
-        tangent = np.eye(self.n_rows * self.dim, self.n_dofs)  # of points; what frames do follows
-        start = self.n_points * self.dim
+        tangent, points = np.zeros((self.n_rows * self.dim, self.n_dofs)), self.n_points * self.dim
+        tangent[range(points), range(points)] = 1.0
         blocks = self._frame_tangents(rows)
-        n_frames, height, width = blocks.shape
-        tangent[start:] = 0.0
-        by_frame = tangent[start:, start:].reshape(n_frames, height, n_frames, width)
-        each = np.arange(n_frames)
-        by_frame[each, :, each] = blocks
-        tangent[start:, start:] = by_frame.reshape(n_frames * height, n_frames * width)
+        _, height, width = blocks.shape
+        for frame, block in enumerate(blocks):
+            row, column = points + frame * height, points + frame * width
+            tangent[row : row + height, column : column + width] = block
         return tangent
 
     def _frame_tangents(self, rows: Array) -> Array:
-        """Of every frame (n_frames, (dim+1)*dim, dim+spin): d rows of the frame by its own coordinates."""
-        dim, spin = self.dim, rotation_dofs(self.dim)
-        transposed = self._frames_of(rows)[:, :-1]
-        blocks = np.zeros((len(transposed), dim + 1, dim, dim + spin))
-        blocks[:, -1, :, :dim] = np.eye(dim)
-        # exp(w)^T = I - W + ...: d(R^T) = -R^T W and, the pivot staying, dt = X_pivot R^T W.
-        turned = np.einsum("fij,sjk->fiks", transposed, _generators(dim))
-        blocks[:, :-1, :, dim:] = -turned
-        blocks[:, -1, :, dim:] = np.einsum("fi,fiks->fks", self._pivots, turned)
-        return blocks.reshape(len(transposed), (dim + 1) * dim, dim + spin)
+        """See `frame_tangents`."""
+        frames = np.ascontiguousarray(self._frames_of(rows))
+        return frame_tangents(frames, self._pivots, _generators(self.dim))
 
     def _frames_of(self, rows: Array) -> Array:
         """R^T and t (n_frames, dim+1, dim) of every frame."""
@@ -219,16 +210,18 @@ class Handles:
         With it Newton's Hessian T^T (d2E/drows2) T + curvature is exact. From exp(w)^T = I - W + W^2/2 and
         W^2 = w w^T - |w|^2 I in 3D, -w^2 I in 2D; M = R (dE/dR^T - X_pivot (x) dE/dt).
         """
-        dim, spin = self.dim, rotation_dofs(self.dim)
+        dim, spin, n_frames = self.dim, rotation_dofs(self.dim), len(self.frames)
         curvature = np.zeros((self.n_dofs, self.n_dofs))
         frames, slopes = self._frames_of(rows), self._frames_of(gradient)
         levered = slopes[:, :-1] - self._pivots[:, :, None] * slopes[:, -1:]
-        moments = np.einsum("fki,fkj->fij", frames[:, :-1], levered)
-        for index, moment in enumerate(moments):
-            start = self.n_points * dim + index * (dim + spin) + dim
-            turn = slice(start, start + spin)
-            symmetric = 0.5 * (moment + moment.T) if dim == 3 else np.zeros((1, 1))
-            curvature[turn, turn] = symmetric - np.trace(moment) * np.eye(spin)
+        moments = frames[:, :-1].transpose(0, 2, 1) @ levered
+        of_turns = -np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(spin)
+        if dim == 3:
+            of_turns += 0.5 * (moments + moments.transpose(0, 2, 1))
+        start, width, each = self.n_points * dim, dim + spin, np.arange(n_frames)
+        by_frame = curvature[start:, start:].reshape(n_frames, width, n_frames, width)
+        by_frame[each, dim:, each, dim:] = of_turns
+        curvature[start:, start:] = by_frame.reshape(n_frames * width, n_frames * width)
         return curvature
 
 

@@ -70,6 +70,25 @@ def moved_frames(frames: Array, pivots: Array, steps: Array) -> Array:
     return result
 
 
+@compiled
+def frame_tangents(frames: Array, pivots: Array, generators: Array) -> Array:
+    """d rows of frames by their own steps (n, (dim+1)*dim, dim+spin), see `moved_frames`; generators: W of unit turns
+    (spin, dim, dim). From exp(w)^T = I - W + ..., d(R^T) = -R^T W and, the pivot staying, dt = X_pivot R^T W."""
+    n, dim = pivots.shape
+    tangents = np.zeros((n, dim + 1, dim, dim + len(generators)))
+    for f in range(n):
+        for k in range(dim):
+            tangents[f, dim, k, k] = 1.0
+            for s in range(len(generators)):
+                for i in range(dim):
+                    turned = 0.0
+                    for j in range(dim):
+                        turned += frames[f, i, j] * generators[s, j, k]
+                    tangents[f, i, k, dim + s] = -turned
+                    tangents[f, dim, k, dim + s] += pivots[f, i] * turned
+    return tangents.reshape(n, (dim + 1) * dim, dim + len(generators))
+
+
 def nearest_rotation(matrix: Array) -> Array:
     """The rotation nearest to a (dim, dim) matrix in the Frobenius norm (orthogonal Procrustes)."""
     left, _, right = np.linalg.svd(matrix)

@@ -14,7 +14,8 @@ spline rounds it over about one cell.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,13 +32,14 @@ COARSENING = 4
 BLEND_BAND = 0.5
 
 
-class _Level(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Level:
     """A grid and the width of the band along its border where it gives way to what lies around it."""
 
     grid: SplineGrid
     band: float
 
-    @property
+    @cached_property
     def core_bounds(self) -> tuple[Array, Array]:
         """Of the box where the grid alone counts."""
         return self.grid.origin + self.band, self.grid.upper - self.band

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from runtime.arrays import Array
 from runtime.body.rotations import rotation_exponential
 from runtime.colliders.pose import RigidPose
+from runtime.compiled import compiled
 from runtime.errors import SoftprintError
 
 
@@ -84,13 +85,20 @@ class KeyframedPath:
         """The pose at `time` [s]; the first or last keyframe's outside the keyframed interval."""
         if self._constant:
             return self._first
-        t = float(np.clip(time, self.times[0], self.times[-1]))
         if self.dim == 2:
+            t = float(np.clip(time, self.times[0], self.times[-1]))
             return RigidPose.from_rotation_vector(self._angle(t), self._position(t))
         # By hand: a body may be led by one path for each of its handles, and scipy takes its time for every call.
-        k = min(int(np.searchsorted(self.times, t, side="right")), len(self.times) - 1) - 1
-        since, length = t - self.times[k], self.times[k + 1] - self.times[k]
-        cubic = self._position.c[:, k]
-        position = ((cubic[0] * since + cubic[1]) * since + cubic[2]) * since + cubic[3]
-        turned = rotation_exponential(since / length * self._spins[k])
-        return RigidPose.known(self._turns[k] @ turned, position)
+        k, position, spin = _along(self.times, self._position.c, self._spins, float(time))
+        return RigidPose.known(self._turns[k] @ rotation_exponential(spin), position)
+
+
+@compiled
+def _along(times: Array, cubics: Array, spins: Array, time: float) -> tuple[int, Array, Array]:
+    """Which interval of the k keyframes a time is in, the position (3,) of the cubics (4, k-1, 3) there, and the part
+    of the interval's spin (k-1, 3) that has been turned."""
+    t = min(max(time, times[0]), times[-1])
+    k = min(np.searchsorted(times, t, side="right"), len(times) - 1) - 1
+    since = t - times[k]
+    position = ((cubics[0, k] * since + cubics[1, k]) * since + cubics[2, k]) * since + cubics[3, k]
+    return k, position, since / (times[k + 1] - times[k]) * spins[k]

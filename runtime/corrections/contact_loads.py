@@ -20,7 +20,7 @@ from runtime.corrections.joint_press import JointPress
 from runtime.corrections.load_inputs import RANGE, inputs_around, load_inputs
 from runtime.corrections.load_press import LoadPress, LoadProbe
 from runtime.corrections.rest_mechanics import RestMechanics
-from runtime.elasticity.determinant import cofactor
+from runtime.elasticity.invariants import cofactor
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ import numpy as np
 
 from runtime.arrays import Array
 from runtime.body.handles import Handles
+from runtime.compiled import summing
 from runtime.corrections.internal_response import InternalResponse
 from runtime.row_products import placed
 
@@ -48,8 +49,28 @@ class InternalReach:
             self._last = turn.copy(), placed(self._basis, turn) + self._internal.displacement(turn, turn)
         change = rows - turn
         places = self._places @ change
-        shift = places.mean(axis=0)
-        places -= shift
-        turned = np.linalg.norm(change[self._linear], axis=(1, 2))
-        reach = self._by_place @ np.linalg.norm(places, axis=1) + self._by_turn @ turned
-        return self._last[1] + shift, reach
+        return _reached(self._last[1], self._by_place, self._by_turn, places, change[self._linear])
+
+
+@summing
+def _reached(x: Array, by_place: Array, by_turn: Array, places: Array, turns: Array) -> tuple[Array, Array]:
+    """x + t (n, dim) and the sum over the handles (n,): of dp (h, dim), its mean t included, and dA (f, dim, dim)."""
+    n, dim = x.shape
+    shift = np.zeros(dim)
+    for place in places:
+        shift += place / len(places)
+    by_handle = np.empty(len(places))
+    for h in range(len(places)):
+        by_handle[h] = np.sqrt(np.square(places[h] - shift).sum())
+    by_frame = np.empty(len(turns))
+    for f in range(len(turns)):
+        by_frame[f] = np.sqrt(np.square(turns[f]).sum())
+    position, reach = np.empty((n, dim)), np.zeros(n)
+    for i in range(n):
+        for a in range(dim):
+            position[i, a] = x[i, a] + shift[a]
+        for h in range(len(by_handle)):
+            reach[i] += by_place[i, h] * by_handle[h]
+        for f in range(len(by_frame)):
+            reach[i] += by_turn[i, f] * by_frame[f]
+    return position, reach

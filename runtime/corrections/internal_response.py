@@ -83,7 +83,7 @@ class InternalResponse:
     def centred(self, rows: Array) -> Array:
         """Rows less their mean translation, which strains nothing and would only be rounded: a body may be far from
         where it began."""
-        return np.asarray(rows - np.outer(self.positions, self._mean @ rows))
+        return np.asarray(rows - self.positions[:, None] * (self._mean @ rows))
 
     def derivative(self, turn: Array, index: IntArray | None = None) -> Array:
         """du_a/drows_rb (m, dim, n_rows, dim) of some of the nodes (all by default), the turn held; world frame."""

@@ -123,3 +123,46 @@ def carried_along(given: Array, force: Array, position: Array, basis_gradient: A
             for a in range(dim):
                 carried[i * dim + a, r * dim + a] += along
     return carried, turned
+
+
+@compiled
+def add_basis(basis: Array, index: IntArray, moved: Array) -> None:
+    """Adds U (x) I of some points (m,) to the derivatives of what is added to U rows, (m, dim, n_rows, dim)."""
+    _, dim, n_rows, _ = moved.shape
+    for k, i in enumerate(index):
+        for a in range(dim):
+            for r in range(n_rows):
+                moved[k, a, r, a] += basis[i, r]
+
+
+@compiled
+def carried_on(
+    index: IntArray, pressed: IntArray, left: Array, normal: Array, curvature: Array, dr: Array, turns: Array
+) -> tuple[Array, Array]:
+    """Penetrations (n,) and normals (n, dim) to first order of the loads `index` (n,), which bear nothing where they
+    are not among the k that were pressed, both ascending; of these e (k,), g, H, and by how much each is moved, dr
+    (k, dim), and its collider turned (k, dim, dim).
+
+    Forces, as e^2, change linearly; a load that is about to let go keeps a little, so that it is seen.
+    """
+    k, dim = dr.shape
+    e, g, at = np.full(len(index), -np.inf), np.zeros((len(index), dim)), 0
+    bent = np.empty(dim)
+    for j in range(k):
+        while at < len(index) and index[at] < pressed[j]:
+            at += 1
+        if at == len(index):
+            break
+        if index[at] != pressed[j]:
+            continue
+        along = 0.0
+        for a in range(dim):
+            along += normal[j, a] * dr[j, a]
+            bent[a] = normal[j, a]
+            for b in range(dim):
+                bent[a] += curvature[j, a, b] * dr[j, b]
+        e[at] = left[j] * np.sqrt(max(1.0 - 2.0 * along / left[j], 0.01))
+        for a in range(dim):
+            for b in range(dim):
+                g[at, a] += turns[j, a, b] * bent[b]
+    return e, g

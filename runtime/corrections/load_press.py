@@ -35,7 +35,7 @@ from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.press_memory import PressMemory
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.directions import times_directions
-from runtime.row_products import deformed, placed, placed_some
+from runtime.row_products import deformed_some, placed, placed_some
 
 # Loads outside the collider by up to this share of its depth could be pushed into it by the dent beside them. Farther
 # out few are, one in fifty of those that bear pressure under thin and curved colliders; they are found by looking.
@@ -99,15 +99,10 @@ class LoadPress:
         right = right[:, None] + self.factor.carried(self.factor.given((self.turned @ dq)[:, None]))
         dr = self.factor.soften(right).reshape(follows.shape)
         g = solution.normal[b]
-        # Forces, as e^2, change linearly; a load that is about to let go keeps a little, so that it is seen.
-        left_before = solution.left[b]
-        e = left_before * np.sqrt(np.maximum(1.0 - 2.0 * (g * dr).sum(axis=1) / left_before, 0.01))
-        turned = (turns @ (g[..., None] + solution.curvature[b] @ dr[..., None]))[..., 0]
-        left, normal = np.full(len(index), -np.inf), np.zeros((len(index), g.shape[1]))
-        at = np.minimum(np.searchsorted(index, self.index[b]), len(index) - 1)
-        both = index[at] == self.index[b]
-        left[at[both]], normal[at[both]] = e[both], turned[both]
-        return left, normal
+        turns = np.ascontiguousarray(np.broadcast_to(turns, (len(b), *turns.shape[-2:])))
+        return load_kernels.carried_on(
+            index, self.index[b], solution.left[b], g, solution.curvature[b], dr, turns
+        )
 
     @property
     def displaced(self) -> Array:
@@ -196,6 +191,7 @@ class LoadProbe:
         self._reach = (
             None if self.internal is None else InternalReach(points.basis, self.internal, body.handles)
         )
+        self._bounded = bool(np.isfinite(collider.upper).all())
         self._room = 0.0  # within which loads were looked for last [m]
         self._no_reach = np.zeros(len(compliance.nodes))
         self._among_near = NearLoads(self.among_loads)
@@ -218,7 +214,7 @@ class LoadProbe:
         """The loads closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. Where
         they are exactly is asked only of loads that could be there."""
         x, reach = about
-        if np.isfinite(self.collider.upper).all():
+        if self._bounded:
             bounds = self.collider.lower - distance, self.collider.upper + distance
             candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
         else:  # a half-space, whose bounds exclude nothing
@@ -357,15 +353,15 @@ class LoadProbe:
 
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """F (m, dim, dim)."""
-        return deformed(self._gradients[index], rows)
+        return deformed_some(self._gradients, rows, index)
 
     def motion(self, index: IntArray, turn: Array) -> LoadMotion:
         """How the loads `index` move with the handle rows."""
-        basis, dim = self.points.basis[index], turn.shape[1]
-        if self.internal is None:
-            moved = np.zeros((len(index), dim, basis.shape[1], dim))
-        else:
-            moved = self.internal.derivative(turn, index)
-        for axis in range(dim):
-            moved[:, axis, :, axis] += basis
+        n, dim = turn.shape
+        moved = (
+            np.zeros((len(index), dim, n, dim))
+            if self.internal is None
+            else self.internal.derivative(turn, index)
+        )
+        load_kernels.add_basis(self.points.basis, index, moved)
         return LoadMotion(moved.reshape(len(index), dim, -1), self.points.basis_gradient[index])

@@ -48,8 +48,9 @@ class NearLoads:
         """Which rows and columns are those of the loads, of what is kept. One thread at a time finds and makes room;
         what it was given stays as it is, whoever asks next."""
         with self._lock:
-            new = np.unique(loads[self._slot[loads] < 0])
-            if len(new):
+            missing = self._slot[loads] < 0
+            if missing.any():
+                new = np.unique(loads[missing])
                 if self._count + len(new) > len(self._known):
                     new = np.unique(loads)
                     self._forget(max(len(self._known), min(2 * len(new), len(self._slot))))

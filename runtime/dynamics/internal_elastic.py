@@ -139,7 +139,8 @@ class InternalElasticEnergy:
         last = self._last
         if displacement is None and last is not None and last.is_at(rows, turn):
             return last
-        held, missed = self._at(turn), self._at(turn).missed
+        held = self._at(turn)
+        missed = held.missed
         change = self._internal.centred(rows - turn).ravel()
         F = held.F + self._blocks.times(held.B, change)
         if displacement is not None:

@@ -66,29 +66,31 @@ class Springs:
     """All springs of a body together."""
 
     def __init__(self, springs: Sequence[HandleSpring], handles: Handles) -> None:
-        self._springs, self._dim = tuple(springs), handles.dim
-        self._matrix = np.zeros((handles.n_rows, handles.n_rows))
-        # Of every spring the weights of the rows in what it pulls at, times its stiffness; and the rows of R^T.
-        self._pulled, self._turned = np.zeros((len(springs), handles.n_rows)), []
+        self._springs, self._dim, n_rows = tuple(springs), handles.dim, handles.n_rows
+        self._matrix = np.zeros((n_rows, n_rows))
+        # Of every spring the weights of the rows in what it pulls at, times its stiffness; and of the rows of R^T.
+        self._pulled = np.zeros((len(springs), n_rows))
+        self._turned = np.zeros((len(springs), handles.dim, n_rows))
         for number, spring in enumerate(springs):
             rows, weights = handles.rows_of(spring.handle), _position_weights(handles, spring)
             self._pulled[number, rows] = spring.stiffness * weights
             self._matrix[rows, rows] += spring.stiffness * np.outer(weights, weights)
-            turned = slice(rows.start, rows.stop - 1)
             if spring.rotation_stiffness:
-                self._matrix[turned, turned] += 0.5 * spring.rotation_stiffness * np.eye(handles.dim)
-            self._turned.append(turned)
+                turned, by_turn = np.arange(rows.start, rows.stop - 1), 0.5 * spring.rotation_stiffness
+                self._matrix[turned, turned] += by_turn
+                self._turned[number, np.arange(handles.dim), turned] = by_turn
+        self._stiffness = np.array([spring.stiffness for spring in springs])
+        self._constant = 0.25 * self._dim * sum(spring.rotation_stiffness for spring in springs)
 
     def form(self, time: float) -> QuadraticForm:
         """With their targets at ``time`` [s]."""
+        dim = self._dim
         poses = [spring.target.pose(time) for spring in self._springs]
-        targets = np.array([pose.translation for pose in poses]).reshape(-1, self._dim)
-        linear, constant = self._pulled.T @ targets, 0.0
-        for spring, turned, pose in zip(self._springs, self._turned, poses, strict=True):
-            constant += 0.5 * spring.stiffness * float(pose.translation @ pose.translation)
-            if spring.rotation_stiffness:
-                linear[turned] += 0.5 * spring.rotation_stiffness * pose.rotation.T
-                constant += 0.25 * spring.rotation_stiffness * self._dim
+        targets = np.array([pose.translation for pose in poses]).reshape(-1, dim)
+        turns = np.array([pose.rotation for pose in poses]).reshape(-1, dim, dim)
+        linear = self._pulled.T @ targets
+        linear += self._turned.reshape(-1, len(linear)).T @ turns.transpose(0, 2, 1).reshape(-1, dim)
+        constant = self._constant + 0.5 * float(self._stiffness @ (targets**2).sum(axis=1))
         return QuadraticForm(self._matrix, linear, constant)
 
 

@@ -49,7 +49,7 @@ class SurfaceEnergy:
         self._points, self._samples = points, points.samples[samples]
         self._nodes = nodes
         self._basis = np.ascontiguousarray(body.basis[nodes])
-        self._internal = None if internal is None else internal.at(nodes)
+        self._internal = None if internal is None or not colliders else internal.at(nodes)
         self._areas = body.surface.areas[samples]
         self._colliders = colliders
         self._contact = contact

@@ -26,6 +26,7 @@ class Weight:
     def __init__(self, body: ReducedBody, gravity: Array, internal: InternalResponse | None) -> None:
         self._linear = np.outer(body.basis.T @ body.node_mass, gravity)
         self._internal = internal
+        self._last: tuple[Array, tuple[Array, float]] | None = None
         if internal is not None:
             regions = BodyRegions(body, internal)
             self._turning = regions.turning
@@ -38,13 +39,20 @@ class Weight:
             self._hanging = _summed(shares, internal.weight)
 
     def form(self, turn: Array) -> tuple[Array, float]:
-        """The force F (n_rows, dim) [N] and c [J] of E = c - tr(F^T rows); turn: (n_rows, dim), see `turning.py`."""
+        """The force F (n_rows, dim) [N] and c [J] of E = c - tr(F^T rows); turn: (n_rows, dim), see `turning.py`.
+        That of the last turn is kept."""
         if self._internal is None:
             return self._linear, 0.0
+        if self._last is None or not np.array_equal(self._last[0], turn):
+            self._last = turn.copy(), self._hangs(self._internal, turn)
+        return self._last[1]
+
+    def _hangs(self, internal: InternalResponse, turn: Array) -> tuple[Array, float]:
+        """`form`, with an internal response."""
         rotations = self._turning.rotations(turn)
-        hanging = self._internal.gravity @ rotations
+        hanging = internal.gravity @ rotations
         force = np.einsum("na,narb->nrb", hanging, self._modes)
-        constant = np.vdot(force.sum(axis=0), self._internal.rest_rows)
+        constant = np.vdot(force.sum(axis=0), internal.rest_rows)
         constant -= np.einsum("na,nab,nb", hanging, self._hanging, hanging)
         return self._linear + np.einsum("nrb,nab->ra", force, rotations), float(constant)
 

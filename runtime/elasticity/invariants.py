@@ -1,36 +1,62 @@
-"""J = det F and its derivative, for batches of 2x2 and 3x3 matrices."""
+"""The invariants I_C = F:F and J = det F of deformation gradients F (n, dim, dim), and the derivative of J."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.arrays import Array
+from runtime.compiled import compiled
+
+Floats = NDArray[np.floating[Any]]
 
 
-def determinant(F: Array) -> Array:
-    """J (n,) of F (n, dim, dim)."""
-    if F.shape[-1] == 2:
-        return F[:, 0, 0] * F[:, 1, 1] - F[:, 0, 1] * F[:, 1, 0]
-    return (
-        F[:, 0, 0] * (F[:, 1, 1] * F[:, 2, 2] - F[:, 1, 2] * F[:, 2, 1])
-        + F[:, 0, 1] * (F[:, 1, 2] * F[:, 2, 0] - F[:, 1, 0] * F[:, 2, 2])
-        + F[:, 0, 2] * (F[:, 1, 0] * F[:, 2, 1] - F[:, 1, 1] * F[:, 2, 0])
-    )
+@compiled
+def first_invariant(F: Floats) -> Array:
+    """I_C (n,) of the deformation in space: F_33 = 1 adds 1 in plane strain."""
+    n, dim = F.shape[:2]
+    result = np.empty(n)
+    for c in range(n):
+        total = 3.0 - dim
+        for i in range(dim):
+            for j in range(dim):
+                total += F[c, i, j] * F[c, i, j]
+        result[c] = total
+    return result
 
 
-def cofactor(F: Array) -> Array:
-    """dJ/dF_ij, (n, dim, dim): the cofactor matrix, finite for singular F too (J F^-T where F is regular)."""
-    result = np.empty_like(F)
-    if F.shape[-1] == 2:
-        result[:, 0, 0], result[:, 0, 1] = F[:, 1, 1], -F[:, 1, 0]
-        result[:, 1, 0], result[:, 1, 1] = -F[:, 0, 1], F[:, 0, 0]
-        return result
-    for i in range(3):
-        a, b = (
-            F[:, (i + 1) % 3],
-            F[:, (i + 2) % 3],
-        )  # row i of the cofactor is the cross product of the other two rows
-        for j in range(3):
-            k, m = (j + 1) % 3, (j + 2) % 3
-            result[:, i, j] = a[:, k] * b[:, m] - a[:, m] * b[:, k]
+@compiled
+def determinant(F: Floats) -> Array:
+    """J (n,)."""
+    n, dim = F.shape[:2]
+    result = np.empty(n)
+    for c in range(n):
+        if dim == 2:
+            result[c] = F[c, 0, 0] * F[c, 1, 1] - F[c, 0, 1] * F[c, 1, 0]
+        else:
+            result[c] = (
+                F[c, 0, 0] * (F[c, 1, 1] * F[c, 2, 2] - F[c, 1, 2] * F[c, 2, 1])
+                + F[c, 0, 1] * (F[c, 1, 2] * F[c, 2, 0] - F[c, 1, 0] * F[c, 2, 2])
+                + F[c, 0, 2] * (F[c, 1, 0] * F[c, 2, 1] - F[c, 1, 1] * F[c, 2, 0])
+            )
+    return result
+
+
+@compiled
+def cofactor(F: Floats) -> Array:
+    """dJ/dF_ij (n, dim, dim): the cofactor matrix, finite for singular F too (J F^-T where F is regular)."""
+    n, dim = F.shape[:2]
+    result = np.empty((n, dim, dim))
+    for c in range(n):
+        if dim == 2:
+            result[c, 0, 0], result[c, 0, 1] = F[c, 1, 1], -F[c, 1, 0]
+            result[c, 1, 0], result[c, 1, 1] = -F[c, 0, 1], F[c, 0, 0]
+        else:
+            for i in range(3):  # row i is the cross product of the other two rows
+                a, b = (i + 1) % 3, (i + 2) % 3
+                for j in range(3):
+                    k, m = (j + 1) % 3, (j + 2) % 3
+                    result[c, i, j] = F[c, a, k] * F[c, b, m] - F[c, a, m] * F[c, b, k]
     return result

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.arrays import Array, BoolArray, IntArray
-from runtime.elasticity.determinant import cofactor, determinant
+from runtime.elasticity.invariants import cofactor, determinant, first_invariant
 from runtime.elasticity.tangent_kernel import isotropic_tangent
 from runtime.errors import SoftprintError
 
@@ -116,17 +116,17 @@ class StableNeoHookean(Material):
         return self._lam
 
     def energy_density(self, F: Array) -> Array:
-        trace, volume = _first_invariant(F), determinant(F) - 1.0
+        trace, volume = first_invariant(F), determinant(F) - 1.0
         shear = 0.5 * (trace - 3.0) - 0.5 * np.log((trace + 1.0) / 4.0) - 0.75 * volume
         return self.mu * shear + 0.5 * self.lam * volume**2
 
     def first_piola(self, F: Array) -> Array:
-        stretch = self.mu * (1.0 - 1.0 / (_first_invariant(F) + 1.0))
+        stretch = self.mu * (1.0 - 1.0 / (first_invariant(F) + 1.0))
         pressure = self.lam * (determinant(F) - 1.0) - 0.75 * self.mu
         return stretch[:, None, None] * F + pressure[:, None, None] * cofactor(F)
 
     def tangent(self, F: Array) -> Array:
-        barrier = 1.0 / (_first_invariant(F) + 1.0)
+        barrier = 1.0 / (first_invariant(F) + 1.0)
         stretch = self.mu * (1.0 - barrier)
         pressure = self.lam * (determinant(F) - 1.0) - 0.75 * self.mu
         return isotropic_tangent(
@@ -154,7 +154,7 @@ class NeoHookean(Material):
         J = determinant(F)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_J = np.log(J)
-            density = self.mu * (0.5 * (_first_invariant(F) - 3.0) - log_J) + 0.5 * self.lam * log_J**2
+            density = self.mu * (0.5 * (first_invariant(F) - 3.0) - log_J) + 0.5 * self.lam * log_J**2
         return np.where(J > 0, density, np.inf)
 
     def first_piola(self, F: Array) -> Array:
@@ -187,7 +187,7 @@ class IsochoricNeoHookean(Material):
     def energy_density(self, F: Array) -> Array:
         J = determinant(F)
         with np.errstate(invalid="ignore", divide="ignore"):
-            shape = 0.5 * self.mu * (np.cbrt(J) ** -2 * _first_invariant(F) - 3.0)
+            shape = 0.5 * self.mu * (np.cbrt(J) ** -2 * first_invariant(F) - 3.0)
             density = shape + 0.25 * self.bulk * (J**2 - 1.0 - 2.0 * np.log(J))
         return np.where(J > 0, density, np.inf)
 
@@ -195,12 +195,12 @@ class IsochoricNeoHookean(Material):
         inverse_transpose, log_J = _inverse_transpose(F)
         shear = self.mu * np.exp(-2.0 / 3.0 * log_J)
         pressure = 0.5 * self.bulk * np.expm1(2.0 * log_J)
-        spherical = pressure - shear * _first_invariant(F) / 3.0
+        spherical = pressure - shear * first_invariant(F) / 3.0
         return shear[:, None, None] * F + spherical[:, None, None] * inverse_transpose
 
     def tangent(self, F: Array) -> Array:
         inverse_transpose, log_J = _inverse_transpose(F)
-        shear, trace = self.mu * np.exp(-2.0 / 3.0 * log_J), _first_invariant(F)
+        shear, trace = self.mu * np.exp(-2.0 / 3.0 * log_J), first_invariant(F)
         pressure = 0.5 * self.bulk * np.expm1(2.0 * log_J)
         result = (shear * trace / 3.0 - pressure)[:, None, None, None, None] * _crossed(inverse_transpose)
         volume = self.bulk * np.exp(2.0 * log_J) + 2.0 / 9.0 * shear * trace
@@ -253,11 +253,6 @@ def make_material(model: str, young: ArrayLike, poisson: ArrayLike) -> Material:
     if model not in _MODELS:
         raise SoftprintError(f"material: unknown model {model!r}; known are {', '.join(_MODELS)}")
     return _MODELS[model].from_young_poisson(young, poisson)
-
-
-def _first_invariant(F: Array) -> Array:
-    """I_C = F:F of the 3D deformation gradient: F_33 = 1 adds 1 in plane strain."""
-    return (F * F).sum(axis=(1, 2)) + (3 - F.shape[-1])
 
 
 def _inverse_transpose(F: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.contact import PenaltyContact
-from runtime.elasticity.determinant import determinant
+from runtime.elasticity.invariants import determinant
 from runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
 from runtime.mesh import Mesh
 

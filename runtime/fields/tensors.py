@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from runtime.arrays import Array
-from runtime.elasticity.determinant import determinant
+from runtime.elasticity.invariants import determinant
 from runtime.elasticity.materials import Material
 
 

@@ -26,7 +26,7 @@ from runtime.body.body import ReducedBody
 from runtime.body.build import assemble_body
 from runtime.body.handles import FrameHandle, Handles
 from runtime.colliders.collider import Collider
-from runtime.elasticity.determinant import determinant
+from runtime.elasticity.invariants import determinant
 from runtime.elasticity.materials import Material
 from runtime.errors import SoftprintError
 from runtime.mesh.check import oriented_mesh

@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from runtime.elasticity import make_material
-from runtime.elasticity.determinant import cofactor, determinant
+from runtime.elasticity.invariants import cofactor, determinant
 from runtime.errors import SoftprintError
 from runtime.experiment import MaterialSpec
 
