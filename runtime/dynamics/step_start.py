@@ -2,13 +2,13 @@
 
 At constant velocity, where nothing more is known. After a step whose forces balance more is: the forces c of contact
 at its end, and the Hessian H of its last iteration, both by the unknowns. With all other forces g found anew at the
-rows of then,
+rows of then, but led handles where they have to be,
 
     v = -H^-1 (g + c)
 
 goes where an iteration would go, and takes no look at contact, the dear part of it. Contact that depends on more than
-the body's own state, on colliders that move, handles that are led, or how far friction has been rubbed along, is not
-what it was: then, too, the velocity is all there is.
+the body's own state, on colliders that move or on how far friction has been rubbed along, is not what it was: then,
+too, the velocity is all there is.
 """
 
 from __future__ import annotations
@@ -41,26 +41,28 @@ class StepStart:
 
     def __init__(self, body: ReducedBody, kinematic: Sequence[KinematicHandle], time_step: float) -> None:
         self._body, self._kinematic, self._time_step = body, tuple(kinematic), time_step
-        self._led = any(held.path is not None for held in kinematic)
         self._known: _Known | None = None
         self._foretold_by: Array | None = None  # the Hessian, if this step was foretold
 
     def __call__(self, state: ReducedState, energy: StepEnergy, time: float, poses: Poses) -> Configuration:
         """Of the step from a state, with this energy, to a time [s] when colliders are at these poses."""
         known, self._foretold_by = self._known, None
-        if known is not None and known.state is state and not self._led and _alike(state.poses, poses):
-            at = Configuration(state.rows, poses)
+        if known is not None and known.state is state and _alike(state.poses, poses):
+            at = Configuration(self._led(state.rows, time), poses)
             slope = energy.slope(at, known.contact)
             self._foretold_by = known.hessian
             return energy.retract(at, descent_direction(known.hessian, slope))
         return Configuration(self._carried_on(state, time), poses)
 
     def _carried_on(self, state: ReducedState, time: float) -> Array:
-        """Rows at constant velocity, frames kept rigid, led handles where they have to be."""
+        """Rows at constant velocity, frames kept rigid."""
         handles = self._body.handles
         change = self._time_step * state.rows_velocity
-        rows = handles.retract(state.rows, handles.increment(state.rows, change))
-        return place_kinematic(rows, self._body.rest_rows, handles, self._kinematic, time)
+        return self._led(handles.retract(state.rows, handles.increment(state.rows, change)), time)
+
+    def _led(self, rows: Array, time: float) -> Array:
+        """With the handles that are led where they have to be."""
+        return place_kinematic(rows, self._body.rest_rows, self._body.handles, self._kinematic, time)
 
     def learn(self, solved: NewtonResult[Configuration], reached: ReducedState, energy: StepEnergy) -> None:
         """From a step that led to a state."""

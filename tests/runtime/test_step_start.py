@@ -7,7 +7,7 @@ import pytest
 
 from runtime.body import assemble_body, frame_in_box, place_handles
 from runtime.colliders import KeyframedPath, Plane, RigidPose
-from runtime.contact import PenaltyContact
+from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.dynamics import (
     DynamicsSettings,
     HandleSpring,
@@ -46,24 +46,35 @@ def play(simulator, steps, poses=None):
 
 
 @dims
-def test_with_linear_forces_a_step_starts_where_it_ends(dim):
+@pytest.mark.parametrize("led", [False, True], ids=["pulled", "led"])
+def test_with_linear_forces_a_step_starts_where_it_ends(dim, led):
     body = make_body(dim, "linear", frames=False)
+    spring = pulled(dim, 0, 0.05)
+    held = {"kinematic": [KinematicHandle(0, spring.target)]} if led else {"springs": [spring]}
     settings = DynamicsSettings(H, NewtonSettings(tolerance=1e-7))
-    results = play(Simulator(body, contact=CONTACT, springs=[pulled(dim, 0, 0.05)], settings=settings), 4)
+    results = play(Simulator(body, contact=CONTACT, settings=settings, **held), 4)
     # The first step knows no forces yet; from then on one linear system is all there is to a step.
     assert results[0].iterations == 1
     assert [result.iterations for result in results[1:]] == [0, 0, 0]
     assert all(result.converged for result in results)
 
 
-def on_a_floor(dim, path=None, newton=None):
+def on_a_floor(dim, path=None, newton=None, friction=None):
     body = make_body(dim, "stable_neo_hookean", frames=True)
     gravity = [0.0] * (dim - 1) + [-9.81]
     normal = [0.0] * (dim - 1) + [1.0]
     floor = PlacedCollider("floor", Plane(normal), path or KeyframedPath.constant(RigidPose.identity(dim)))
     settings = DynamicsSettings(H, newton or NewtonSettings(50, 1e-9))
     springs = [pulled(dim, "base", 0.01)]
-    return Simulator(body, [floor], contact=CONTACT, gravity=gravity, springs=springs, settings=settings)
+    return Simulator(
+        body,
+        [floor],
+        contact=CONTACT,
+        friction=friction,
+        gravity=gravity,
+        springs=springs,
+        settings=settings,
+    )
 
 
 @dims
@@ -84,21 +95,14 @@ def test_foretold_steps_lead_where_others_lead(dim):
 
 
 @dims
-@pytest.mark.parametrize("what", ["collider", "handle", "unbalanced"])
+@pytest.mark.parametrize("what", ["collider", "friction", "unbalanced"])
 def test_nothing_is_foretold_where_contact_is_moved_or_forces_do_not_balance(dim, what):
     up = np.zeros(dim)
     up[-1] = 1e-3
     path = KeyframedPath([0.0, 1.0], [np.zeros(dim), up])
     newton = NewtonSettings(1, 1e-12) if what == "unbalanced" else NewtonSettings(50, 1e-9)
-    simulator = on_a_floor(dim, path if what == "collider" else None, newton)
-    if what == "handle":
-        body = simulator.body
-        simulator = Simulator(
-            body,
-            contact=CONTACT,
-            kinematic=[KinematicHandle("base", path)],
-            settings=DynamicsSettings(H, newton),
-        )
+    friction = CoulombFriction(0.3, 1e-3) if what == "friction" else None
+    simulator = on_a_floor(dim, path if what == "collider" else None, newton, friction)
     first = simulator.step(simulator.rest_state()).state
     again = type(first)(**vars(first))
     foretold = simulator.step(first).state.rows
