@@ -29,23 +29,19 @@ def _place(weights: Floats, x: Array, y: Array, z: Array, place: Array) -> None:
 
 
 @summing
-def placed(weights: Floats, rows: Array) -> Array:
-    """U rows (n, dim) of U (n, n_rows) and rows (n_rows, dim)."""
-    n, dim = len(weights), rows.shape[1]
-    axes, places = np.ascontiguousarray(rows.T), np.empty((n, dim))
-    for i in range(n):
-        _place(weights[i], axes[0], axes[1], axes[dim - 1], places[i])
-    return places
-
-
-@summing
 def placed_some(weights: Floats, rows: Array, index: IntArray) -> Array:
-    """The same of some points (m,)."""
+    """U rows (m, dim) at some points (m,), of U (n, n_rows) and rows (n_rows, dim)."""
     dim = rows.shape[1]
     axes, places = np.ascontiguousarray(rows.T), np.empty((len(index), dim))
     for k, i in enumerate(index):
         _place(weights[i], axes[0], axes[1], axes[dim - 1], places[k])
     return places
+
+
+@summing
+def placed(weights: Floats, rows: Array) -> Array:
+    """The same at all points (n, dim)."""
+    return placed_some(weights, rows, np.arange(len(weights)))
 
 
 @summing

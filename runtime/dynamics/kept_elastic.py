@@ -6,7 +6,7 @@ deformation gradient. Newton's method takes only a direction from it; energy and
 converges to. What is kept is the Hessian along the directions that were asked for, the coordinates of points and
 frames: they turn with the body, so that their meaning changes no more than its strain. Along the motion of the hand of
 `examples/hand.toml` this takes no more iterations than a new one each time, and in the bare subspace less than half the
-time; with three times the threshold below half as many iterations more, under a correction.
+time; with three times the threshold below a quarter to a half more iterations, under a correction.
 """
 
 from __future__ import annotations

@@ -13,10 +13,10 @@ points, which do not know how they turn, are always kept.
 Cells are put in groups that share their near frames, for what follows to be products of dense blocks: two groups become
 one where the multiplications that this costs are fewer than a group of its own is worth.
 
-On the Hand 13 groups take a fifth of the multiplications of B^T A B and less than half of those of B d, and all that is
-elastic takes a third of its time in a step in contact. In a motion of its report that changes the elastic energy by
-0.03 %, its forces on the handles by 0.15 % and its Hessian by 0.03 % (most of all states), which moves the bones, as
-springs hold them, by 2 micrometres. With a threshold of 10 % it is 1 % of the forces and 12 micrometres.
+On the Hand 13 groups take a fifth of the multiplications of B^T A B and less than half of those of B d. In a motion of
+its report that changes the elastic energy by 0.03 %, its forces on the handles by 0.15 % and its Hessian by 0.03 %
+(most of all states), which moves the bones, as springs hold them, by 2 micrometres. With a threshold of 10 % it is 1 %
+of the forces and 12 micrometres.
 """
 
 from __future__ import annotations
