@@ -114,8 +114,8 @@ class ContactLoadsProbe:
         """The loads `index` about the collider, undisplaced at x_around; mine: which of the loads that bear pressure
         press on it."""
         probe = self.loads
-        m, pressed = len(index), press.index[press.bearing]
-        F = pose.rotation.T @ probe.deformation(rows, index)
+        m, pressed = len(index), press.pressed
+        F = pose.rotation.T @ probe.loads.deformation(rows, index)
         moved = probe.moved_by(press, index, F)
         z = pose.apply_inverse(x_around)
         distance, slope, curvature = self.collider.sdf_derivatives(np.concatenate([z, z + moved]))

@@ -46,7 +46,7 @@ class ContactPotential:
         self.probe.hold(press)
         if press is None or not press.bearing.size:
             return 0.0, np.zeros_like(rows), None
-        return press.solution.energy, press.gradient.reshape(rows.shape), press.second_derivative
+        return press.solution.energy, press.gradient, press.second_derivative
 
     def felt(
         self, rows: Array, pose: RigidPose, turn: Array, centre: Array
@@ -75,9 +75,9 @@ def pressed_loads(press: LoadPress, borne: BoolArray | None = None) -> PressedLo
     """Those of a press that bear pressure; borne: (k,) which of them to tell of."""
     b, solution = press.bearing, press.solution
     loads = PressedLoads(
-        press.index[b],
+        press.pressed,
         press.displaced,
-        press.carried.reshape(*press.displaced.shape, -1),
+        lambda: press.carried.reshape(*press.displaced.shape, -1),
         solution.normal[b],
         solution.pressure[b],
         solution.left[b],

@@ -143,12 +143,12 @@ class Potential(Protocol):
 @dataclass(frozen=True, eq=False)
 class PressedLoads:
     """The m points that bear pressure. index: (m,) their numbers; position, normal: (m, dim) where they are and the
-    gradient of the signed distance there, world frame; motion: (m, dim, n_rows*dim) d position / d rows, the dent
+    gradient of the signed distance there, world frame; moving: finds (m, dim, n_rows*dim) d position / d rows, the dent
     carried along as it is; pressure: p (m,) [N]; left: penetration that is left (m,) > 0 [m]."""
 
     index: IntArray
     position: Array
-    motion: Array
+    moving: Callable[[], Array]
     normal: Array
     pressure: Array
     left: Array
@@ -158,7 +158,7 @@ class PressedLoads:
         return PressedLoads(
             self.index[which],
             self.position[which],
-            self.motion[which],
+            lambda: self.moving()[which],
             self.normal[which],
             self.pressure[which],
             self.left[which],
@@ -169,7 +169,7 @@ class PressedLoads:
         """Nothing is pressed."""
         nowhere, nothing = np.empty((0, dim)), np.empty(0)
         still = np.empty((0, dim, n_rows * dim))
-        return cls(np.empty(0, dtype=np.int64), nowhere, still, nowhere, nothing, nothing)
+        return cls(np.empty(0, dtype=np.int64), nowhere, lambda: still, nowhere, nothing, nothing)
 
 
 class Correction(Protocol):

@@ -86,6 +86,36 @@ def derivative(modes: Floats, index: IntArray, mean: Array, positions: Array, tu
 
 
 @summing
+def felt(modes: Floats, index: IntArray, mean: Array, positions: Array, turns: Array, forces: Array) -> Array:
+    """sum_k f_k . du_k/drows (n_rows, dim), `derivative` times forces f (m, dim), without finding it: with t = R^T f,
+    (t L - (t L mean) (x) positions) R^T."""
+    dim, n_rows = turns.shape[1], len(mean)
+    by_node = modes.reshape(len(modes), dim, n_rows * dim)
+    total, strained = np.zeros((n_rows, dim)), np.empty(n_rows * dim)
+    for k, node in enumerate(index):
+        turn = turns[node]
+        strained[:] = 0.0
+        for i in range(dim):
+            share, row = 0.0, by_node[node, i]
+            for a in range(dim):
+                share += forces[k, a] * turn[a, i]
+            for column in range(n_rows * dim):
+                strained[column] += share * row[column]
+        by_row = strained.reshape(n_rows, dim)
+        for c in range(dim):
+            drift = 0.0
+            for r in range(n_rows):
+                drift += by_row[r, c] * mean[r]
+            for r in range(n_rows):
+                by_row[r, c] -= drift * positions[r]
+        for r in range(n_rows):
+            for c in range(dim):
+                for b in range(dim):
+                    total[r, b] += by_row[r, c] * turn[b, c]
+    return total
+
+
+@summing
 def to_world(blocks: Array, turns: Array) -> Array:
     """R B_r R^T (n, dim, k, dim) of blocks B_r [i, r, j] (n, dim, k, dim), turned by R (n, dim, dim)."""
     result = np.empty(blocks.shape)

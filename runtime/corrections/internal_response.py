@@ -90,6 +90,10 @@ class InternalResponse:
         index = np.arange(len(self)) if index is None else index
         return internal_kernels.derivative(self.modes, index, self._mean, self.positions, self.turns(turn))
 
+    def felt(self, forces: Array, turn: Array, index: IntArray) -> Array:
+        """sum_k f_k . du_k/drows (n_rows, dim) [N] of forces f (m, dim) on some of the nodes, world frame."""
+        return internal_kernels.felt(self.modes, index, self._mean, self.positions, self.turns(turn), forces)
+
     def unturned(self) -> Array:
         """The same (n, dim, n_rows, dim) of all nodes, none of them turned."""
         index, still = np.arange(len(self)), np.eye(len(self.gravity))

@@ -77,7 +77,7 @@ class JointPress:
             return np.zeros(self.press.bearing.size, dtype=bool)
         return np.equal(self.owner[self.press.bearing], self.names.index(name))
 
-    def predict(self, rows: Array, poses: Poses, index: IntArray) -> tuple[Array, Array] | None:
+    def predict(self, rows: Array, turn: Array, poses: Poses, index: IntArray) -> tuple[Array, Array] | None:
         """See `LoadPress.predict`."""
         if not self.press.bearing.size:
             return None
@@ -87,7 +87,7 @@ class JointPress:
             mine, before, after = self.borne_by(name), self.poses[name], poses[name]
             follows[mine] = after.apply(before.apply_inverse(y[mine])) - y[mine]
             turns[mine] = after.rotation @ before.rotation.T
-        return self.press.nearby(rows, index, follows, turns)
+        return self.press.nearby(rows, turn, index, follows, turns)
 
 
 @runtime_checkable
@@ -140,9 +140,8 @@ class JointProbe:
         distances = tuple(PosedDistance(self.probes[name].collider, poses[name]) for name in names)
         start = None
         if near is not None:
-            borne = near.press.index[near.press.bearing]
-            around = around.with_bearing(load_kernels.are_among(around.index, borne))
-            start = near.predict(rows, poses, around.index[around.could_bear])
+            around = around.with_bearing(load_kernels.are_among(around.index, near.press.pressed))
+            start = near.predict(rows, turn, poses, around.index[around.could_bear])
         nearest = NearestDistance(distances, owner)
         press = self._any.balanced(rows, poses[names[0]], turn, around, nearest, start)
         return JointPress(press, names, dict(poses), owner[np.searchsorted(around.index, press.index)])

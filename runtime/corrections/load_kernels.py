@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.arrays import Array, BoolArray, IntArray
-from runtime.compiled import compiled
+from runtime.compiled import compiled, summing
 
 Floats = NDArray[np.floating[Any]]
 
@@ -133,6 +133,27 @@ def add_basis(basis: Array, index: IntArray, moved: Array) -> None:
         for a in range(dim):
             for r in range(n_rows):
                 moved[k, a, r, a] += basis[i, r]
+
+
+@summing
+def felt(basis: Array, gradients: Array, index: IntArray, force: Array, given: Array) -> Array:
+    """sum_j (U_j + v_j . grad U_j) (x) f_j (n_rows, dim) of forces f on some of the points (m,), which keep v, both (m,
+    dim); basis U (n, n_rows), gradients (n, dim, n_rows)."""
+    n_rows, dim = basis.shape[1], force.shape[1]
+    total, along = np.zeros((dim, n_rows)), np.empty(n_rows)
+    for j, point in enumerate(index):
+        row = basis[point]
+        for r in range(n_rows):
+            along[r] = row[r]
+        for k in range(dim):
+            slope, share = gradients[point, k], given[j, k]
+            for r in range(n_rows):
+                along[r] += share * slope[r]
+        for a in range(dim):
+            into, share = total[a], force[j, a]
+            for r in range(n_rows):
+                into[r] += share * along[r]
+    return np.ascontiguousarray(total.T)
 
 
 @compiled

@@ -31,11 +31,12 @@ from runtime.corrections.internal_reach import InternalReach
 from runtime.corrections.load_factor import LoadFactor
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.loads_around import LoadsAround, LoadsDistance, PosedDistance
+from runtime.corrections.moving_loads import MovingLoads
 from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.press_memory import PressMemory
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.directions import times_directions
-from runtime.row_products import deformed_some, placed, placed_some
+from runtime.row_products import placed
 
 # Loads outside the collider by up to this share of its depth could be pushed into it by the dent beside them. Farther
 # out few are, one in fifty of those that bear pressure under thin and curved colliders; they are found by looking.
@@ -51,55 +52,54 @@ Surroundings = tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class LoadMotion:
-    """How k loads move with the R = n_rows * dim handle rows: of their positions dx (k, dim, R) and of F, through the
-    gradients of the basis (k, n_rows, dim)."""
-
-    position: Array
-    basis_gradient: Array
-
-
-@dataclass(frozen=True, eq=False)
 class LoadPress:
-    """rows, pose: of the state; around: the loads within the band around the collider, undisplaced at around_position
-    (.., dim) [m]; index: (m,) those of them that could bear pressure, the problem of these and its solution;
-    motion: how the k of them move that do bear pressure."""
+    """rows, turn, pose: of the state of these loads; around: those within the band around the collider, undisplaced at
+    around_position (.., dim) [m]; index: (m,) those of them that could bear pressure, the problem of these and its
+    solution; k of them do bear pressure."""
 
+    loads: MovingLoads
     rows: Array
+    turn: Array
     pose: RigidPose
     around: IntArray
     around_position: Array
     index: IntArray
-    motion: LoadMotion
     problem: LoadProblem
     solution: LoadSolution
 
-    def predict(self, rows: Array, pose: RigidPose, index: IntArray) -> tuple[Array, Array] | None:
+    def predict(
+        self, rows: Array, turn: Array, pose: RigidPose, index: IntArray
+    ) -> tuple[Array, Array] | None:
         """Penetrations (m,) and normals (m, dim) of the loads `index` at a state nearby, to first order, where they
-        bear pressure here; None for a state too far away. With dc what the collider carries a load along by,
+        bear pressure here; None for a state too far away. With dx and dF how they have moved, T how the collider has
+        turned, and dc what it carries a load along by,
 
-            dr = (I + G_w D)^-1 (dxi - dc + F G dphi),    de = -g . dr,    dg = H dr, turned with the collider.
+            dr = (I + G_w D)^-1 (dx + dF v - dc + F G dphi),    dphi = (F + dF)^T T f - F^T f,
+            de = -g . dr,    g + dg = T (g + H dr).
         """
         if not self.bearing.size:
             return None
         y = self.displaced
         follows = pose.apply(self.pose.apply_inverse(y)) - y
-        return self.nearby(rows, index, follows, pose.rotation @ self.pose.rotation.T)
+        return self.nearby(rows, turn, index, follows, pose.rotation @ self.pose.rotation.T)
 
     def nearby(
-        self, rows: Array, index: IntArray, follows: Array, turns: Array
+        self, rows: Array, turn: Array, index: IntArray, follows: Array, turns: Array
     ) -> tuple[Array, Array] | None:
         """See `predict`. follows: dc (k, dim) [m] of the loads that bear pressure; turns: (dim, dim) or (k, dim, dim),
         of what they press."""
-        b, solution = self.bearing, self.solution
-        dq = (rows - self.rows).ravel()
-        right = self.carried @ dq - follows.ravel()
-        if np.abs(right).max() > self.problem.depth:
-            return None
-        right = right[:, None] + self.factor.carried(self.factor.given((self.turned @ dq)[:, None]))
-        dr = self.factor.soften(right).reshape(follows.shape)
-        g = solution.normal[b]
+        b, solution, pressed = self.bearing, self.solution, self.pressed
+        g, v, before = solution.normal[b], solution.given[b], self.problem.F[b]
         turns = np.ascontiguousarray(np.broadcast_to(turns, (len(b), *turns.shape[-2:])))
+        x, F = self.loads.positions(rows, turn, pressed), self.loads.deformation(rows, pressed)
+        carried = x - self.problem.position[b] + load_step.moved_by(F - before, v) - follows
+        if np.abs(carried).max() > self.problem.depth:
+            return None
+        pressure = solution.pressure[b]
+        after = load_step.pulled_back(F, pressure, load_step.moved_by(turns, g))
+        turned = after - load_step.pulled_back(before, pressure, g)
+        given = self.factor.carried(self.factor.given(turned.reshape(-1, 1)))
+        dr = self.factor.soften(carried.reshape(-1, 1) + given).reshape(follows.shape)
         return load_kernels.carried_on(
             index, self.index[b], solution.left[b], g, solution.curvature[b], dr, turns
         )
@@ -108,6 +108,11 @@ class LoadPress:
     def displaced(self) -> Array:
         """y (k, dim) [m] of the loads that bear pressure."""
         return np.asarray(self.problem.position[self.bearing] + self.solution.moved[self.bearing])
+
+    @cached_property
+    def pressed(self) -> IntArray:
+        """(k,) the loads that bear pressure."""
+        return self.index[self.bearing]
 
     @property
     def bearing(self) -> IntArray:
@@ -122,8 +127,9 @@ class LoadPress:
 
     @property
     def gradient(self) -> Array:
-        """dW/drows (R,) [N]."""
-        return -(self.solution.force[self.bearing].ravel() @ self.carried)
+        """dW/drows (n_rows, dim) [N]."""
+        b, solution = self.bearing, self.solution
+        return -self.loads.felt(self.turn, self.pressed, solution.force[b], solution.given[b])
 
     def second_derivative(self, along: Array | None = None) -> Array:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
@@ -162,7 +168,8 @@ class LoadPress:
 
     @cached_property
     def _carried_along(self) -> tuple[Array, Array]:
-        b, solution, motion = self.bearing, self.solution, self.motion
+        b, solution = self.bearing, self.solution
+        motion = self.loads.motion(self.turn, self.pressed)
         return load_kernels.carried_along(
             solution.given[b], solution.force[b], motion.position, motion.basis_gradient
         )
@@ -185,8 +192,8 @@ class LoadProbe:
         self.collider, self.nodes = collider, compliance.nodes
         self.among_loads = compliance.among_loads()
         self.points = points
-        self._gradients = np.ascontiguousarray(points.basis_gradient.transpose(0, 2, 1))
         self.internal = None if internal is None else internal.at(compliance.nodes)
+        self.loads = MovingLoads(points, self.internal)
         self._stiffness, self._band = stiffness * compliance.areas, band
         self._reach = (
             None if self.internal is None else InternalReach(points.basis, self.internal, body.handles)
@@ -202,12 +209,6 @@ class LoadProbe:
         alike = np.array_equal(self._stiffness, other._stiffness) and self._band == other._band
         return not alike or self.internal is not other.internal
 
-    def positions(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
-        """x (m, dim) [m] of some of the loads (all by default), internal response included."""
-        basis = self.points.basis
-        x = placed(basis, rows) if index is None else placed_some(basis, rows, index)
-        return x if self.internal is None else x + self.internal.displacement(rows, turn, index)
-
     def _near(
         self, rows: Array, pose: RigidPose, turn: Array, distance: float, about: Surroundings
     ) -> tuple[IntArray, Array, Array]:
@@ -219,7 +220,7 @@ class LoadProbe:
             candidates = load_kernels.within(x, pose.rotation, pose.translation, *bounds, reach)
         else:  # a half-space, whose bounds exclude nothing
             candidates = np.flatnonzero(self.collider.sdf(pose.apply_inverse(x)) < distance + reach)
-        x = x[candidates] if self.internal is None else self.positions(rows, turn, candidates)
+        x = x[candidates] if self.internal is None else self.loads.positions(rows, turn, candidates)
         close, _, value = self.collider.closer_to(x, pose, distance)
         return candidates[close], value, x[close]
 
@@ -247,8 +248,8 @@ class LoadProbe:
             return None
         start = None
         if near is not None:
-            around = around.with_bearing(load_kernels.are_among(around.index, near.index[near.bearing]))
-            start = near.predict(rows, pose, around.index[around.could_bear])
+            around = around.with_bearing(load_kernels.are_among(around.index, near.pressed))
+            start = near.predict(rows, turn, pose, around.index[around.could_bear])
         return self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose), start)
 
     def balanced(
@@ -272,8 +273,8 @@ class LoadProbe:
             problem = self.problem(rows, around, distance)
             solution = problem.solve(solution.joined_by(before[around.could_bear]))
         index = around.index[around.could_bear]
-        motion = self.motion(index[solution.bearing], turn)
-        return LoadPress(rows.copy(), pose, around.index, around.position, index, motion, problem, solution)
+        state = rows.copy(), turn.copy(), pose
+        return LoadPress(self.loads, *state, around.index, around.position, index, problem, solution)
 
     def _pushed_in(
         self,
@@ -294,7 +295,7 @@ class LoadProbe:
         index, bearing = around.index[beside], around.index[around.could_bear][b]
         load = load_step.pulled_back(problem.F[b], solution.pressure[b], solution.normal[b])
         v = self._among_near.displacement(index, bearing, load)
-        moved = load_step.moved_by(self.deformation(rows, index), v)
+        moved = load_step.moved_by(self.loads.deformation(rows, index), v)
         pushed[beside] = distance.among(beside).value(around.position[beside] + moved) < 0.0
         return pushed
 
@@ -323,7 +324,7 @@ class LoadProbe:
         index = around.index[around.could_bear]
         return LoadProblem(
             self._among_near.compliance(index),
-            self.deformation(rows, index),
+            self.loads.deformation(rows, index),
             self._stiffness[index],
             around.position[around.could_bear],
             around.depth,
@@ -337,31 +338,14 @@ class LoadProbe:
     def settled_by(self, press: LoadPress | None, rows: Array, turn: Array) -> Callable[[IntArray], Array]:
         """The same in the dent of a press; None: in none."""
         if press is None:
-            return self.positions(rows, turn).__getitem__
+            return self.loads.positions(rows, turn).__getitem__
 
         def positions(index: IntArray) -> Array:
-            moved = self.moved_by(press, index, self.deformation(rows, index))
-            return np.asarray(self.positions(press.rows, turn, index) + moved)
+            moved = self.moved_by(press, index, self.loads.deformation(rows, index))
+            return np.asarray(self.loads.positions(press.rows, turn, index) + moved)
 
         return positions
 
     def moved_by(self, press: LoadPress, index: IntArray, F: Array) -> Array:
         """F v (m, dim) [m] of any loads (m,) in the dent of a press; F: (m, dim, dim)."""
-        return load_step.moved_by(
-            F, self._among_near.displacement(index, press.index[press.bearing], press.load)
-        )
-
-    def deformation(self, rows: Array, index: IntArray) -> Array:
-        """F (m, dim, dim)."""
-        return deformed_some(self._gradients, rows, index)
-
-    def motion(self, index: IntArray, turn: Array) -> LoadMotion:
-        """How the loads `index` move with the handle rows."""
-        n, dim = turn.shape
-        moved = (
-            np.zeros((len(index), dim, n, dim))
-            if self.internal is None
-            else self.internal.derivative(turn, index)
-        )
-        load_kernels.add_basis(self.points.basis, index, moved)
-        return LoadMotion(moved.reshape(len(index), dim, -1), self.points.basis_gradient[index])
+        return load_step.moved_by(F, self._among_near.displacement(index, press.pressed, press.load))

@@ -127,7 +127,7 @@ class JointPotential:
         if joint is None or not joint.press.bearing.size:
             return 0.0, np.zeros_like(rows), None
         press = joint.press
-        return press.solution.energy, press.gradient.reshape(rows.shape), press.second_derivative
+        return press.solution.energy, press.gradient, press.second_derivative
 
     def felt(self, rows: Array, poses: Poses, turn: Array, centres: Mapping[str, Array]) -> Felt:
         """See `PotentialGroup.felt`."""

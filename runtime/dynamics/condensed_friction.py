@@ -48,7 +48,7 @@ class CondensedFriction:
             anchor=poses[name].apply(step.poses[name].apply_inverse(start)),
             pose=poses[name],
         )
-        step.sliding[name] = SlidingLoads(lagged, rows, loads.position, loads.motion, loads.index)
+        step.sliding[name] = SlidingLoads(lagged, rows, loads.position, loads.moving(), loads.index)
 
     def terms(self, name: str, rows: Array, poses: Poses, step: StepContact) -> FrictionTerms:
         """At the loads that were last taken up."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from runtime.colliders import Placed, RigidPose, SmoothUnion, Sphere
+from runtime.colliders.pose import rotation_matrix
 from runtime.contact import PenaltyContact
 from runtime.corrections import load_press, load_solve
 from runtime.corrections.contact_potential import ContactPotential
@@ -126,6 +127,34 @@ def test_derivatives(pressed, monkeypatch):
         assert np.abs(found - change).max() < 1e-4 * np.abs(change).max()
 
 
+def test_force_and_derivatives_of_the_loads_agree(pressed):
+    potential, rows, pose, turn = pressed
+    press = potential.probe.press(rows, pose, turn)
+    force = press.solution.force[press.bearing].ravel()
+    # The same sums in another order.
+    np.testing.assert_allclose(press.gradient.ravel(), -force @ press.carried, rtol=1e-10, atol=1e-12)
+
+
+def test_what_moves_rigidly_is_known_before(jelly_body, dim):
+    """The press of a state says of body and collider moved together what they come to: the same, turned."""
+    mechanics = doubled(
+        compute_rest_mechanics(jelly_body, 400, True)
+    )  # without gravity, which does not turn along
+    probe = LoadProbe(jelly_body, Sphere(0.02, dim, "ball"), mechanics, STIFFNESS)
+    rows = jelly_body.rest_rows + 1e-3 * np.random.default_rng(5).normal(size=jelly_body.rest_rows.shape)
+    pose = RigidPose.from_rotation_vector(
+        [0.3] if dim == 2 else [0.3, -0.2, 0.5], np.append(np.full(dim - 1, 0.004), 0.074)
+    )
+    press = probe.press(rows, pose, rows)
+    Q = rotation_matrix([2.1] if dim == 2 else [1.1, 0.7, -1.6], dim)
+    turned = RigidPose(Q @ pose.rotation, Q @ pose.translation)
+    left, normal = press.predict(rows @ Q.T, rows @ Q.T, turned, press.pressed)
+    np.testing.assert_allclose(
+        left, press.solution.left[press.bearing], rtol=1e-5
+    )  # solved in single precision
+    np.testing.assert_allclose(normal, press.solution.normal[press.bearing] @ Q.T, atol=1e-5)
+
+
 def test_the_force_on_the_collider_is_the_slope_of_the_energy_along_its_path(pressed, dim):
     potential, rows, pose, turn = pressed
     contact = CondensedContact({"ball": potential})
@@ -142,7 +171,7 @@ def test_giving_way_costs_less_than_standing_firm(pressed, jelly_body):
     potential, rows, pose, turn = pressed
     probe = potential.probe
     rigid = PenaltyContact(STIFFNESS).energy(
-        probe.positions(rows, turn), probe._stiffness / STIFFNESS, probe.collider, pose
+        probe.loads.positions(rows, turn), probe._stiffness / STIFFNESS, probe.collider, pose
     )
     assert 0 < potential.energy(rows, pose, turn) < rigid
 

@@ -1,0 +1,66 @@
+"""Where the loads of a body are, and how they move with its handle rows q (n_rows, dim): x and F of `load_press.py`.
+
+The derivatives dx (m, dim, n_rows*dim) of m loads are needed where a Hessian is. Where nothing but the force is asked
+for, that is found without them,
+
+    sum_j f_j . (dx_j + dF_j v_j),    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j,
+
+at a fifth of the cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.body.material_points import MaterialPoints
+from runtime.corrections import load_kernels
+from runtime.corrections.internal_response import InternalResponse
+from runtime.row_products import deformed_some, placed, placed_some
+
+
+@dataclass(frozen=True, eq=False)
+class LoadMotion:
+    """How m loads move with the R = n_rows * dim handle rows: of their positions dx (m, dim, R) and of F, through the
+    gradients of the basis (m, n_rows, dim)."""
+
+    position: Array
+    basis_gradient: Array
+
+
+class MovingLoads:
+    """Of n loads. internal: of their nodes, None where U rows is all there is. turn: see `turning.py`; index: (m,)
+    which of the loads."""
+
+    def __init__(self, points: MaterialPoints, internal: InternalResponse | None) -> None:
+        self._points, self._internal = points, internal
+        self._gradients = np.ascontiguousarray(points.basis_gradient.transpose(0, 2, 1))
+
+    def positions(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
+        """x (m, dim) [m] of some of the loads (all by default), internal response included."""
+        basis = self._points.basis
+        x = placed(basis, rows) if index is None else placed_some(basis, rows, index)
+        return x if self._internal is None else x + self._internal.displacement(rows, turn, index)
+
+    def deformation(self, rows: Array, index: IntArray) -> Array:
+        """F (m, dim, dim)."""
+        return deformed_some(self._gradients, rows, index)
+
+    def motion(self, turn: Array, index: IntArray) -> LoadMotion:
+        """The derivatives by the rows."""
+        n, dim = turn.shape
+        moved = (
+            np.zeros((len(index), dim, n, dim))
+            if self._internal is None
+            else self._internal.derivative(turn, index)
+        )
+        load_kernels.add_basis(self._points.basis, index, moved)
+        return LoadMotion(moved.reshape(len(index), dim, -1), self._points.basis_gradient[index])
+
+    def felt(self, turn: Array, index: IntArray, force: Array, given: Array) -> Array:
+        """sum_j f_j . (dx_j + dF_j v_j)/drows (n_rows, dim) [N] of forces f (m, dim) on loads that keep their
+        displacement v (m, dim) in rest coordinates."""
+        felt = load_kernels.felt(self._points.basis, self._gradients, index, force, given)
+        return felt if self._internal is None else felt + self._internal.felt(force, turn, index)
