@@ -75,7 +75,7 @@ class InternalResponse:
             self.weight,
             index,
             self.centred(rows),
-            self.centred(self.rest_rows),
+            self.at_rest,
             self.gravity,
             self.turns(turn),
         )
@@ -84,6 +84,11 @@ class InternalResponse:
         """Rows less their mean translation, which strains nothing and would only be rounded: a body may be far from
         where it began."""
         return np.asarray(rows - self.positions[:, None] * (self._mean @ rows))
+
+    @cached_property
+    def at_rest(self) -> Array:
+        """The rows at rest, centred."""
+        return self.centred(self.rest_rows)
 
     def derivative(self, turn: Array, index: IntArray | None = None) -> Array:
         """du_a/drows_rb (m, dim, n_rows, dim) of some of the nodes (all by default), the turn held; world frame."""

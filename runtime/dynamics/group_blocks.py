@@ -48,11 +48,15 @@ class GroupBlocks:
             B[cells[:, None], :, columns] = block.transpose(2, 0, 1)
         return B.reshape(-1, self._size)
 
-    def to_world(self, blocks: Singles, rotations: Array, rows: Array) -> tuple[Singles, Array]:
-        """R_c B_c R_c^T of what every cell sees, turned by R (m, dim, dim), in single precision; and this times rows
-        (n_rows, dim), (m, dim, dim), in double precision."""
-        turned = np.empty(blocks.shape, np.float32)
-        return turned, _to_world(*self._layout, blocks, rotations, rows, turned)
+    def to_world(self, blocks: Singles, rotations: Array) -> Singles:
+        """R_c B_c R_c^T of what every cell sees, turned by R (m, dim, dim), all in single precision."""
+        cells, first, _, first_column = self._layout
+        groups = first, np.diff(first_column) // self._dim
+        return _to_world(*groups, blocks, rotations[cells].astype(np.float32))
+
+    def seen(self, blocks: Floats, rotations: Array, rows: Array) -> Array:
+        """B_c R_c^T rows (m, dim, dim) of rows (n_rows, dim) as every cell sees them, turned by R (m, dim, dim)."""
+        return _seen(*self._layout, blocks, rotations, rows)
 
     def times(self, blocks: Floats, change: Array) -> Array:
         """B change (m, dim, dim) of a change (n_rows*dim,)."""
@@ -150,7 +154,7 @@ def _gathered(
 
 
 @summing
-def _to_world(
+def _seen(
     cells: IntArray,
     first: IntArray,
     columns: IntArray,
@@ -158,28 +162,58 @@ def _to_world(
     blocks: Floats,
     rotations: Array,
     rows: Array,
-    turned: Singles,
 ) -> Array:
-    """Writes R B R^T of every group; its product with the rows (m, dim, dim)."""
     dim, at = rows.shape[1], 0
-    stretched = np.empty(rotations.shape)
+    result = np.empty((len(cells), dim, dim))
     for group in range(len(first) - 1):
         own = cells[first[group] : first[group + 1]]
-        felt = columns[first_column[group] : first_column[group + 1] : dim] // dim
+        m = len(own)
+        # For all j of all cells, as B is.
+        R, size = np.empty((dim, dim, dim, m)), dim * m
+        for c in range(m):
+            for a in range(dim):
+                for b in range(dim):
+                    R[a, b, :, c] = rotations[own[c], a, b]
+        by_axis, total, share = R.reshape(dim, dim, size), np.zeros((dim, size)), np.empty(size)
+        for column in columns[first_column[group] : first_column[group + 1]]:
+            row, b = rows[column // dim], column % dim
+            x, y, z = by_axis[0, b], by_axis[1, b], by_axis[dim - 1, b]
+            third = row[2] if dim == 3 else 0.0
+            for k in range(size):
+                share[k] = row[0] * x[k] + row[1] * y[k] + third * z[k]
+            for i in range(dim):
+                into, entry = total[i], blocks[at : at + size]
+                for k in range(size):
+                    into[k] += share[k] * entry[k]
+                at += size
+        for c in range(m):
+            for i in range(dim):
+                for j in range(dim):
+                    result[own[c], i, j] = total[i, j * m + c]
+    return result
+
+
+@summing
+def _to_world(first: IntArray, felt: IntArray, blocks: Singles, rotations: Singles) -> Singles:
+    """R B R^T of every group; felt: rows of each; rotations: of the cells, group by group."""
+    dim, at = rotations.shape[1], 0
+    turned = np.empty(blocks.shape, np.float32)
+    for group in range(len(first) - 1):
+        own = rotations[first[group] : first[group + 1]]
         # What is turned alike is turned at once, all j of all cells. In 2D the third of every three products is with 0.
         size, last = dim * len(own), dim - 1
-        R = np.zeros((dim, 3, dim, len(own)))
+        R = np.zeros((dim, 3, dim, len(own)), np.float32)
         for c in range(len(own)):
             for i in range(dim):
                 for a in range(dim):
-                    R[i, a, :, c] = rotations[own[c], i, a]
+                    R[i, a, :, c] = own[c, i, a]
         by_axis = R.reshape(dim, 3, size)
-        end = at + len(felt) * dim * dim * size
-        B = blocks[at:end].reshape(len(felt), dim, dim, size)
-        result = turned[at:end].reshape(len(felt), dim, dim, size)
+        end = at + felt[group] * dim * dim * size
+        B = blocks[at:end].reshape(felt[group], dim, dim, size)
+        result = turned[at:end].reshape(felt[group], dim, dim, size)
         at = end
-        left, entry, of_rows = np.empty((dim, dim, size)), np.empty(size), np.zeros((dim, size))
-        for r in range(len(felt)):
+        left = np.empty((dim, dim, size), np.float32)
+        for r in range(felt[group]):
             for b in range(dim):
                 x, y, z = B[r, b, 0], B[r, b, 1], B[r, b, last]
                 for i in range(dim):
@@ -187,20 +221,12 @@ def _to_world(
                     for k in range(size):
                         into[k] = by_x[k] * x[k] + by_y[k] * y[k] + by_z[k] * z[k]
             for b in range(dim):
-                share, by_x, by_y, by_z = rows[felt[r], b], by_axis[b, 0], by_axis[b, 1], by_axis[b, 2]
+                by_x, by_y, by_z = by_axis[b, 0], by_axis[b, 1], by_axis[b, 2]
                 for i in range(dim):
-                    x, y, z = left[0, i], left[1, i], left[last, i]
+                    into, x, y, z = result[r, b, i], left[0, i], left[1, i], left[last, i]
                     for k in range(size):
-                        entry[k] = by_x[k] * x[k] + by_y[k] * y[k] + by_z[k] * z[k]
-                    single, total = result[r, b, i], of_rows[i]
-                    for k in range(size):
-                        single[k] = entry[k]
-                        total[k] += share * entry[k]
-        for c in range(len(own)):
-            for i in range(dim):
-                for j in range(dim):
-                    stretched[own[c], i, j] = of_rows[i, j * len(own) + c]
-    return stretched
+                        into[k] = by_x[k] * x[k] + by_y[k] * y[k] + by_z[k] * z[k]
+    return turned
 
 
 @summing

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array, RowHessian, known_hessian
 from runtime.body.body import ReducedBody
+from runtime.compiled import summing
 from runtime.corrections.correction import CorrectionField
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.turning import Turning
@@ -76,7 +77,7 @@ class InternalElasticEnergy:
         by_strain = by_strain.astype(np.float32).astype(np.float64)
         self._blocks = GroupBlocks(groups, body.n_rows, body.dim)
         self._by_strain = self._blocks.packed(by_strain).astype(np.float32)
-        rest = by_strain @ internal.centred(internal.rest_rows).ravel()
+        rest = by_strain @ internal.at_rest.ravel()
         self._unstrained = np.eye(body.dim) - rest.reshape(-1, body.dim, body.dim)
         self._by_gravity = by_gravity
         by_unknowns = np.concatenate([by_strain, by_gravity], axis=2)
@@ -127,9 +128,10 @@ class InternalElasticEnergy:
         """The last one is kept."""
         if self._held is None or not np.array_equal(self._held.turn, turn):
             internal, rotations = self._internal, self._turning.rotations(turn)
-            B, stretched = self._blocks.to_world(self._by_strain, rotations, internal.centred(turn))
-            hanging = (self._by_gravity @ (internal.gravity @ rotations)[..., None]).reshape(rotations.shape)
-            F = rotations @ (self._unstrained + hanging) + stretched
+            B = self._blocks.to_world(self._by_strain, rotations)
+            stretched = self._blocks.seen(self._by_strain, rotations, internal.centred(turn))
+            seen = self._unstrained + stretched
+            F = _in_world(rotations, seen, self._by_gravity, internal.gravity)
             self._held = _Held(turn.copy(), F, B, self._missed.about(turn))
         return self._held
 
@@ -142,14 +144,36 @@ class InternalElasticEnergy:
         held = self._at(turn)
         missed = held.missed
         change = self._internal.centred(rows - turn).ravel()
-        F = held.F + self._blocks.times(held.B, change)
+        # A step begins where the turn is taken.
+        F = held.F + self._blocks.times(held.B, change) if change.any() else held.F
         if displacement is not None:
-            F += self._elasticity.correction_gradients(displacement)
+            F = F + self._elasticity.correction_gradients(displacement)
         energy = missed.value + change @ (missed.slope + 0.5 * (missed.stiffness @ change))
         found = _Strained(rows.copy(), turn.copy(), change, F, self._elasticity.energy(F) + float(energy))
         if displacement is None:
             self._last = found
         return found
+
+
+@summing
+def _in_world(rotations: Array, seen: Array, by_gravity: Array, gravity: Array) -> Array:
+    """F = R (seen + B_g R^T g) (m, dim, dim), B_g (m, dim*dim, dim)."""
+    m, dim, _ = rotations.shape
+    F, own = np.zeros((m, dim, dim)), np.empty(dim)
+    for c in range(m):
+        R = rotations[c]
+        for b in range(dim):
+            own[b] = 0.0
+            for a in range(dim):
+                own[b] += gravity[a] * R[a, b]
+        for i in range(dim):
+            for j in range(dim):
+                entry = seen[c, i, j]
+                for b in range(dim):
+                    entry += by_gravity[c, i * dim + j, b] * own[b]
+                for a in range(dim):
+                    F[c, a, j] += R[a, i] * entry
+    return F
 
 
 def _derivatives(elasticity: ReducedElasticity, corners: InternalResponse) -> tuple[Array, Array]:

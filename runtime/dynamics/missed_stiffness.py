@@ -27,6 +27,8 @@ from runtime.dynamics.body_regions import BodyRegions
 from runtime.dynamics.near_handles import NearFrames
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
+Floats = NDArray[np.floating[Any]]
+
 
 class Expansion(NamedTuple):
     """E = value + slope . change + 1/2 change . stiffness . change, of a change (n_rows*dim,) of the rows."""
@@ -74,13 +76,14 @@ class MissedStiffness:
             rows.append(kept)
             kept = np.append(kept, n_rows)
             blocks.append(missed[kept][:, :, kept].transpose(0, 1, 3, 2).ravel())
-        self._missed, self._rows = np.concatenate(blocks), np.concatenate(rows)
+        # In single precision: it is the memory that takes the time.
+        self._missed, self._rows = np.concatenate(blocks).astype(np.float32), np.concatenate(rows)
         self._first = np.cumsum([0, *(len(kept) for kept in rows)])
 
     def about(self, turn: Array) -> Expansion:
         """E about the turn (n_rows, dim), which is held."""
         internal, rotations = self._internal, self._turning.rotations(turn)
-        seen = internal.centred(turn), internal.centred(internal.rest_rows), internal.gravity
+        seen = internal.centred(turn), internal.at_rest, internal.gravity
         return Expansion(*_about(self._missed, self._first, self._rows, *seen, rotations))
 
 
@@ -91,7 +94,7 @@ def at_rest(elasticity: ReducedElasticity, B: Array) -> Array:
     return stiffness(elasticity, rest, B)
 
 
-def stiffness(elasticity: ReducedElasticity, F: Array, B: NDArray[np.floating[Any]]) -> Array:
+def stiffness(elasticity: ReducedElasticity, F: Array, B: Floats) -> Array:
     """sum_c w_c B^T A B (k, k) of B (m*dim*dim, k), in the precision of B."""
     size = F.shape[1] * F.shape[2]
     tangent = elasticity.material.tangent(F).reshape(-1, size, size)
@@ -107,7 +110,13 @@ def _spread(body: ReducedBody) -> Array:
 
 @summing
 def _about(
-    missed: Array, first: IntArray, rows: IntArray, turn: Array, rest: Array, gravity: Array, rotations: Array
+    missed: Floats,
+    first: IntArray,
+    rows: IntArray,
+    turn: Array,
+    rest: Array,
+    gravity: Array,
+    rotations: Array,
 ) -> tuple[float, Array, Array]:
     """1/2 z^T M z, R M z and R M R^T by the handle rows, summed over the regions. Of region r, which feels the rows
     first[r] to first[r + 1] of `rows`, M (k + 1, dim, dim, k + 1) is over (row, axis, axis of the other row, other

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array
 from runtime.body.body import ReducedBody
+from runtime.compiled import summing
 from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.body_regions import BodyRegions
 
@@ -50,11 +51,38 @@ class Weight:
     def _hangs(self, internal: InternalResponse, turn: Array) -> tuple[Array, float]:
         """`form`, with an internal response."""
         rotations = self._turning.rotations(turn)
-        hanging = internal.gravity @ rotations
-        force = np.einsum("na,narb->nrb", hanging, self._modes)
-        constant = np.vdot(force.sum(axis=0), internal.rest_rows)
-        constant -= np.einsum("na,nab,nb", hanging, self._hanging, hanging)
-        return self._linear + np.einsum("nrb,nab->ra", force, rotations), float(constant)
+        force, constant = _hanging(
+            self._modes, self._hanging, internal.gravity, internal.rest_rows, rotations
+        )
+        return self._linear + force, constant
+
+
+@summing
+def _hanging(
+    modes: Array, weight: Array, gravity: Array, rest: Array, rotations: Array
+) -> tuple[Array, float]:
+    """sum_n h L_n R^T (n_rows, dim) and sum_n h L_n : rest - h w_n h with h = R^T g, over the regions n: L (n, dim,
+    n_rows, dim), w (n, dim, dim)."""
+    n_rows, dim = rest.shape
+    total, constant = np.zeros((n_rows, dim)), 0.0
+    for n in range(len(modes)):
+        R, force, h = rotations[n], np.zeros((n_rows, dim)), np.zeros(dim)
+        for a in range(dim):
+            for b in range(dim):
+                h[a] += gravity[b] * R[b, a]
+            share, by_row = h[a], modes[n, a]
+            for r in range(n_rows):
+                for b in range(dim):
+                    force[r, b] += share * by_row[r, b]
+        for r in range(n_rows):
+            for b in range(dim):
+                constant += force[r, b] * rest[r, b]
+                for a in range(dim):
+                    total[r, a] += force[r, b] * R[a, b]
+        for a in range(dim):
+            for b in range(dim):
+                constant -= h[a] * weight[n, a, b] * h[b]
+    return total, constant
 
 
 def _summed(shares: sp.csr_matrix, values: NDArray[np.floating[Any]]) -> Array:

@@ -45,18 +45,34 @@ def determinant(F: Floats) -> Array:
 
 
 @compiled
+def _cofactor(F: Floats, i: int, j: int) -> float:
+    """dJ/dF_ij of one F (dim, dim)."""
+    if len(F) == 2:
+        return F[1 - i, 1 - j] if i == j else -F[1 - i, 1 - j]
+    # Row i is the cross product of the other two rows.
+    a, b, k, m = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+    return F[a, k] * F[b, m] - F[a, m] * F[b, k]
+
+
+@compiled
 def cofactor(F: Floats) -> Array:
     """dJ/dF_ij (n, dim, dim): the cofactor matrix, finite for singular F too (J F^-T where F is regular)."""
     n, dim = F.shape[:2]
     result = np.empty((n, dim, dim))
     for c in range(n):
-        if dim == 2:
-            result[c, 0, 0], result[c, 0, 1] = F[c, 1, 1], -F[c, 1, 0]
-            result[c, 1, 0], result[c, 1, 1] = -F[c, 0, 1], F[c, 0, 0]
-        else:
-            for i in range(3):  # row i is the cross product of the other two rows
-                a, b = (i + 1) % 3, (i + 2) % 3
-                for j in range(3):
-                    k, m = (j + 1) % 3, (j + 2) % 3
-                    result[c, i, j] = F[c, a, k] * F[c, b, m] - F[c, a, m] * F[c, b, k]
+        for i in range(dim):
+            for j in range(dim):
+                result[c, i, j] = _cofactor(F[c], i, j)
+    return result
+
+
+@compiled
+def isotropic_stress(F: Floats, stretch: Array, pressure: Array) -> Array:
+    """stretch F + pressure dJ/dF (n, dim, dim), both (n,): what a function of I_C and J has for a derivative."""
+    n, dim = F.shape[:2]
+    result = np.empty((n, dim, dim))
+    for c in range(n):
+        for i in range(dim):
+            for j in range(dim):
+                result[c, i, j] = stretch[c] * F[c, i, j] + pressure[c] * _cofactor(F[c], i, j)
     return result

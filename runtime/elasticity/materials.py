@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.arrays import Array, BoolArray, IntArray
-from runtime.elasticity.invariants import cofactor, determinant, first_invariant
+from runtime.elasticity.invariants import cofactor, determinant, first_invariant, isotropic_stress
 from runtime.elasticity.tangent_kernel import isotropic_tangent
 from runtime.errors import SoftprintError
 
@@ -123,7 +123,7 @@ class StableNeoHookean(Material):
     def first_piola(self, F: Array) -> Array:
         stretch = self.mu * (1.0 - 1.0 / (first_invariant(F) + 1.0))
         pressure = self.lam * (determinant(F) - 1.0) - 0.75 * self.mu
-        return stretch[:, None, None] * F + pressure[:, None, None] * cofactor(F)
+        return isotropic_stress(F, stretch, pressure)
 
     def tangent(self, F: Array) -> Array:
         barrier = 1.0 / (first_invariant(F) + 1.0)

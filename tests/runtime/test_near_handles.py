@@ -144,10 +144,11 @@ def test_blocks_do_what_the_whole_matrix_does(dim):
     R = np.array([rotation_exponential(w) for w in rng.normal(size=(m, 2 * dim - 3))])
     turned = np.einsum("cia,cajrb,cdb->cijrd", R, B.reshape(m, dim, dim, n_rows, dim), R)
     rows = rng.normal(size=(n_rows, dim))
-    in_world, of_rows = where.to_world(blocks, R, rows)
+    in_world = where.to_world(blocks.astype(np.float32), R)
     turned = turned.reshape(flat.shape)
     np.testing.assert_allclose(where.dense(in_world), turned, atol=1e-5)  # single precision
-    np.testing.assert_allclose(of_rows.ravel(), turned @ rows.ravel(), atol=1e-13)
+    of_rows = (turned @ rows.ravel()).reshape(m, dim, dim)
+    np.testing.assert_allclose(R @ where.seen(blocks, R, rows), of_rows, atol=1e-13)
     A = rng.normal(size=(m, dim * dim, dim * dim))
     A += A.transpose(0, 2, 1)
     expected = np.einsum("csk,cst,ctl->kl", B, A, B)
