@@ -1,5 +1,9 @@
-"""The internal response of some nodes (m,), read where it lies: modes L (n, dim, n_rows, dim), weight w (n, dim, dim),
-turns R (n, dim, dim)."""
+"""The internal response of some nodes (m,), read where it lies: modes L of the handle rows that each node feels, weight
+w (n, dim, dim), turns R (n, dim, dim).
+
+Nodes feel sets of rows: node X the set of[X], set s the rows felt[start[s]:start[s + 1]], k of them. L is flat, node by
+node: that of X begins at first[X], and is L_X (dim, dim, k) over (axis, axis of the row, row).
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,17 @@ def _alike(first: Array, second: Array) -> bool:
 
 @summing
 def displacement(
-    modes: Floats, weight: Floats, index: IntArray, rows: Array, rest: Array, gravity: Array, turns: Array
+    modes: Floats,
+    first: IntArray,
+    of: IntArray,
+    start: IntArray,
+    felt: IntArray,
+    weight: Floats,
+    index: IntArray,
+    rows: Array,
+    rest: Array,
+    gravity: Array,
+    turns: Array,
 ) -> Array:
     """R (L d + w R^T g) (m, dim) for the strain d = R^T rows - rest, rows and rest (n_rows, dim).
 
@@ -33,85 +47,117 @@ def displacement(
     less, and the contact energy of a line search with them.
     """
     n_rows, dim = rows.shape
-    by_node = modes.reshape(len(modes), dim, n_rows * dim)
-    by_axis, at_rest = np.ascontiguousarray(rows.T), np.ascontiguousarray(rest.T)
-    along, strain, hanging = np.empty(n_rows), np.empty(n_rows * dim), np.empty(dim)
+    # The rows of the sets that are met, one set after the other.
+    by_axis, at_rest = np.empty((dim, len(felt))), np.empty((dim, len(felt)))
+    met = np.zeros(len(start) - 1, dtype=np.bool_)
+    strain, hanging = np.empty(n_rows * dim), np.empty(dim)
     u = np.zeros((len(index), dim))
-    for k, node in enumerate(index):
-        turn = turns[node]
+    for n, node in enumerate(index):
+        turn, begin, end = turns[node], start[of[node]], start[of[node] + 1]
+        k = end - begin
+        if not met[of[node]]:
+            met[of[node]] = True
+            for a in range(dim):
+                for s in range(begin, end):
+                    by_axis[a, s], at_rest[a, s] = rows[felt[s], a], rest[felt[s], a]
         # Where a body turns as one, all its nodes see one strain.
-        if k == 0 or not _alike(turn, turns[index[k - 1]]):
+        before = index[n - 1]
+        if n == 0 or of[node] != of[before] or not _alike(turn, turns[before]):
             for b in range(dim):
-                for r in range(n_rows):
-                    along[r] = by_axis[0, r] * turn[0, b] + by_axis[1, r] * turn[1, b] - at_rest[b, r]
+                along, x, y = strain[b * k : (b + 1) * k], by_axis[0, begin:end], by_axis[1, begin:end]
+                for s in range(k):
+                    along[s] = x[s] * turn[0, b] + y[s] * turn[1, b] - at_rest[b, begin + s]
                 for c in range(2, dim):
-                    for r in range(n_rows):
-                        along[r] += by_axis[c, r] * turn[c, b]
-                for r in range(n_rows):
-                    strain[r * dim + b] = along[r]
+                    z = by_axis[c, begin:end]
+                    for s in range(k):
+                        along[s] += z[s] * turn[c, b]
                 hanging[b] = 0.0
                 for a in range(dim):
                     hanging[b] += gravity[a] * turn[a, b]
+        block = modes[first[node] : first[node] + dim * dim * k].reshape(dim, dim * k)
         for b in range(dim):
-            row = by_node[node, b]
-            total = row[0] * strain[0]
-            for column in range(1, n_rows * dim):
+            row, total = block[b], 0.0
+            for column in range(dim * k):
                 total += row[column] * strain[column]
-            moved = float(total)
             for c in range(dim):
-                moved += weight[node, b, c] * hanging[c]
+                total += weight[node, b, c] * hanging[c]
             for a in range(dim):
-                u[k, a] += turn[a, b] * moved
+                u[n, a] += turn[a, b] * total
     return u
 
 
 @summing
-def derivative(modes: Floats, index: IntArray, mean: Array, positions: Array, turns: Array) -> Array:
+def derivative(
+    modes: Floats,
+    first: IntArray,
+    of: IntArray,
+    start: IntArray,
+    felt: IntArray,
+    index: IntArray,
+    mean: Array,
+    positions: Array,
+    turns: Array,
+) -> Array:
     """R (L - (L mean) (x) positions) R^T (m, dim, n_rows, dim) [a, r, b]: du_a/drows_rb with the turns R held. mean
     (n_rows,): weights of the rows' mean translation, which strains nothing; positions (n_rows,): what it moves."""
     dim, n_rows = turns.shape[1], len(mean)
     result = np.empty((len(index), dim, n_rows, dim))
     strained = np.empty((dim, n_rows, dim))
-    for k in range(len(index)):
-        strained[:] = modes[index[k]]
+    for n, node in enumerate(index):
+        own = felt[start[of[node]] : start[of[node] + 1]]
+        block = modes[first[node] : first[node] + dim * dim * len(own)].reshape(dim, dim, len(own))
+        strained[:] = 0.0
         for a in range(dim):
             for b in range(dim):
                 drift = 0.0
-                for r in range(n_rows):
-                    drift += strained[a, r, b] * mean[r]
+                for s, r in enumerate(own):
+                    strained[a, r, b] = block[a, b, s]
+                    drift += block[a, b, s] * mean[r]
                 for r in range(n_rows):
                     strained[a, r, b] -= drift * positions[r]
-        _to_world(strained, turns[index[k]], result[k])
+        _to_world(strained, turns[node], result[n])
     return result
 
 
 @summing
-def felt(modes: Floats, index: IntArray, mean: Array, positions: Array, turns: Array, forces: Array) -> Array:
+def pulled_back(
+    modes: Floats,
+    first: IntArray,
+    of: IntArray,
+    start: IntArray,
+    felt: IntArray,
+    index: IntArray,
+    mean: Array,
+    positions: Array,
+    turns: Array,
+    forces: Array,
+) -> Array:
     """sum_k f_k . du_k/drows (n_rows, dim), `derivative` times forces f (m, dim), without finding it: with t = R^T f,
     (t L - (t L mean) (x) positions) R^T."""
     dim, n_rows = turns.shape[1], len(mean)
-    by_node = modes.reshape(len(modes), dim, n_rows * dim)
-    total, strained = np.zeros((n_rows, dim)), np.empty(n_rows * dim)
-    for k, node in enumerate(index):
-        turn = turns[node]
+    total, strained, drifts = np.zeros((n_rows, dim)), np.empty(n_rows * dim), np.zeros(dim)
+    for n, node in enumerate(index):
+        turn, own = turns[node], felt[start[of[node]] : start[of[node] + 1]]
+        k = len(own)
+        block = modes[first[node] : first[node] + dim * dim * k].reshape(dim, dim * k)
         strained[:] = 0.0
         for i in range(dim):
-            share, row = 0.0, by_node[node, i]
+            share, row = 0.0, block[i]
             for a in range(dim):
-                share += forces[k, a] * turn[a, i]
-            for column in range(n_rows * dim):
+                share += forces[n, a] * turn[a, i]
+            for column in range(dim * k):
                 strained[column] += share * row[column]
-        by_row = strained.reshape(n_rows, dim)
         for c in range(dim):
-            drift = 0.0
-            for r in range(n_rows):
-                drift += by_row[r, c] * mean[r]
-            for r in range(n_rows):
-                by_row[r, c] -= drift * positions[r]
-        for r in range(n_rows):
-            for c in range(dim):
+            along, drift = strained[c * k : (c + 1) * k], 0.0
+            for s in range(k):
+                drift += along[s] * mean[own[s]]
                 for b in range(dim):
-                    total[r, b] += by_row[r, c] * turn[b, c]
+                    total[own[s], b] += along[s] * turn[b, c]
+            for b in range(dim):
+                drifts[b] += drift * turn[b, c]
+    for r in range(n_rows):
+        for b in range(dim):
+            total[r, b] -= positions[r] * drifts[b]
     return total
 
 

@@ -63,4 +63,4 @@ class MovingLoads:
         """sum_j f_j . (dx_j + dF_j v_j)/drows (n_rows, dim) [N] of forces f (m, dim) on loads that keep their
         displacement v (m, dim) in rest coordinates."""
         felt = load_kernels.felt(self._points.basis, self._gradients, index, force, given)
-        return felt if self._internal is None else felt + self._internal.felt(force, turn, index)
+        return felt if self._internal is None else felt + self._internal.pulled_back(force, turn, index)

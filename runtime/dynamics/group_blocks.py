@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
+from runtime.body.near_handles import CellGroup
 from runtime.compiled import compiled, summing
-from runtime.dynamics.near_handles import CellGroup
 
 Singles = NDArray[np.float32]
 Floats = NDArray[np.floating[Any]]

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array, RowHessian, known_hessian
 from runtime.body.body import ReducedBody
+from runtime.body.near_handles import NearFrames
 from runtime.compiled import summing
 from runtime.corrections.correction import CorrectionField
 from runtime.corrections.internal_response import InternalResponse
@@ -35,7 +36,6 @@ from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.dynamics.elastic import watched_elasticity, with_field
 from runtime.dynamics.group_blocks import GroupBlocks
 from runtime.dynamics.missed_stiffness import Expansion, MissedStiffness
-from runtime.dynamics.near_handles import NearFrames
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 

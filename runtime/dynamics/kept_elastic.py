@@ -21,7 +21,7 @@ from runtime.elasticity.reduced_elasticity import ReducedElasticity
 # By so much the deformation gradient may have changed (root mean square over the cells) before a new one is found.
 _SAME = 0.03
 # Hessians of fewer multiplications are found sooner than the iterations take that a kept one may cost.
-_DEAR = 2e7
+_DEAR = 1e7
 
 
 def kept_if_dear(elastic: Elastic, elasticity: ReducedElasticity) -> Elastic:

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.body.cubature import elastic_cells
+from runtime.body.near_handles import NearFrames
 from runtime.compiled import summing
 from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.rest_response import rest_stiffness
 from runtime.dynamics.body_regions import BodyRegions
-from runtime.dynamics.near_handles import NearFrames
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 Floats = NDArray[np.floating[Any]]

@@ -174,7 +174,7 @@ def test_derivative(body, response, dim):
     np.testing.assert_allclose(response.derivative(turn, few), derivative[few], atol=1e-15)
     forces = rng.normal(size=(len(few), dim))
     expected = np.einsum("na,narb->rb", forces, derivative[few])
-    np.testing.assert_allclose(response.felt(forces, turn, few), expected, atol=1e-13)
+    np.testing.assert_allclose(response.pulled_back(forces, turn, few), expected, atol=1e-13)
     part = response.at(few)
     np.testing.assert_allclose(
         part.displacement(rows, turn), response.displacement(rows, turn)[few], atol=1e-12

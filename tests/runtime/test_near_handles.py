@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from runtime.body import assemble_body, frame_in_box, place_handles
+from runtime.body import assemble_body, frame_in_box, near_handles, place_handles
+from runtime.body.near_handles import CellGroup
 from runtime.body.rotations import rotation_exponential
 from runtime.corrections.internal_response import compute_internal_response
 from runtime.corrections.rest_response import RestResponse
 from runtime.corrections.turning import local_gradients
-from runtime.dynamics import near_handles
 from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.dynamics.group_blocks import GroupBlocks
 from runtime.dynamics.internal_elastic import InternalElasticEnergy
-from runtime.dynamics.near_handles import CellGroup
 from runtime.elasticity import make_material
 from runtime.mesh import box_mesh
 
@@ -112,6 +111,24 @@ def test_forces_change_by_less_than_the_threshold(chain, elastic_of, least):
     assert near[0] == pytest.approx(full[0], rel=least)
     assert 0.0 < np.linalg.norm(near[1] - full[1]) < least * np.linalg.norm(full[1])
     assert np.linalg.norm(near[2]() - full[2]()) < least * np.linalg.norm(full[2]())
+
+
+def test_nodes_move_as_they_did_but_for_the_threshold(chain, monkeypatch):
+    """Exactly so where the body moves rigidly; bent, by no more than all far frames together are worth."""
+    body, internal = chain
+    rng = np.random.default_rng(8)
+    moved = internal.unturned().reshape(body.n_nodes, body.dim, -1)
+    moved = moved + 1e-4 * rng.normal(size=moved.shape)  # every node feels every frame, if only a little
+    monkeypatch.setattr(near_handles, "_MOVED", 0.01)
+    kept = near_handles.NearFrames(body).kept(moved)
+    feels = kept.reshape(body.n_nodes, body.dim, BONES, -1).any(axis=(1, 3))
+    assert 1.0 < feels.sum(axis=1).mean() < 0.7 * BONES
+    alike = np.tile(rng.normal(size=(1, body.dim + 1, body.dim)), (BONES, 1, 1)).ravel()
+    np.testing.assert_allclose(kept @ alike, moved @ alike, atol=1e-12 * np.abs(moved @ alike).max())
+    d = (bent(body, 0.3) - body.rest_rows).ravel()
+    far = (BONES - feels.sum(axis=1)).max()
+    change = np.linalg.norm((kept - moved) @ d, axis=1)
+    assert 0.0 < change.max() < far * 0.01 * body.mesh.size
 
 
 def test_with_everything_felt_nothing_is_changed(chain, elastic_of):
