@@ -155,12 +155,17 @@ class Handles:
         """T (n_rows*dim, n_dofs): d rows.ravel() = T v, to first order in the v of :meth:`retract`."""
         tangent, points = np.zeros((self.n_rows * self.dim, self.n_dofs)), self.n_points * self.dim
         tangent[range(points), range(points)] = 1.0
-        blocks = self._frame_tangents(rows)
-        _, height, width = blocks.shape
-        for frame, block in enumerate(blocks):
-            row, column = points + frame * height, points + frame * width
-            tangent[row : row + height, column : column + width] = block
+        tangent.ravel()[self._of_frames] = self._frame_tangents(rows).ravel()
         return tangent
+
+    @cached_property
+    def _of_frames(self) -> IntArray:
+        """Where in T, flat, the entries of `_frame_tangents` are."""
+        points, height = self.n_points * self.dim, (self.dim + 1) * self.dim
+        width, each = self.dim + rotation_dofs(self.dim), np.arange(len(self.frames))[:, None, None]
+        row = points + each * height + np.arange(height)[:, None]
+        column = points + each * width + np.arange(width)
+        return np.asarray((row * self.n_dofs + column).ravel())
 
     def _frame_tangents(self, rows: Array) -> Array:
         """See `frame_tangents`."""

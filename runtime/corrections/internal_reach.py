@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
+from runtime.arrays import Array, same
 from runtime.body.handles import Handles
 from runtime.compiled import summing
 from runtime.corrections.internal_response import InternalResponse
@@ -39,13 +39,15 @@ class InternalReach:
             modes[:, axis, :, axis] += basis
         moved = modes[:, :, np.r_[np.arange(n_points), last].astype(np.int64)]
         turned = modes[:, :, self._linear] - pivots[:, :, None] * moved[:, :, n_points:, None]
-        self._by_place = np.sqrt(np.square(moved).sum(axis=(1, 3), dtype=np.float64))
-        self._by_turn = np.sqrt(np.square(turned).sum(axis=(1, 3, 4), dtype=np.float64))
+        # By handle, for the sum over them to be one over many nodes at once.
+        by_place = np.sqrt(np.square(moved).sum(axis=(1, 3), dtype=np.float64))
+        by_turn = np.sqrt(np.square(turned).sum(axis=(1, 3, 4), dtype=np.float64))
+        self._by_place, self._by_turn = np.ascontiguousarray(by_place.T), np.ascontiguousarray(by_turn.T)
         self._last: tuple[Array, Array] | None = None
 
     def __call__(self, rows: Array, turn: Array) -> tuple[Array, Array]:
         """Positions (n, dim) and how far x may be from them (n,) [m]."""
-        if self._last is None or not np.array_equal(self._last[0], turn):
+        if self._last is None or not same(self._last[0], turn):
             self._last = turn.copy(), placed(self._basis, turn) + self._internal.displacement(turn, turn)
         change = rows - turn
         places = self._places @ change
@@ -54,23 +56,22 @@ class InternalReach:
 
 @summing
 def _reached(x: Array, by_place: Array, by_turn: Array, places: Array, turns: Array) -> tuple[Array, Array]:
-    """x + t (n, dim) and the sum over the handles (n,): of dp (h, dim), its mean t included, and dA (f, dim, dim)."""
+    """x + t (n, dim) and the sum over the handles (n,): of dp (h, dim), its mean t included, and dA (f, dim, dim); |V_Xp|
+    (h, n), |V_XA| (f, n)."""
     n, dim = x.shape
     shift = np.zeros(dim)
     for place in places:
         shift += place / len(places)
-    by_handle = np.empty(len(places))
-    for h in range(len(places)):
-        by_handle[h] = np.sqrt(np.square(places[h] - shift).sum())
-    by_frame = np.empty(len(turns))
-    for f in range(len(turns)):
-        by_frame[f] = np.sqrt(np.square(turns[f]).sum())
     position, reach = np.empty((n, dim)), np.zeros(n)
     for i in range(n):
         for a in range(dim):
             position[i, a] = x[i, a] + shift[a]
-        for h in range(len(by_handle)):
-            reach[i] += by_place[i, h] * by_handle[h]
-        for f in range(len(by_frame)):
-            reach[i] += by_turn[i, f] * by_frame[f]
+    for h in range(len(places)):
+        far, row = np.sqrt(np.square(places[h] - shift).sum()), by_place[h]
+        for i in range(n):
+            reach[i] += row[i] * far
+    for f in range(len(turns)):
+        far, row = np.sqrt(np.square(turns[f]).sum()), by_turn[f]
+        for i in range(n):
+            reach[i] += row[i] * far
     return position, reach

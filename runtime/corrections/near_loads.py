@@ -11,7 +11,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, IntArray, same
 from runtime.corrections.compliance_kernels import displacement, gathered
 
 # Loads that are kept; more are made room for when they are asked for at once.
@@ -34,7 +34,7 @@ class NearLoads:
     def compliance(self, loads: IntArray) -> NDArray[np.float32]:
         """G (m*dim, m*dim) [m/N] among the loads (m,). The last one is kept: from one state to the next the loads are
         often the same. For one thread."""
-        if not np.array_equal(loads, self._gathered_for):
+        if not same(loads, self._gathered_for):
             slots, pairs = self._slots(loads)
             self._gathered_for, self._gathered = loads.copy(), gathered(pairs, slots)
         return self._gathered

@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
-import numpy as np
-
-from runtime.arrays import Array
+from runtime.arrays import Array, same
 
 Where = TypeVar("Where")
 Press = TypeVar("Press")
@@ -38,10 +36,9 @@ class PressMemory(Generic[Where, Press]):
     ) -> Press | None:
         """What was found last for this state; or what is found now, from the press that it is to start from."""
         last = self._last
-        if last is not None:
-            same = self._same(last.where, where) and np.array_equal(last.turn, turn)
-            if same and np.array_equal(last.rows, rows):
-                return last.press
+        there = last is not None and self._same(last.where, where) and same(last.turn, turn)
+        if last is not None and there and same(last.rows, rows):
+            return last.press
         found = find(self._held or (None if last is None else last.press))
         self._last = _Last(rows.copy(), where, turn.copy(), found)
         return found

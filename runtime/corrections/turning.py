@@ -27,7 +27,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
-from runtime.arrays import Array, scatter_sum
+from runtime.arrays import Array, same, scatter_sum
 from runtime.body.body import ReducedBody
 from runtime.body.rotations import nearest_rotations
 from runtime.row_products import deformed
@@ -50,7 +50,7 @@ class Turning:
     def rotations(self, turn: Array) -> Array:
         """R (n, dim, dim) at a turn (n_rows, dim); those of the last one are kept, whichever thread asked."""
         last = self._last
-        if last is None or not np.array_equal(last[0], turn):
+        if last is None or not same(last[0], turn):
             # Translations, which turn nothing, would only be rounded: a body may be far from where it began.
             centred = turn - np.outer(self._positions, self._mean @ turn)
             found = nearest_rotations(deformed(self._gradients, centred))

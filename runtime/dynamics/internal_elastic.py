@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, RowHessian, known_hessian
+from runtime.arrays import Array, RowHessian, known_hessian, same
 from runtime.body.body import ReducedBody
 from runtime.body.near_handles import NearFrames
 from runtime.compiled import summing
@@ -59,7 +59,7 @@ class _Strained(NamedTuple):
     energy: float
 
     def is_at(self, rows: Array, turn: Array) -> bool:
-        return np.array_equal(self.rows, rows) and np.array_equal(self.turn, turn)
+        return same(self.rows, rows) and same(self.turn, turn)
 
 
 class InternalElasticEnergy:
@@ -126,7 +126,7 @@ class InternalElasticEnergy:
 
     def _at(self, turn: Array) -> _Held:
         """The last one is kept."""
-        if self._held is None or not np.array_equal(self._held.turn, turn):
+        if self._held is None or not same(self._held.turn, turn):
             internal, rotations = self._internal, self._turning.rotations(turn)
             B = self._blocks.to_world(self._by_strain, rotations)
             stretched = self._blocks.seen(self._by_strain, rotations, internal.centred(turn))

@@ -123,16 +123,40 @@ class Problem(Protocol[Point]):
         ...
 
 
+class Descent:
+    """Directions v with H v = -g for gradients g, of one Hessian H (n, n), factorised; with |H| (the same eigenvectors,
+    absolute eigenvalues) where H is not positive definite."""
+
+    def __init__(self, hessian: Array) -> None:
+        try:
+            self._factor, self._spectrum = cho_factor(hessian, lower=True, check_finite=False), None
+        except LinAlgError:
+            values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
+            magnitude: Array = np.abs(values)
+            floor = max(_SMALLEST_EIGENVALUE * float(magnitude.max()), float(np.finfo(float).tiny))
+            self._factor, self._spectrum = None, (np.maximum(magnitude, floor), vectors)
+
+    def __call__(self, gradient: Array) -> Array:
+        """v (n,)."""
+        if self._spectrum is None:
+            solution: Array = cho_solve(self._factor, gradient, check_finite=False)
+            return -solution
+        magnitude, vectors = self._spectrum
+        return -(vectors @ ((vectors.T @ gradient) / magnitude))
+
+
 @dataclass(frozen=True, eq=False)
 class NewtonResult(Generic[Point]):
     """x: where the minimisation stopped; residual: |g| / scale when last seen; decrement: 1/2 g^T H^-1 g [J]
-    of the last step taken, an estimate of how far above the minimum the energy was before it."""
+    of the last step taken, an estimate of how far above the minimum the energy was before it; descent: of its Hessian,
+    None where no step was taken."""
 
     x: Point
     status: Status
     iterations: int
     residual: float
     decrement: float
+    descent: Descent | None = None
 
     @property
     def converged(self) -> bool:
@@ -151,43 +175,33 @@ def minimise(
 ) -> NewtonResult[Point]:
     """Minimise the problem's energy from x. ``solving`` is entered around every linear solve, to time it."""
     clock = nullcontext() if solving is None else solving
-    residual, decrement, stalls = np.inf, np.inf, 0
+    residual, decrement, stalls, descent = np.inf, np.inf, 0, None
+
+    def stopped(status: Status, iterations: int) -> NewtonResult[Point]:
+        return NewtonResult(x, status, iterations, residual, decrement, descent)
+
     for iteration in range(settings.max_iterations):
         at = problem.linearise(x)
         if not (np.isfinite(at.energy) and np.isfinite(at.gradient).all()):
-            return NewtonResult(x, Status.NOT_FINITE, iteration, residual, decrement)
+            return stopped(Status.NOT_FINITE, iteration)
         residual = float(np.linalg.norm(at.gradient)) / at.scale
         if residual <= settings.tolerance:
-            return NewtonResult(x, Status.CONVERGED, iteration, residual, decrement)
+            return stopped(Status.CONVERGED, iteration)
         if not np.isfinite(at.hessian).all():
-            return NewtonResult(x, Status.NOT_FINITE, iteration, residual, decrement)
+            return stopped(Status.NOT_FINITE, iteration)
         with clock:
-            direction = descent_direction(at.hessian, at.gradient)
+            descent = Descent(at.hessian)
+            direction = descent(at.gradient)
         slope = float(at.gradient @ direction)
         decrement = -0.5 * slope
         stepped = _line_search(problem, x, at, direction, slope)
         if stepped is None:
-            return NewtonResult(x, Status.LINE_SEARCH_FAILED, iteration + 1, residual, decrement)
+            return stopped(Status.LINE_SEARCH_FAILED, iteration + 1)
         x, share = stepped
         stalls = stalls + 1 if residual < _NEARLY and share < _SHORT else 0
         if stalls == _STALLS:
-            return NewtonResult(x, Status.STALLED, iteration + 1, residual, decrement)
-    return NewtonResult(x, Status.MAX_ITERATIONS, settings.max_iterations, residual, decrement)
-
-
-def descent_direction(hessian: Array, gradient: Array) -> Array:
-    """v with H v = -g; with |H| (the same eigenvectors, absolute eigenvalues) where H is not positive
-    definite."""
-    try:
-        factor = cho_factor(hessian, lower=True, check_finite=False)
-    except LinAlgError:
-        values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
-        magnitude: Array = np.abs(values)
-        floor = max(_SMALLEST_EIGENVALUE * float(magnitude.max()), float(np.finfo(float).tiny))
-        turned: Array = (vectors.T @ gradient) / np.maximum(magnitude, floor)
-        return -(vectors @ turned)
-    solution: Array = cho_solve(factor, gradient, check_finite=False)
-    return -solution
+            return stopped(Status.STALLED, iteration + 1)
+    return stopped(Status.MAX_ITERATIONS, settings.max_iterations)
 
 
 def _line_search(

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from runtime.arrays import Array, IntArray, same
 from runtime.body.body import ReducedBody
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
@@ -347,7 +347,7 @@ class Simulator:
         """Corrected surface samples at a state; remembered for the state that the last step returned."""
         if self._last is not None:
             last, last_turn, surface = self._last
-            if last is state and np.array_equal(last_turn, turn):
+            if last is state and same(last_turn, turn):
                 return surface
         displacement = self._points.displacement(state.rows, state.poses, timings.correction)
         return self._surface.positions(state.rows, turn, displacement)

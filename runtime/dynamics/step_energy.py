@@ -18,7 +18,6 @@ Colliders that move freely bring their twists as further unknowns, and their own
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -49,15 +48,6 @@ class Evaluation(NamedTuple):
     at: Configuration
     surface: Array
     elastic: float
-
-
-@dataclass(eq=False)
-class Seen:
-    """The forces of contact (n_free,) [N] that the last linearisation found, and the Hessian (n_free, n_free) [N/m]
-    that was last asked for, None as long as none was."""
-
-    contact: Array
-    hessian: Array | None = None
 
 
 class StepEnergy:
@@ -104,9 +94,9 @@ class StepEnergy:
         self._units = units
         self._timings = timings
         self._latest: Evaluation | None = None
-        # None where contact is more than a function of the body's state: with friction, colliders that are unknowns, or
-        # fields that move points.
-        self.seen: Seen | None = None
+        # The forces of contact (n_free,) [N] that the last linearisation found; None where contact is more than a
+        # function of the body's state: with friction, colliders that are unknowns, or fields that move points.
+        self.contact_seen: Array | None = None
         self._blocks = _by_axis(quadratic.matrix, handles.dim)
         # Where all handles are free points, the unknowns are the rows themselves.
         self._all_free = len(free) == handles.n_dofs
@@ -219,7 +209,7 @@ class StepEnergy:
             slope = quadratic_gradient + elastic_gradient + contact_gradient
 
         if self._step is None and self._colliders is None and not self._points.corrected:
-            self.seen = Seen(parts[2], None if self.seen is None else self.seen.hessian)
+            self.contact_seen = parts[2]
 
         def hessian() -> Array:
             with self._timings.solve:
@@ -231,8 +221,6 @@ class StepEnergy:
             with self._timings.contact:
                 for condensed_hessian in condensed_hessians:
                     total += condensed_hessian(along)
-            if self.seen is not None:
-                self.seen.hessian = total
             return total
 
         quadratic = self._quadratic.energy(rows)

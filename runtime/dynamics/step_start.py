@@ -16,24 +16,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from runtime.arrays import Array
+from runtime.arrays import Array, same
 from runtime.body.body import ReducedBody
 from runtime.dynamics.corrected_points import Poses
 from runtime.dynamics.kinematic import KinematicHandle, place_kinematic
-from runtime.dynamics.newton import NewtonResult, descent_direction
+from runtime.dynamics.newton import Descent, NewtonResult
 from runtime.dynamics.state import Configuration, ReducedState
 from runtime.dynamics.step_energy import StepEnergy
 
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Of the state that a step led to: c (n,) [N] and H (n, n) [N/m]."""
+    """Of the state that a step led to: c (n,) [N], and H."""
 
     state: ReducedState
     contact: Array
-    hessian: Array
+    descent: Descent
 
 
 class StepStart:
@@ -42,7 +40,7 @@ class StepStart:
     def __init__(self, body: ReducedBody, kinematic: Sequence[KinematicHandle], time_step: float) -> None:
         self._body, self._kinematic, self._time_step = body, tuple(kinematic), time_step
         self._known: _Known | None = None
-        self._foretold_by: Array | None = None  # the Hessian, if this step was foretold
+        self._foretold_by: Descent | None = None  # if this step was foretold
 
     def __call__(self, state: ReducedState, energy: StepEnergy, time: float, poses: Poses) -> Configuration:
         """Of the step from a state, with this energy, to a time [s] when colliders are at these poses."""
@@ -50,8 +48,8 @@ class StepStart:
         if known is not None and known.state is state and _alike(state.poses, poses):
             at = Configuration(self._led(state.rows, time), poses)
             slope = energy.slope(at, known.contact)
-            self._foretold_by = known.hessian
-            return energy.retract(at, descent_direction(known.hessian, slope))
+            self._foretold_by = known.descent
+            return energy.retract(at, known.descent(slope))
         return Configuration(self._carried_on(state, time), poses)
 
     def _carried_on(self, state: ReducedState, time: float) -> Array:
@@ -66,21 +64,17 @@ class StepStart:
 
     def learn(self, solved: NewtonResult[Configuration], reached: ReducedState, energy: StepEnergy) -> None:
         """From a step that led to a state."""
-        self._known, seen = None, energy.seen
-        if solved.converged and seen is not None:
-            # A step that starts in balance needs no Hessian: the one that told where is still good.
-            hessian = self._foretold_by if seen.hessian is None else seen.hessian
-            if hessian is not None:
-                self._known = _Known(reached, seen.contact, hessian)
+        self._known = None
+        # A step that starts in balance takes none of its own: what told where is still good.
+        descent = solved.descent or self._foretold_by
+        if solved.converged and energy.contact_seen is not None and descent is not None:
+            self._known = _Known(reached, energy.contact_seen, descent)
 
 
 def _alike(one: Poses, other: Poses) -> bool:
     """Whether all of them are where they were."""
     return all(
         pose is other[name]
-        or (
-            np.array_equal(pose.rotation, other[name].rotation)
-            and np.array_equal(pose.translation, other[name].translation)
-        )
+        or (same(pose.rotation, other[name].rotation) and same(pose.translation, other[name].translation))
         for name, pose in one.items()
     )

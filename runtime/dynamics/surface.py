@@ -84,6 +84,8 @@ class SurfaceEnergy:
         """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows, no
         Hessian where nothing touches; and what the colliders feel that move freely about their centres. ``relag``: let
         friction take up the normal forces found here."""
+        if not self._colliders:
+            return 0.0, np.zeros((self._basis.shape[1], x.shape[1])), None, []
         terms = {name: self._terms(name, x, poses, step, relag) for name in self._colliders}
         everything = [term for of_one in terms.values() for term in of_one]
         energy = sum(term.energy for term in everything)

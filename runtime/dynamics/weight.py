@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from runtime.arrays import Array
+from runtime.arrays import Array, same
 from runtime.body.body import ReducedBody
 from runtime.compiled import summing
 from runtime.corrections.internal_response import InternalResponse
@@ -44,7 +44,7 @@ class Weight:
         That of the last turn is kept."""
         if self._internal is None:
             return self._linear, 0.0
-        if self._last is None or not np.array_equal(self._last[0], turn):
+        if self._last is None or not same(self._last[0], turn):
             self._last = turn.copy(), self._hangs(self._internal, turn)
         return self._last[1]
 

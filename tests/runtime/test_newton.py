@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runtime.dynamics.newton import Linearisation, NewtonSettings, Status, descent_direction, minimise
+from runtime.dynamics.newton import Descent, Linearisation, NewtonSettings, Status, minimise
 from runtime.errors import SoftprintError
 
 
@@ -66,7 +66,7 @@ def test_the_direction_is_downhill_for_any_symmetric_hessian():
     for _ in range(20):
         matrix = rng.normal(size=(6, 6))
         gradient = rng.normal(size=6)
-        assert gradient @ descent_direction(matrix + matrix.T, gradient) < 0
+        assert gradient @ Descent(matrix + matrix.T)(gradient) < 0
 
 
 def test_energies_that_are_not_finite_are_named():
