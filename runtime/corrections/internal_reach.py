@@ -56,8 +56,8 @@ class InternalReach:
 
 @summing
 def _reached(x: Array, by_place: Array, by_turn: Array, places: Array, turns: Array) -> tuple[Array, Array]:
-    """x + t (n, dim) and the sum over the handles (n,): of dp (h, dim), its mean t included, and dA (f, dim, dim); |V_Xp|
-    (h, n), |V_XA| (f, n)."""
+    """x + t (n, dim) and the sum over the handles (n,): of dp (h, dim), its mean t included, and dA (f, dim, dim);
+    |V_Xp| (h, n), |V_XA| (f, n)."""
     n, dim = x.shape
     shift = np.zeros(dim)
     for place in places:
