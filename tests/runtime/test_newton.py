@@ -47,8 +47,8 @@ def test_a_quadratic_takes_one_step():
 
 
 def test_a_hessian_serves_again_where_that_is_enough():
-    """|x|^2 / 2 + |x|^4 / 4 from x = 0.2: Newton's method leaves 0.014 and then 6e-6; with the first Hessian again, wrong
-    by a tenth, the second iteration leaves 1.5e-3."""
+    """|x|^2 / 2 + |x|^4 / 4 from x = 0.2: Newton's method leaves 0.014 and then 6e-6; with the first Hessian again, too
+    stiff by a tenth, the second iteration leaves 1.5e-3."""
     asked = []
 
     class Counted(Smooth):
