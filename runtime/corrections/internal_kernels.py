@@ -1,13 +1,9 @@
 """The internal response of some nodes (m,), read where it lies: modes L of the handle rows that each node feels, weight
-w (n, dim, dim), turns R (n, dim, dim).
-
-Nodes feel sets of rows: node X the set of[X], set s the rows felt[start[s]:start[s + 1]], k of them. L is flat, node by
-node: that of X begins at first[X], and is L_X (dim, dim, k) over (axis, axis of the row, row).
-"""
+w (n, dim, dim), turns R (n, dim, dim)."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +12,18 @@ from runtime.arrays import Array, IntArray
 from runtime.compiled import summing
 
 Floats = NDArray[np.floating[Any]]
+
+
+class FeltModes(NamedTuple):
+    """L of n nodes, without the rows that a node does not feel. Nodes feel sets of rows: node X the set of[X], set s
+    the rows felt[start[s]:start[s + 1]], k of them. `values` are flat, node by node: those of X begin at first[X], and
+    are L_X (dim, dim, k) over (axis, axis of the row, row)."""
+
+    values: Floats
+    first: IntArray
+    of: IntArray
+    start: IntArray
+    felt: IntArray
 
 
 @summing
@@ -29,11 +37,7 @@ def _alike(first: Array, second: Array) -> bool:
 
 @summing
 def displacement(
-    modes: Floats,
-    first: IntArray,
-    of: IntArray,
-    start: IntArray,
-    felt: IntArray,
+    modes: FeltModes,
     weight: Floats,
     index: IntArray,
     rows: Array,
@@ -47,6 +51,7 @@ def displacement(
     less, and the contact energy of a line search with them.
     """
     n_rows, dim = rows.shape
+    values, first, of, start, felt = modes
     # The rows of the sets that are met, one set after the other.
     by_axis, at_rest = np.empty((dim, len(felt))), np.empty((dim, len(felt)))
     met = np.zeros(len(start) - 1, dtype=np.bool_)
@@ -74,7 +79,7 @@ def displacement(
                 hanging[b] = 0.0
                 for a in range(dim):
                     hanging[b] += gravity[a] * turn[a, b]
-        block = modes[first[node] : first[node] + dim * dim * k].reshape(dim, dim * k)
+        block = values[first[node] : first[node] + dim * dim * k].reshape(dim, dim * k)
         for b in range(dim):
             row, total = block[b], 0.0
             for column in range(dim * k):
@@ -88,11 +93,7 @@ def displacement(
 
 @summing
 def derivative(
-    modes: Floats,
-    first: IntArray,
-    of: IntArray,
-    start: IntArray,
-    felt: IntArray,
+    modes: FeltModes,
     index: IntArray,
     mean: Array,
     positions: Array,
@@ -101,11 +102,12 @@ def derivative(
     """R (L - (L mean) (x) positions) R^T (m, dim, n_rows, dim) [a, r, b]: du_a/drows_rb with the turns R held. mean
     (n_rows,): weights of the rows' mean translation, which strains nothing; positions (n_rows,): what it moves."""
     dim, n_rows = turns.shape[1], len(mean)
+    values, first, of, start, felt = modes
     result = np.empty((len(index), dim, n_rows, dim))
     strained = np.empty((dim, n_rows, dim))
     for n, node in enumerate(index):
         own = felt[start[of[node]] : start[of[node] + 1]]
-        block = modes[first[node] : first[node] + dim * dim * len(own)].reshape(dim, dim, len(own))
+        block = values[first[node] : first[node] + dim * dim * len(own)].reshape(dim, dim, len(own))
         strained[:] = 0.0
         for a in range(dim):
             for b in range(dim):
@@ -121,11 +123,7 @@ def derivative(
 
 @summing
 def pulled_back(
-    modes: Floats,
-    first: IntArray,
-    of: IntArray,
-    start: IntArray,
-    felt: IntArray,
+    modes: FeltModes,
     index: IntArray,
     mean: Array,
     positions: Array,
@@ -135,11 +133,12 @@ def pulled_back(
     """sum_k f_k . du_k/drows (n_rows, dim), `derivative` times forces f (m, dim), without finding it: with t = R^T f,
     (t L - (t L mean) (x) positions) R^T."""
     dim, n_rows = turns.shape[1], len(mean)
+    values, first, of, start, felt = modes
     total, strained, drifts = np.zeros((n_rows, dim)), np.empty(n_rows * dim), np.zeros(dim)
     for n, node in enumerate(index):
         turn, own = turns[node], felt[start[of[node]] : start[of[node] + 1]]
         k = len(own)
-        block = modes[first[node] : first[node] + dim * dim * k].reshape(dim, dim * k)
+        block = values[first[node] : first[node] + dim * dim * k].reshape(dim, dim * k)
         strained[:] = 0.0
         for i in range(dim):
             share, row = 0.0, block[i]

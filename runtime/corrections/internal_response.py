@@ -72,7 +72,7 @@ class InternalResponse:
         """u (m, dim) [m] of some of the nodes (all by default), world frame."""
         index = np.arange(len(self)) if index is None else index
         return internal_kernels.displacement(
-            *self._felt,
+            self._felt,
             self.weight,
             index,
             self.centred(rows),
@@ -94,19 +94,19 @@ class InternalResponse:
     def derivative(self, turn: Array, index: IntArray | None = None) -> Array:
         """du_a/drows_rb (m, dim, n_rows, dim) of some of the nodes (all by default), the turn held; world frame."""
         index = np.arange(len(self)) if index is None else index
-        return internal_kernels.derivative(*self._felt, index, self._mean, self.positions, self.turns(turn))
+        return internal_kernels.derivative(self._felt, index, self._mean, self.positions, self.turns(turn))
 
     def pulled_back(self, forces: Array, turn: Array, index: IntArray) -> Array:
         """sum_k f_k . du_k/drows (n_rows, dim) [N] of forces f (m, dim) on some of the nodes, world frame."""
         return internal_kernels.pulled_back(
-            *self._felt, index, self._mean, self.positions, self.turns(turn), forces
+            self._felt, index, self._mean, self.positions, self.turns(turn), forces
         )
 
     def unturned(self) -> Array:
         """The same (n, dim, n_rows, dim) of all nodes, none of them turned."""
         index, still = np.arange(len(self)), np.eye(len(self.gravity))
         turns = np.broadcast_to(still, (len(self), *still.shape))
-        return internal_kernels.derivative(*self._felt, index, self._mean, self.positions, turns)
+        return internal_kernels.derivative(self._felt, index, self._mean, self.positions, turns)
 
     def at(self, nodes: IntArray) -> InternalResponse:
         """The response of some of the nodes, by their numbers here. For the same nodes it is the same response, which
@@ -131,18 +131,19 @@ class InternalResponse:
         return WeakValueDictionary()
 
     @cached_property
-    def _felt(self) -> tuple[NDArray[np.floating[Any]], IntArray, IntArray, IntArray, IntArray]:
-        """The modes that are not zero, as `internal_kernels.py` takes them."""
+    def _felt(self) -> internal_kernels.FeltModes:
+        """The modes that are not zero."""
         sets, of = np.unique(self.modes.any(axis=(1, 3)), axis=0, return_inverse=True)
         size, counts = self.modes.shape[1] ** 2, sets.sum(axis=1)
         first = np.concatenate([[0], np.cumsum(size * counts[of.ravel()])]).astype(np.int64)
-        modes = np.empty(first[-1], self.modes.dtype)
+        values = np.empty(first[-1], self.modes.dtype)
         for number, felt in enumerate(sets):
             nodes = np.flatnonzero(of.ravel() == number)
             blocks = self.modes[nodes][:, :, felt].transpose(0, 1, 3, 2).reshape(len(nodes), -1)
-            modes[first[nodes][:, None] + np.arange(blocks.shape[1])] = blocks
+            values[first[nodes][:, None] + np.arange(blocks.shape[1])] = blocks
         start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        return modes, first, of.ravel().astype(np.int64), start, np.nonzero(sets)[1].astype(np.int64)
+        felt = np.nonzero(sets)[1].astype(np.int64)
+        return internal_kernels.FeltModes(values, first, of.ravel().astype(np.int64), start, felt)
 
     @cached_property
     def _mean(self) -> Array:
