@@ -16,7 +16,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from runtime.arrays import Array, same
+import numpy as np
+
+from runtime.arrays import Array
 from runtime.body.body import ReducedBody
 from runtime.dynamics.corrected_points import Poses
 from runtime.dynamics.kinematic import KinematicHandle, place_kinematic
@@ -75,6 +77,9 @@ def _alike(one: Poses, other: Poses) -> bool:
     """Whether all of them are where they were."""
     return all(
         pose is other[name]
-        or (same(pose.rotation, other[name].rotation) and same(pose.translation, other[name].translation))
+        or (
+            np.array_equal(pose.rotation, other[name].rotation)
+            and np.array_equal(pose.translation, other[name].translation)
+        )
         for name, pose in one.items()
     )
