@@ -1,4 +1,4 @@
-"""The array types of the reduced mechanics, and the one sum that all of it scatters with."""
+"""The array types of the reduced mechanics, the sum that all of it scatters with, and how it tells a state again."""
 
 from collections.abc import Callable
 from typing import Any, Protocol

@@ -151,7 +151,7 @@ class GridCollider(ColliderBase):
     def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
         """See `Collider`."""
         found = self.fine.grid.derivatives_within(x, pose, *self.fine.core_bounds)
-        return super().sdf_derivatives_at(x, pose) if found is None else found
+        return super().sdf_derivatives_at(x, pose) if found is None else found.turned(pose)
 
     def _around(self, z: Array) -> SdfDerivatives:
         """Outside the core of the fine grid: ball, coarse and fine, blended."""

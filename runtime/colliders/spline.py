@@ -78,12 +78,12 @@ class SplineGrid:
     def derivatives_within(
         self, x: Array, pose: RigidPose, lower: Array, upper: Array
     ) -> SdfDerivatives | None:
-        """Of points x (n, dim) of the world, with the grid at a pose, in the world; None where not all of them are in
-        the box from lower to upper (dim,) of the grid."""
-        inside, value, gradient, hessian = spline_kernels.derivatives_within(
+        """Of points x (n, dim) of the world, with the grid at a pose, in its own coordinates; None where not all of
+        them are in the box from lower to upper (dim,) of the grid."""
+        inside, *found = spline_kernels.derivatives_within(
             pose.rotation, pose.translation, lower, upper, *self._given(x)
         )
-        return SdfDerivatives(value, gradient, hessian) if inside else None
+        return SdfDerivatives(*found) if inside else None
 
     def closer_to(
         self, x: Array, pose: RigidPose, lower: Array, upper: Array, distance: float

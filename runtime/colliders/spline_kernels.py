@@ -183,29 +183,6 @@ def _to_local(x: Array, rotation: Array, translation: Array, z: Array) -> None:
 
 
 @compiled
-def _to_world(g: Array, h: Array, rotation: Array, half: Array) -> None:
-    """g becomes R g, h becomes R h R^T, of one point; half (dim, dim): space to work in."""
-    dim = len(g)
-    for a in range(dim):
-        half[0, a] = g[a]
-    for a in range(dim):
-        g[a] = 0.0
-        for b in range(dim):
-            g[a] += rotation[a, b] * half[0, b]
-    for a in range(dim):
-        for b in range(dim):
-            half[a, b] = 0.0
-            for c in range(dim):
-                half[a, b] += rotation[a, c] * h[c, b]
-    for a in range(dim):
-        for b in range(a + 1):
-            entry = 0.0
-            for c in range(dim):
-                entry += half[a, c] * rotation[b, c]
-            h[a, b] = h[b, a] = entry
-
-
-@compiled
 def derivatives_within(
     rotation: Array,
     translation: Array,
@@ -219,10 +196,10 @@ def derivatives_within(
     c: Array,
 ) -> tuple[bool, Array, Array, Array]:
     """Whether all points x = R z + t (n, dim) lie in the box from lower to upper (dim,), and if so the values (n,),
-    gradients (n, dim) and Hessians (n, dim, dim) by x there."""
+    gradients (n, dim) and Hessians (n, dim, dim) by z there."""
     n, dim = x.shape
     value, gradient, hessian = np.empty(n), np.empty((n, dim)), np.empty((n, dim, dim))
-    b, z, half = np.empty((dim, 3, 4)), np.empty(dim), np.empty((dim, dim))
+    b, z = np.empty((dim, 3, 4)), np.empty(dim)
     for point in range(n):
         _to_local(x[point], rotation, translation, z)
         for a in range(dim):
@@ -230,7 +207,6 @@ def derivatives_within(
                 return False, value, gradient, hessian
         first = _locate(z, origin, spacing, last, strides, b)
         value[point] = _derivatives(first, spacing, strides, b, c, gradient[point], hessian[point])
-        _to_world(gradient[point], hessian[point], rotation, half)
     return True, value, gradient, hessian
 
 

@@ -3,9 +3,7 @@
 The derivatives dx (m, dim, n_rows*dim) of m loads are needed where a Hessian is. Where nothing but the force is asked
 for, that is found without them,
 
-    sum_j f_j . (dx_j + dF_j v_j),    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j,
-
-at a fifth of the cost.
+    sum_j f_j . (dx_j + dF_j v_j),    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j.
 """
 
 from __future__ import annotations

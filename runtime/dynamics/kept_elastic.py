@@ -5,8 +5,8 @@ little from one iteration to the next, or from step to step: the tangent of a ma
 deformation gradient. Newton's method takes only a direction from it; energy and gradient are exact, and so is what it
 converges to. What is kept is the Hessian along the directions that were asked for, the coordinates of points and
 frames: they turn with the body, so that their meaning changes no more than its strain. Along the motion of the hand of
-`examples/hand.toml` this takes no more iterations than a new one each time, and in the bare subspace less than half the
-time; with three times the threshold below a quarter to a half more iterations, under a correction.
+`examples/hand.toml` this takes 3.1 iterations a step in place of 3.0 in the bare subspace, and three fifths of the time
+(medians); under a correction, whose Hessian is of near frames only, 2.1 in place of 2.0 and nine tenths.
 """
 
 from __future__ import annotations

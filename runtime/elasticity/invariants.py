@@ -1,4 +1,5 @@
-"""The invariants I_C = F:F and J = det F of deformation gradients F (n, dim, dim), and the derivative of J."""
+"""The invariants I_C = F:F and J = det F of deformation gradients F (n, dim, dim), the derivative of J, and the stress
+of what is a function of both."""
 
 from __future__ import annotations
 
