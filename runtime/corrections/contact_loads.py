@@ -39,9 +39,9 @@ class ContactLoads:
 
 def patch_depth(areas: Array, distance: Array) -> float:
     """D [m] = sum a d^3 / sum a d^2 of the depths d of undisplaced loads at signed distances (m,): how deep a contact
-    is as a whole; loads enter and leave it smoothly."""
+    is as a whole; loads enter and leave it smoothly. 0 where none is inside."""
     d = np.maximum(-distance, 0.0)
-    return float(areas @ d**3 / (areas @ d**2))
+    return float(areas @ d**3 / (areas @ d**2)) if d.any() else 0.0
 
 
 class ContactLoadsProbe:
@@ -87,10 +87,11 @@ class ContactLoadsProbe:
         if joint is None:
             press = self.loads.press(rows, pose, turn)
             return lambda: None if press is None else self._kept(press, rows, pose)
-        around = self.loads.around(rows, pose, turn)
+        name = self.collider.name
+        around = self.loads.around(rows, pose, turn, held=joint.held_by(name))
         if around is None:
             return lambda: None
-        mine = joint.borne_by(self.collider.name)
+        mine = joint.borne_by(name)
         return lambda: self._measure(rows, pose, joint.press, mine, around.index, around.position)
 
     def _kept(self, press: LoadPress, rows: Array, pose: RigidPose) -> ContactLoads:

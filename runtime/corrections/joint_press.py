@@ -18,9 +18,8 @@ import numpy as np
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections import load_kernels
 from runtime.corrections.load_press import LoadPress, LoadProbe
-from runtime.corrections.loads_around import LoadsAround, PosedDistance
+from runtime.corrections.loads_around import HeldLoads, LoadsAround, PosedDistance
 from runtime.corrections.press_memory import PressMemory
 from runtime.errors import SoftprintError
 
@@ -77,6 +76,10 @@ class JointPress:
             return np.zeros(self.press.bearing.size, dtype=bool)
         return np.equal(self.owner[self.press.bearing], self.names.index(name))
 
+    def held_by(self, name: str) -> HeldLoads:
+        """The same, as loads of the body."""
+        return self.press.held.take(self.borne_by(name))
+
     def predict(self, rows: Array, turn: Array, poses: Poses, index: IntArray) -> tuple[Array, Array] | None:
         """See `LoadPress.predict`."""
         if not self.press.bearing.size:
@@ -131,7 +134,10 @@ class JointProbe:
 
     def _press(self, rows: Array, poses: Poses, turn: Array, near: JointPress | None) -> JointPress | None:
         about = self._any.surroundings(rows, turn)
-        found = {name: probe.around(rows, poses[name], turn, about) for name, probe in self.probes.items()}
+        found = {
+            name: probe.around(rows, poses[name], turn, about, None if near is None else near.held_by(name))
+            for name, probe in self.probes.items()
+        }
         touching = {name: around for name, around in found.items() if around is not None}
         if not touching:
             return None
@@ -140,10 +146,13 @@ class JointProbe:
         distances = tuple(PosedDistance(self.probes[name].collider, poses[name]) for name in names)
         start = None
         if near is not None:
-            around = around.with_bearing(load_kernels.are_among(around.index, near.press.pressed))
             start = near.predict(rows, turn, poses, around.index[around.could_bear])
+            if start is None:  # see `LoadProbe`
+                return self._press(rows, poses, turn, None)
         nearest = NearestDistance(distances, owner)
         press = self._any.balanced(rows, poses[names[0]], turn, around, nearest, start)
+        if not (press.bearing.size or around.reaches_in):
+            return None
         return JointPress(press, names, dict(poses), owner[np.searchsorted(around.index, press.index)])
 
     def settled(self, rows: Array, poses: Poses, turn: Array) -> Callable[[IntArray], Array]:

@@ -30,7 +30,7 @@ from runtime.corrections import load_kernels, load_step
 from runtime.corrections.internal_reach import InternalReach
 from runtime.corrections.load_factor import LoadFactor
 from runtime.corrections.load_solve import LoadProblem, LoadSolution
-from runtime.corrections.loads_around import LoadsAround, LoadsDistance, PosedDistance
+from runtime.corrections.loads_around import HeldLoads, LoadsAround, LoadsDistance, PosedDistance
 from runtime.corrections.moving_loads import MovingLoads
 from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.press_memory import PressMemory
@@ -113,6 +113,13 @@ class LoadPress:
     def pressed(self) -> IntArray:
         """(k,) the loads that bear pressure."""
         return self.index[self.bearing]
+
+    @cached_property
+    def held(self) -> HeldLoads:
+        """The same, as the next state may find them."""
+        b, index, solution = self.bearing, self.pressed, self.solution
+        pushed_in = self.loads.pushed_in(index, self.problem.F[b], solution.normal[b])
+        return HeldLoads(index, pushed_in, solution.farthest)
 
     @property
     def bearing(self) -> IntArray:
@@ -243,14 +250,16 @@ class LoadProbe:
         self._memory.hold(press)
 
     def _press(self, rows: Array, pose: RigidPose, turn: Array, near: LoadPress | None) -> LoadPress | None:
-        around = self.around(rows, pose, turn)
+        around = self.around(rows, pose, turn, held=None if near is None else near.held)
         if around is None:
             return None
         start = None
         if near is not None:
-            around = around.with_bearing(load_kernels.are_among(around.index, near.pressed))
             start = near.predict(rows, turn, pose, around.index[around.could_bear])
-        return self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose), start)
+            if start is None:  # too far away, and what is held there says nothing of here
+                return self._press(rows, pose, turn, None)
+        press = self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose), start)
+        return press if press.bearing.size or around.reaches_in else None
 
     def balanced(
         self,
@@ -288,8 +297,7 @@ class LoadProbe:
         collider."""
         b, pushed = solution.bearing, np.zeros(len(around.index), dtype=bool)
         # Nothing beside the loads that are pressed is moved farther than they are.
-        farthest = np.sqrt((solution.moved[b] ** 2).sum(axis=1).max(initial=0.0))
-        beside = ~around.could_bear & (around.distance < farthest)
+        beside = ~around.could_bear & (around.distance < solution.farthest)
         if not beside.any():
             return pushed
         index, bearing = around.index[beside], around.index[around.could_bear][b]
@@ -300,24 +308,49 @@ class LoadProbe:
         return pushed
 
     def around(
-        self, rows: Array, pose: RigidPose, turn: Array, about: Surroundings | None = None
+        self,
+        rows: Array,
+        pose: RigidPose,
+        turn: Array,
+        about: Surroundings | None = None,
+        held: HeldLoads | None = None,
     ) -> LoadsAround | None:
-        """The loads about the collider; None where none is inside. about: `surroundings`, where they are known."""
+        """The loads about the collider; None where none is inside. about: `surroundings`, where they are known; held:
+        by the collider in a state nearby. What it pushes in may bear pressure wherever it is undisplaced, for it does
+        not let go what has gone through a thin wall. With these come all that are as near as they are."""
         about = about or self.surroundings(rows, turn)
         looked = max(self._band, self._room)
         index, distance, x = self._near(rows, pose, turn, looked, about)
-        depth = -float(distance.min(initial=0.0))
-        if depth <= 0.0:
+        inside = -float(distance.min(initial=0.0))
+        beyond = 0.0 if held is None else self._beyond(held, index, distance, rows, pose, turn)
+        if max(inside, beyond) <= 0.0:
             return None
-        wanted = max(self._band, _ROOM * depth)
+        wanted = max(self._band, _ROOM * inside, _MORE * beyond)
         if wanted > looked:
             index, distance, x = self._near(rows, pose, turn, wanted, about)
         elif wanted < looked:
             near = distance < wanted
             index, distance, x = index[near], distance[near], x[near]
         # As a rule the next state is pressed as deep.
-        self._room = _MORE * _ROOM * depth
-        return LoadsAround(index, distance, x, depth, distance < _ROOM * depth)
+        self._room = _MORE * _ROOM * inside
+        could_bear, depth = distance < _ROOM * inside, inside
+        if held is not None:
+            could_bear |= load_kernels.are_among(index, held.index)
+            depth = max(inside, held.moved)
+        return LoadsAround(index, distance, x, depth, could_bear)
+
+    def _beyond(
+        self, held: HeldLoads, index: IntArray, distance: Array, rows: Array, pose: RigidPose, turn: Array
+    ) -> float:
+        """How far outside the collider loads that it pushes in are at most [m], 0 if none is; of some loads, `index`,
+        the distance is known."""
+        pushed_in = held.index[held.pushed_in]
+        known = float(distance[load_kernels.are_among(index, pushed_in)].max(initial=0.0))
+        lost = pushed_in[~load_kernels.are_among(pushed_in, index)]
+        if not lost.size:
+            return known
+        x = self.loads.positions(rows, turn, lost)
+        return max(known, float(self.collider.sdf(pose.apply_inverse(x)).max()))
 
     def problem(self, rows: Array, around: LoadsAround, distance: LoadsDistance) -> LoadProblem:
         """Of the loads that could bear pressure; distance: of all around."""

@@ -80,6 +80,11 @@ class LoadSolution:
         """f (m, dim) [N]."""
         return self.pressure[:, None] * self.normal
 
+    @cached_property
+    def farthest(self) -> float:
+        """How far loads that bear pressure are moved at most [m]."""
+        return float(np.sqrt((self.moved[self.bearing] ** 2).sum(axis=1).max(initial=0.0)))
+
     def joined_by(self, old: BoolArray) -> tuple[Array, Array]:
         """Penetrations (n,) and normals (n, dim) to start from where the m loads have become n, of which these are the
         old ones; the others bear nothing yet."""
@@ -93,8 +98,8 @@ class LoadProblem:
     """The m loads near the collider.
 
     compliance: G (m*dim, m*dim) [m/N] at rest, in any precision; F (m, dim, dim); stiffness: a_j k (m,) [N/m^2];
-    position: x (m, dim) [m] in the world; depth: of the deepest load [m]; distance: signed distance with derivatives at
-    positions (n, dim).
+    position: x (m, dim) [m] in the world; depth: about how far loads are displaced [m]; distance: signed distance with
+    derivatives at positions (n, dim).
     """
 
     compliance: NDArray[np.floating[Any]]

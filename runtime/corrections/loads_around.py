@@ -42,15 +42,34 @@ class PosedDistance:
 
 
 @dataclass(frozen=True, eq=False)
+class HeldLoads:
+    """Loads (k,), ascending, that bear pressure in a state; which of them it pushes into the body (k,), as a collider
+    does that has not got to the wrong side of the surface; and how far [m] the farthest of them is moved."""
+
+    index: IntArray
+    pushed_in: BoolArray
+    moved: float
+
+    def take(self, which: BoolArray) -> HeldLoads:
+        """Some of them (k,)."""
+        return HeldLoads(self.index[which], self.pushed_in[which], self.moved)
+
+
+@dataclass(frozen=True, eq=False)
 class LoadsAround:
-    """Loads (n,) about a collider, their signed distance (n,) and position (n, dim) [m] undisplaced, the depth [m] of
-    the deepest, and which of them could bear pressure (n,)."""
+    """Loads (n,) about a collider, their signed distance (n,) and position (n, dim) [m] undisplaced, by how much they
+    will be displaced about [m], the depth of the deepest as a rule, and which of them could bear pressure (n,)."""
 
     index: IntArray
     distance: Array
     position: Array
     depth: float
     could_bear: BoolArray
+
+    @property
+    def reaches_in(self) -> bool:
+        """Whether any is inside the collider."""
+        return bool((self.distance < 0.0).any())
 
     def with_bearing(self, more: BoolArray) -> LoadsAround:
         """Those, too, could bear pressure."""

@@ -56,6 +56,29 @@ def test_a_thin_rod_that_is_followed_does_not_let_the_surface_through(jelly2d_bo
     np.testing.assert_array_equal(heights(probe, rows, lying(DEPTH)), at_once)
 
 
+@pytest.mark.parametrize("band", [BAND, 0.0])
+def test_what_has_gone_through_a_thin_rod_is_not_let_go(jelly2d_body, pressed, band):
+    """Pressed in by twice its thickness: undisplaced, all of the surface under it is beyond it, farther out than loads
+    are looked for. A linear body's energy goes with the square of the depth, and a bit more while more of the depth is
+    the body's and less the penalty's."""
+    rod, mechanics = pressed
+    rows, probe = jelly2d_body.rest_rows, LoadProbe(jelly2d_body, rod, mechanics, STIFFNESS, band)
+    presses = [probe.press(rows, lying(depth), rows) for depth in RADIUS * np.arange(1, 33) / 8]
+    assert all(press.solution.converged for press in presses)
+    through = presses[-1]
+    assert rod.sdf(lying(4.0 * RADIUS).apply_inverse(through.around_position)).min() > 1.5 * BAND
+    energies = np.array([press.solution.energy for press in presses])
+    assert 4.0 < energies[-1] / energies[15] < 5.0
+    # Nowhere does it leap: its second differences are positive and change slowly.
+    bend = np.diff(energies, 2)
+    assert (bend > 0.0).all()
+    assert np.abs(np.diff(bend)).max() < 0.2 * bend.max()
+    # Drawn out slowly enough to be followed, it lets go.
+    for depth in RADIUS * np.arange(31, -2, -1) / 8:
+        out = probe.press(rows, lying(depth), rows)
+    assert out is None or not out.bearing.size
+
+
 def groups(body, pressed):
     """The rod on its own, and together with another collider that is far away."""
     rod, mechanics = pressed
@@ -65,6 +88,26 @@ def groups(body, pressed):
         return ContactPotential(LoadProbe(body, collider, mechanics, STIFFNESS))
 
     return SinglePotential("rod", of(rod)), JointPotential({"rod": of(rod), "far": of(far)})
+
+
+def test_together_with_others_it_is_not_let_go_either(jelly2d_body, pressed):
+    """A collider that touches nothing changes nothing; what differs is the order in which floats are summed."""
+    rows = jelly2d_body.rest_rows
+    alone, together = groups(jelly2d_body, pressed)
+    for depth in RADIUS * np.arange(1, 33) / 8:
+        poses = {"rod": lying(depth), "far": RigidPose(np.eye(2), np.array([0.0, 1.0]))}
+        energy = alone.linearise(rows, poses, rows)[0]
+        assert energy > 0.0
+        assert together.linearise(rows, poses, rows)[0] == pytest.approx(energy, rel=1e-6)
+
+
+def test_what_is_drawn_out_at_once_lets_go(jelly2d_body, pressed):
+    """A collider that has leapt away is another contact, and takes nothing along."""
+    rod, mechanics = pressed
+    rows, probe = jelly2d_body.rest_rows, LoadProbe(jelly2d_body, rod, mechanics, STIFFNESS, BAND)
+    for depth in RADIUS * np.arange(1, 33) / 8:
+        assert probe.press(rows, lying(depth), rows).bearing.size
+    assert probe.press(rows, lying(-0.03), rows) is None
 
 
 def test_a_trial_elsewhere_changes_nothing(jelly2d_body, pressed):
