@@ -19,7 +19,9 @@ from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import SdfDerivatives
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.load_press import LoadPress, LoadProbe
+from runtime.corrections.load_solve import LoadProblem
 from runtime.corrections.loads_around import HeldLoads, LoadsAround, PosedDistance
+from runtime.corrections.predicted_loads import predicted_loads
 from runtime.corrections.press_memory import PressMemory
 from runtime.errors import SoftprintError
 
@@ -80,17 +82,15 @@ class JointPress:
         """The same, as loads of the body."""
         return self.press.held.take(self.borne_by(name))
 
-    def predict(self, rows: Array, turn: Array, poses: Poses, index: IntArray) -> tuple[Array, Array] | None:
+    def predict(self, index: IntArray, problem: LoadProblem, poses: Poses) -> tuple[Array, Array] | None:
         """See `LoadPress.predict`."""
-        if not self.press.bearing.size:
-            return None
-        y = self.press.displaced
-        follows, turns = np.zeros_like(y), np.empty((*y.shape, y.shape[1]))
-        for name in self.names:
-            mine, before, after = self.borne_by(name), self.poses[name], poses[name]
+        y = self.press.gone_to
+        follows, turns = np.empty_like(y), np.empty((*y.shape, y.shape[1]))
+        for number, name in enumerate(self.names):
+            mine, before, after = self.owner == number, self.poses[name], poses[name]
             follows[mine] = after.apply(before.apply_inverse(y[mine])) - y[mine]
             turns[mine] = after.rotation @ before.rotation.T
-        return self.press.nearby(rows, turn, index, follows, turns)
+        return predicted_loads(self.press, index, problem, follows, turns)
 
 
 @runtime_checkable
@@ -144,13 +144,14 @@ class JointProbe:
         names = tuple(touching)
         around, owner = _nearest(list(touching.values()))
         distances = tuple(PosedDistance(self.probes[name].collider, poses[name]) for name in names)
+        nearest = NearestDistance(distances, owner)
+        problem = self._any.problem(rows, around, nearest)
         start = None
         if near is not None:
-            start = near.predict(rows, turn, poses, around.index[around.could_bear])
+            start = near.predict(around.index[around.could_bear], problem, poses)
             if start is None:  # see `LoadProbe`
                 return self._press(rows, poses, turn, None)
-        nearest = NearestDistance(distances, owner)
-        press = self._any.balanced(rows, poses[names[0]], turn, around, nearest, start)
+        press = self._any.balanced(rows, poses[names[0]], turn, around, nearest, problem, start)
         if not (press.bearing.size or around.reaches_in):
             return None
         return JointPress(press, names, dict(poses), owner[np.searchsorted(around.index, press.index)])

@@ -154,36 +154,3 @@ def felt(basis: Array, gradients: Array, index: IntArray, force: Array, given: A
             for r in range(n_rows):
                 into[r] += share * along[r]
     return np.ascontiguousarray(total.T)
-
-
-@compiled
-def carried_on(
-    index: IntArray, pressed: IntArray, left: Array, normal: Array, curvature: Array, dr: Array, turns: Array
-) -> tuple[Array, Array]:
-    """Penetrations (n,) and normals (n, dim) to first order of the loads `index` (n,), which bear nothing where they
-    are not among the k that were pressed, both ascending; of these e (k,), g, H, and by how much each is moved, dr
-    (k, dim), and its collider turned (k, dim, dim).
-
-    Forces, as e^2, change linearly; a load that is about to let go keeps a little, so that it is seen.
-    """
-    k, dim = dr.shape
-    e, g, at = np.full(len(index), -np.inf), np.zeros((len(index), dim)), 0
-    bent = np.empty(dim)
-    for j in range(k):
-        while at < len(index) and index[at] < pressed[j]:
-            at += 1
-        if at == len(index):
-            break
-        if index[at] != pressed[j]:
-            continue
-        along = 0.0
-        for a in range(dim):
-            along += normal[j, a] * dr[j, a]
-            bent[a] = normal[j, a]
-            for b in range(dim):
-                bent[a] += curvature[j, a, b] * dr[j, b]
-        e[at] = left[j] * np.sqrt(max(1.0 - 2.0 * along / left[j], 0.01))
-        for a in range(dim):
-            for b in range(dim):
-                g[at, a] += turns[j, a, b] * bent[b]
-    return e, g

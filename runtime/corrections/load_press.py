@@ -33,6 +33,7 @@ from runtime.corrections.load_solve import LoadProblem, LoadSolution
 from runtime.corrections.loads_around import HeldLoads, LoadsAround, LoadsDistance, PosedDistance
 from runtime.corrections.moving_loads import MovingLoads
 from runtime.corrections.near_loads import NearLoads
+from runtime.corrections.predicted_loads import predicted_loads
 from runtime.corrections.press_memory import PressMemory
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.directions import times_directions
@@ -67,47 +68,21 @@ class LoadPress:
     problem: LoadProblem
     solution: LoadSolution
 
-    def predict(
-        self, rows: Array, turn: Array, pose: RigidPose, index: IntArray
-    ) -> tuple[Array, Array] | None:
-        """Penetrations (m,) and normals (m, dim) of the loads `index` at a state nearby, to first order, where they
-        bear pressure here; None for a state too far away. With dx and dF how they have moved, T how the collider has
-        turned, and dc what it carries a load along by,
-
-            dr = (I + G_w D)^-1 (dx + dF v - dc + F G dphi),    dphi = (F + dF)^T T f - F^T f,
-            de = -g . dr,    g + dg = T (g + H dr).
-        """
-        if not self.bearing.size:
-            return None
-        y = self.displaced
+    def predict(self, index: IntArray, problem: LoadProblem, pose: RigidPose) -> tuple[Array, Array] | None:
+        """Where to start from with the loads `index` at a state nearby, see `predicted_loads.py`."""
+        y = self.gone_to
         follows = pose.apply(self.pose.apply_inverse(y)) - y
-        return self.nearby(rows, turn, index, follows, pose.rotation @ self.pose.rotation.T)
-
-    def nearby(
-        self, rows: Array, turn: Array, index: IntArray, follows: Array, turns: Array
-    ) -> tuple[Array, Array] | None:
-        """See `predict`. follows: dc (k, dim) [m] of the loads that bear pressure; turns: (dim, dim) or (k, dim, dim),
-        of what they press."""
-        b, solution, pressed = self.bearing, self.solution, self.pressed
-        g, v, before = solution.normal[b], solution.given[b], self.problem.F[b]
-        turns = np.ascontiguousarray(np.broadcast_to(turns, (len(b), *turns.shape[-2:])))
-        x, F = self.loads.positions(rows, turn, pressed), self.loads.deformation(rows, pressed)
-        carried = x - self.problem.position[b] + load_step.moved_by(F - before, v) - follows
-        if np.abs(carried).max() > self.problem.depth:
-            return None
-        pressure = solution.pressure[b]
-        after = load_step.pulled_back(F, pressure, load_step.moved_by(turns, g))
-        turned = after - load_step.pulled_back(before, pressure, g)
-        given = self.factor.carried(self.factor.given(turned.reshape(-1, 1)))
-        dr = self.factor.soften(carried.reshape(-1, 1) + given).reshape(follows.shape)
-        return load_kernels.carried_on(
-            index, self.index[b], solution.left[b], g, solution.curvature[b], dr, turns
-        )
+        return predicted_loads(self, index, problem, follows, pose.rotation @ self.pose.rotation.T)
 
     @property
     def displaced(self) -> Array:
         """y (k, dim) [m] of the loads that bear pressure."""
-        return np.asarray(self.problem.position[self.bearing] + self.solution.moved[self.bearing])
+        return self.gone_to[self.bearing]
+
+    @cached_property
+    def gone_to(self) -> Array:
+        """y (m, dim) [m] of all of them."""
+        return np.asarray(self.problem.position + self.solution.moved)
 
     @cached_property
     def pressed(self) -> IntArray:
@@ -253,12 +228,13 @@ class LoadProbe:
         around = self.around(rows, pose, turn, held=None if near is None else near.held)
         if around is None:
             return None
-        start = None
-        if near is not None:
-            start = near.predict(rows, turn, pose, around.index[around.could_bear])
-            if start is None:  # too far away, and what is held there says nothing of here
-                return self._press(rows, pose, turn, None)
-        press = self.balanced(rows, pose, turn, around, PosedDistance(self.collider, pose), start)
+        index = around.index[around.could_bear]
+        distance = PosedDistance(self.collider, pose)
+        problem = self.problem(rows, around, distance)
+        start = None if near is None else near.predict(index, problem, pose)
+        if near is not None and start is None:  # what is held so far away says nothing of here
+            return self._press(rows, pose, turn, None)
+        press = self.balanced(rows, pose, turn, around, distance, problem, start)
         return press if press.bearing.size or around.reaches_in else None
 
     def balanced(
@@ -268,11 +244,11 @@ class LoadProbe:
         turn: Array,
         around: LoadsAround,
         distance: LoadsDistance,
+        problem: LoadProblem,
         start: tuple[Array, Array] | None = None,
     ) -> LoadPress:
-        """Loads (n,) around in balance, those that the dent pushes in included; distance: at all of them; start: see
-        `LoadProblem.solve`, of those that could bear pressure."""
-        problem = self.problem(rows, around, distance)
+        """Loads (n,) around in balance, those that the dent pushes in included; distance: at all of them; problem: of
+        those that could bear pressure; start: see `LoadProblem.solve`, of these."""
         solution = problem.solve(start)
         for _ in range(_LOOKS):
             pushed = self._pushed_in(rows, around, problem, solution, distance)

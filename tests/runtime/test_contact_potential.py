@@ -148,7 +148,12 @@ def test_what_moves_rigidly_is_known_before(jelly_body, dim):
     press = probe.press(rows, pose, rows)
     Q = rotation_matrix([2.1] if dim == 2 else [1.1, 0.7, -1.6], dim)
     turned = RigidPose(Q @ pose.rotation, Q @ pose.translation)
-    left, normal = press.predict(rows @ Q.T, rows @ Q.T, turned, press.pressed)
+    there = replace(
+        press.problem,
+        position=probe.loads.positions(rows @ Q.T, rows @ Q.T, press.index),
+        F=probe.loads.deformation(rows @ Q.T, press.index),
+    )
+    left, normal = (found[press.bearing] for found in press.predict(press.index, there, turned))
     np.testing.assert_allclose(
         left, press.solution.left[press.bearing], rtol=1e-5
     )  # solved in single precision

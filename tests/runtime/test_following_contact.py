@@ -101,6 +101,29 @@ def test_together_with_others_it_is_not_let_go_either(jelly2d_body, pressed):
         assert together.linearise(rows, poses, rows)[0] == pytest.approx(energy, rel=1e-6)
 
 
+def test_what_comes_in_past_the_middle_stays_on_its_side(jelly2d_body, pressed):
+    """A tilted rod, thinner than the next step is long, comes to a load that did not bear pressure: the near way out is
+    on the other side, but that is not where the load came from."""
+    thin, mechanics = Capsule([-0.03, 0.0], [0.03, 0.0], 0.002, "thin"), pressed[1]
+    rows, probe = jelly2d_body.rest_rows, LoadProbe(jelly2d_body, thin, mechanics, STIFFNESS, BAND)
+
+    def down_to(height):
+        pose = RigidPose.from_rotation_vector([0.25], [0.02, TOP + height])
+        return pose, probe.press(rows, pose, rows)
+
+    for height in np.arange(0.0090, 0.0064, -0.0005):
+        before = down_to(height)[1]
+    pose, press = down_to(0.0041)
+    came = press.index[np.isin(press.index, before.index) & ~np.isin(press.index, before.pressed)]
+    position = probe.loads.positions(rows, rows, came)
+    assert came.size == 1
+    assert thin.sdf(pose.apply_inverse(position)) < 0.0 < pose.apply_inverse(position)[0, 1]
+    assert press.solution.normal[press.index == came][0, 1] < 0.0
+    probe.begin()
+    at_once = down_to(0.0041)[1]
+    assert at_once.solution.normal[at_once.index == came][0, 1] > 0.0
+
+
 def test_what_is_drawn_out_at_once_lets_go(jelly2d_body, pressed):
     """A collider that has leapt away is another contact, and takes nothing along."""
     rod, mechanics = pressed

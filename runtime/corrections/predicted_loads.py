@@ -1,0 +1,132 @@
+"""Loads in balance at a state, foretold by those of a state nearby: where `load_solve.py` starts from.
+
+Of loads that bear pressure there, to first order: with dx and dF how they have moved, T how the collider has turned,
+and dc what it carries a load along by,
+
+    dr = (I + G_w D)^-1 (dx + dF v - dc + F G dphi),    dphi = (F + dF)^T T f - F^T f,
+    de = -g . dr,    g + dg = T (g + H dr),
+
+exact where body and collider move rigidly. A load that bore nothing, but has come into the collider since, came in
+where it was outside, at a gap s there. So it starts as if that side were flat and the load alone,
+
+    d = -s - g . (dx + dF v - dc),    k e^2 n . G_jj n = d,    n = (F + dF)^T T g,
+
+for the nearest way out of where it is now may be on the other side of a thin wall.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.arrays import Array, IntArray
+from runtime.compiled import compiled
+from runtime.corrections import load_step
+from runtime.corrections.load_solve import LoadProblem
+
+if TYPE_CHECKING:
+    from runtime.corrections.load_press import LoadPress
+
+Floats = NDArray[np.floating[Any]]
+
+# Loads that have moved by more than so many times what they are displaced by are in another contact.
+_TOO_FAR = 2.0
+
+
+def predicted_loads(
+    press: LoadPress, index: IntArray, problem: LoadProblem, follows: Array, turns: Array
+) -> tuple[Array, Array] | None:
+    """Penetrations (n,) and normals (n, dim) of the loads `index` (n,), those of the problem; None for a state too far
+    away. press: of the state nearby, of m loads; follows: dc (m, dim) [m]; turns: T (dim, dim) or (m, dim, dim)."""
+    b, there, solution = press.bearing, press.problem, press.solution
+    g, pressure = solution.normal, solution.pressure
+    turns = np.ascontiguousarray(np.broadcast_to(turns, (len(g), *turns.shape[-2:])))
+    at = _places(press.index, index)
+    moved, F = _carried(at, problem.position, problem.F, there.position, there.F, solution.given, follows)
+    if np.abs(moved[b]).max(initial=0.0) > _TOO_FAR * there.depth:
+        return None
+    if b.size:
+        before = load_step.pulled_back(there.F[b], pressure[b], g[b])
+        after = load_step.pulled_back(F[b], pressure[b], load_step.moved_by(turns[b], g[b]))
+        given = press.factor.carried(press.factor.given((after - before).reshape(-1, 1)))
+        moved[b] = press.factor.soften(moved[b].reshape(-1, 1) + given).reshape(len(b), -1)
+    state = solution.left, pressure, g, solution.curvature
+    return _start(at, *state, moved, turns, problem.F, problem.stiffness, problem.compliance)
+
+
+@compiled
+def _places(loads: IntArray, index: IntArray) -> IntArray:
+    """Where the loads (m,) are in `index`, both ascending; -1 for those that are not."""
+    found, at = np.empty(len(loads), dtype=np.int64), 0
+    for j in range(len(loads)):
+        while at < len(index) and index[at] < loads[j]:
+            at += 1
+        found[j] = at if at < len(index) and index[at] == loads[j] else -1
+    return found
+
+
+@compiled
+def _carried(
+    at: IntArray, x: Array, F: Array, x_before: Array, F_before: Array, v: Array, follows: Array
+) -> tuple[Array, Array]:
+    """dx + dF v - dc (m, dim) and F + dF (m, dim, dim) of the m loads before; those that are no longer asked for count
+    as if they had gone with the collider."""
+    moved, F_now = np.zeros(v.shape), F_before.copy()
+    for j in range(len(at)):
+        if at[j] < 0:
+            continue
+        F_now[j] = F[at[j]]
+        for a in range(v.shape[1]):
+            moved[j, a] = x[at[j], a] - x_before[j, a] - follows[j, a]
+            for b in range(v.shape[1]):
+                moved[j, a] += (F[at[j], a, b] - F_before[j, a, b]) * v[j, b]
+    return moved, F_now
+
+
+@compiled
+def _start(
+    at: IntArray,
+    left: Array,
+    pressure: Array,
+    normal: Array,
+    curvature: Array,
+    moved: Array,
+    turns: Array,
+    F: Array,
+    stiffness: Array,
+    G: Floats,
+) -> tuple[Array, Array]:
+    """e (n,) and g (n, dim). Forces, as e^2, change linearly; a load that is about to let go keeps a little, so that it
+    is seen."""
+    dim = normal.shape[1]
+    e, g = np.full(len(F), -np.inf), np.zeros((len(F), dim))
+    bent, n = np.empty(dim), np.empty(dim)
+    for j in range(len(at)):
+        i, along = at[j], 0.0
+        for a in range(dim):
+            along += normal[j, a] * moved[j, a]
+        if i < 0 or (pressure[j] <= 0.0 and left[j] <= along):
+            continue
+        for a in range(dim):
+            bent[a] = normal[j, a]
+            for b in range(dim):
+                if pressure[j] > 0.0:
+                    bent[a] += curvature[j, a, b] * moved[j, b]
+        for a in range(dim):
+            for b in range(dim):
+                g[i, a] += turns[j, a, b] * bent[b]
+        if pressure[j] > 0.0:
+            e[i] = left[j] * np.sqrt(max(1.0 - 2.0 * along / left[j], 0.01))
+            continue
+        gives = 0.0
+        for a in range(dim):
+            n[a] = 0.0
+            for b in range(dim):
+                n[a] += F[i, b, a] * g[i, b]
+        for a in range(dim):
+            for b in range(dim):
+                gives += n[a] * G[i * dim + a, i * dim + b] * n[b]
+        e[i] = np.sqrt((left[j] - along) / (stiffness[i] * gives))
+    return e, g
