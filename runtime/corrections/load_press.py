@@ -17,7 +17,7 @@ the body's turn is held.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -92,9 +92,8 @@ class LoadPress:
     @cached_property
     def held(self) -> HeldLoads:
         """The same, as the next state may find them."""
-        b, index, solution = self.bearing, self.pressed, self.solution
-        pushed_in = self.loads.pushed_in(index, self.problem.F[b], solution.normal[b])
-        return HeldLoads(index, pushed_in, solution.farthest)
+        b, solution = self.bearing, self.solution
+        return HeldLoads(self.pressed, self.problem.F[b], solution.normal[b], solution.farthest)
 
     @property
     def bearing(self) -> IntArray:
@@ -293,40 +292,36 @@ class LoadProbe:
     ) -> LoadsAround | None:
         """The loads about the collider; None where none is inside. about: `surroundings`, where they are known; held:
         by the collider in a state nearby. What it pushes in may bear pressure wherever it is undisplaced, for it does
-        not let go what has gone through a thin wall. With these come all that are as near as they are."""
+        not let go what has gone through a thin wall."""
         about = about or self.surroundings(rows, turn)
         looked = max(self._band, self._room)
         index, distance, x = self._near(rows, pose, turn, looked, about)
-        inside = -float(distance.min(initial=0.0))
-        beyond = 0.0 if held is None else self._beyond(held, index, distance, rows, pose, turn)
-        if max(inside, beyond) <= 0.0:
-            return None
-        wanted = max(self._band, _ROOM * inside, _MORE * beyond)
+        depth = max(-float(distance.min(initial=0.0)), 0.0)
+        wanted = max(self._band, _ROOM * depth)
         if wanted > looked:
             index, distance, x = self._near(rows, pose, turn, wanted, about)
         elif wanted < looked:
             near = distance < wanted
             index, distance, x = index[near], distance[near], x[near]
         # As a rule the next state is pressed as deep.
-        self._room = _MORE * _ROOM * inside
-        could_bear, depth = distance < _ROOM * inside, inside
+        self._room = _MORE * _ROOM * depth
+        around = LoadsAround(index, distance, x, depth, distance < _ROOM * depth)
         if held is not None:
-            could_bear |= load_kernels.are_among(index, held.index)
-            depth = max(inside, held.moved)
-        return LoadsAround(index, distance, x, depth, could_bear)
+            around = self._holding(around, held, rows, turn)
+        return around if around.depth > 0.0 else None
 
-    def _beyond(
-        self, held: HeldLoads, index: IntArray, distance: Array, rows: Array, pose: RigidPose, turn: Array
-    ) -> float:
-        """How far outside the collider loads that it pushes in are at most [m], 0 if none is; of some loads, `index`,
-        the distance is known."""
-        pushed_in = held.index[held.pushed_in]
-        known = float(distance[load_kernels.are_among(index, pushed_in)].max(initial=0.0))
-        lost = pushed_in[~load_kernels.are_among(pushed_in, index)]
-        if not lost.size:
-            return known
-        x = self.loads.positions(rows, turn, lost)
-        return max(known, float(self.collider.sdf(pose.apply_inverse(x)).max()))
+    def _holding(self, around: LoadsAround, held: HeldLoads, rows: Array, turn: Array) -> LoadsAround:
+        """With the loads held, of no depth where neither any is inside nor any pushed in."""
+        lost = ~load_kernels.are_among(held.index, around.index)
+        if around.depth == 0.0 and not held.pushed_in(self.points.surface_normal[held.index]).any():
+            return around
+        around = replace(around, depth=max(around.depth, held.moved))
+        around = around.with_bearing(load_kernels.are_among(around.index, held.index))
+        if not lost.any():
+            return around
+        beyond = held.take(lost)
+        beyond = beyond.take(beyond.pushed_in(self.points.surface_normal[beyond.index]))
+        return around.joined_by(beyond.index, self.loads.positions(rows, turn, beyond.index))
 
     def problem(self, rows: Array, around: LoadsAround, distance: LoadsDistance) -> LoadProblem:
         """Of the loads that could bear pressure; distance: of all around."""

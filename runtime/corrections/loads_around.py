@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+import numpy as np
+
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
@@ -43,16 +45,23 @@ class PosedDistance:
 
 @dataclass(frozen=True, eq=False)
 class HeldLoads:
-    """Loads (k,), ascending, that bear pressure in a state; which of them it pushes into the body (k,), as a collider
-    does that has not got to the wrong side of the surface; and how far [m] the farthest of them is moved."""
+    """Loads (k,), ascending, that bear pressure in a state; F (k, dim, dim) and normal (k, dim) of them there, see
+    `LoadProblem`; and how far [m] the farthest of them is moved."""
 
     index: IntArray
-    pushed_in: BoolArray
+    F: Array
+    normal: Array
     moved: float
 
     def take(self, which: BoolArray) -> HeldLoads:
         """Some of them (k,)."""
-        return HeldLoads(self.index[which], self.pushed_in[which], self.moved)
+        return HeldLoads(self.index[which], self.F[which], self.normal[which], self.moved)
+
+    def pushed_in(self, surface_normal: Array) -> BoolArray:
+        """Which of them (k,) are pushed into the body, as by a collider that has not got to the wrong side of the
+        surface: N . F^-1 g < 0, N being the normals (k, dim) of the surface at rest."""
+        unstrained = np.linalg.solve(self.F, self.normal[..., None])[..., 0]
+        return np.asarray((surface_normal * unstrained).sum(axis=1) < 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +74,19 @@ class LoadsAround:
     position: Array
     depth: float
     could_bear: BoolArray
+
+    def joined_by(self, index: IntArray, position: Array) -> LoadsAround:
+        """With other loads (m,), ascending, that could bear pressure wherever they are undisplaced, which counts as at
+        the surface."""
+        joined, others = np.concatenate([self.index, index]), np.zeros(len(index))
+        order = np.argsort(joined)
+        return LoadsAround(
+            joined[order],
+            np.concatenate([self.distance, others])[order],
+            np.concatenate([self.position, position])[order],
+            self.depth,
+            np.concatenate([self.could_bear, others == 0.0])[order],
+        )
 
     @property
     def reaches_in(self) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, IntArray
+from runtime.arrays import Array, IntArray
 from runtime.body.material_points import MaterialPoints
 from runtime.corrections import load_kernels
 from runtime.corrections.internal_response import InternalResponse
@@ -45,12 +45,6 @@ class MovingLoads:
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """F (m, dim, dim)."""
         return deformed_some(self._gradients, rows, index)
-
-    def pushed_in(self, index: IntArray, F: Array, push: Array) -> BoolArray:
-        """Which of the loads (m,) a push (m, dim) moves into the body: N . F^-1 push < 0, N being the surface normal at
-        rest."""
-        unstrained = np.linalg.solve(F, push[..., None])[..., 0]
-        return np.asarray((self._points.surface_normal[index] * unstrained).sum(axis=1) < 0.0)
 
     def motion(self, turn: Array, index: IntArray) -> LoadMotion:
         """The derivatives by the rows."""
