@@ -1,11 +1,11 @@
 """The speed columns of a table of bodies: frames a second of the bare subspace, of ours and of full space, in contact.
 
-    python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--threads 2] [--tolerance T] [--no-full]
+    python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--cores 2] [--tolerance T] [--no-full]
 
 Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
 correction of form loads, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
 Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS_VERSION.safetensors. A
-body whose run is elsewhere is given as EXPERIMENT=DIRECTORY. On two threads the surface of a step is drawn beside the
+body whose run is elsewhere is given as EXPERIMENT=DIRECTORY. On two cores the surface of a step is drawn beside the
 next step, by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says.
 Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4
 times the cost of the bare subspace.
@@ -79,7 +79,7 @@ def measured(context: Context, options: argparse.Namespace) -> str:
         models["full"] = build_model(experiment, body, scene, context.out_dir, "full")
     n = scene_steps(experiment, scene)
     speeds = {
-        name: measure(name, model, n, options.steps, options.threads == 2) for name, model in models.items()
+        name: measure(name, model, n, options.steps, options.cores == 2) for name, model in models.items()
     }
     handles = body.handles
     counts = (body.mesh.n_cells, handles.n_points, len(handles.frames), handles.n_dofs)
@@ -129,11 +129,11 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, help="of a step's residual (default: the experiment's)")
     parser.add_argument("--loads", type=int, help="of an untrained stand-in (default: the experiment's)")
     parser.add_argument("--no-full", action="store_true", help="leave full space out")
-    parser.add_argument("--threads", type=int, choices=(1, 2), default=1, help="(default: 1)")
+    parser.add_argument("--cores", type=int, choices=(1, 2), default=1, help="(default: 1)")
     options = parser.parse_args()
     here = machine()
     print(
-        f"{here['processor']}, {here['cores']} cores, {options.threads} used, "
+        f"{here['processor']}, {here['cores']} cores, {options.cores} used, "
         f"BLAS {here['threads'] or 'not limited'}, tolerance {options.tolerance or 'as each experiment says'}"
     )
     print(table_head())

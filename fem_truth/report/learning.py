@@ -11,7 +11,7 @@ from runtime.corrections.correction_file import CorrectionHeader, read_header
 from runtime.errors import SoftprintError
 
 # What `softprint bench` says of a measurement; files of earlier versions say less.
-_CONDITIONS = ("scene", "tolerance", "iterations", "threads", "time_step", "machine")
+_CONDITIONS = ("scene", "tolerance", "iterations", "cores_used", "time_step", "machine")
 
 
 @dataclass(frozen=True)

@@ -44,11 +44,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="time only the first N steps with contact of each model (default: all)",
     )
     parser.add_argument(
-        "--threads",
+        "--cores",
         type=int,
         choices=(1, 2),
         default=1,
-        help="2: the surface of a step is drawn beside the next step, by reduced models (default: 1)",
+        help="2: a process of its own draws the surface of a step beside the next one, of reduced models (default: 1)",
     )
 
 
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     context.say(
         f"{scene.name}, at most {experiment.dynamics.max_iterations} Newton iterations a step to a residual of "
         f"{experiment.dynamics.tolerance:g}, h = {experiment.dynamics.time_step:.4g} s; surfaces are drawn "
-        + ("beside the next step" if args.threads == 2 else "after their step")
+        + ("beside the next step" if args.cores == 2 else "after their step")
     )
     context.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in sizes.items()))
     context.say(
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
             "scene": scene.name,
             "iterations": experiment.dynamics.max_iterations,
             "tolerance": experiment.dynamics.tolerance,
-            "threads": args.threads,
+            "cores_used": args.cores,
             "time_step": experiment.dynamics.time_step,
             "sizes": sizes,
             "machine": here,
@@ -132,7 +132,7 @@ def _measured(
     speeds = []
     for name in args.model or [BARE, *trained_models(context.out_dir), *full]:
         model = build_model(experiment, body, scene, context.out_dir, name)
-        speed = measure(name, model, scene_steps(experiment, scene), args.steps, args.threads == 2)
+        speed = measure(name, model, scene_steps(experiment, scene), args.steps, args.cores == 2)
         if speed is None:
             raise SoftprintError(
                 f"scene {scene.name!r} has no contact with the model {name!r}: nothing to measure"

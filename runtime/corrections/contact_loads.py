@@ -6,7 +6,6 @@ the linear body is not pushed. The last answer is kept, because the same state i
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +36,21 @@ class ContactLoads:
     depth: float
 
 
+@dataclass(frozen=True, eq=False)
+class UnmeasuredLoads:
+    """What there is to be measured, as plain data: n loads `index` about a collider at pose, undisplaced at position
+    (n, dim) [m] while the handle rows are rows; F^T f = load (k, dim) [N] of all loads pressed (k,) on the body, and
+    which of these press on this collider."""
+
+    rows: Array
+    pose: RigidPose
+    index: IntArray
+    position: Array
+    pressed: IntArray
+    load: Array
+    mine: BoolArray
+
+
 def patch_depth(areas: Array, distance: Array) -> float:
     """D [m] = sum a d^3 / sum a d^2 of the depths d of undisplaced loads at signed distances (m,): how deep a contact
     is as a whole; loads enter and leave it smoothly. 0 where none is inside."""
@@ -61,14 +75,16 @@ class ContactLoadsProbe:
         self.loads = LoadProbe(body, collider, mechanics, stiffness, band)
         self.collider, self._band = collider, band
         self._areas = mechanics.compliance.areas
-        self._last: tuple[LoadPress, ContactLoads] | None = None
+        self._pressed: tuple[LoadPress, UnmeasuredLoads] | None = None
+        self._measured: tuple[UnmeasuredLoads, ContactLoads] | None = None
 
     def measure(
         self, rows: Array, pose: RigidPose, turn: Array | None = None, joint: JointPress | None = None
     ) -> ContactLoads | None:
         """The loads at handle rows (n_rows, dim), or None where no load is inside the collider. turn: of the body,
         that of the rows themselves by default; joint: in which this collider is pressed together with others."""
-        return self.later(rows, pose, turn, joint)()
+        found = self.pressed(rows, pose, turn, joint)
+        return None if found is None else self.measured(found)
 
     def begin(self) -> None:
         """Forget what was pressed before. Loads may be in balance in several ways: of these they come to the one next
@@ -79,49 +95,48 @@ class ContactLoadsProbe:
         """Press the loads at a state on the way to another, and measure nothing."""
         self.loads.press(rows, pose, rows)
 
-    def later(
+    def pressed(
         self, rows: Array, pose: RigidPose, turn: Array | None = None, joint: JointPress | None = None
-    ) -> Callable[[], ContactLoads | None]:
-        """The same in two parts: the loads are pressed now; what is called later, on any thread, measures them."""
+    ) -> UnmeasuredLoads | None:
+        """The loads, pressed and not yet measured."""
         turn = rows if turn is None else turn
         if joint is None:
             press = self.loads.press(rows, pose, turn)
-            return lambda: None if press is None else self._kept(press, rows, pose)
+            return None if press is None else self._alone(press, rows, pose)
         name = self.collider.name
         around = self.loads.around(rows, pose, turn, held=joint.held_by(name))
         if around is None:
-            return lambda: None
-        mine = joint.borne_by(name)
-        return lambda: self._measure(rows, pose, joint.press, mine, around.index, around.position)
+            return None
+        press, mine = joint.press, joint.borne_by(name)
+        return UnmeasuredLoads(rows, pose, around.index, around.position, press.pressed, press.load, mine)
 
-    def _kept(self, press: LoadPress, rows: Array, pose: RigidPose) -> ContactLoads:
-        """Of a press, measured once."""
-        last = self._last
-        if last is None or last[0] is not press:
+    def _alone(self, press: LoadPress, rows: Array, pose: RigidPose) -> UnmeasuredLoads:
+        """The same for the same press, so that it is measured once, whoever asks."""
+        if self._pressed is None or self._pressed[0] is not press:
             everyone = np.ones(press.bearing.size, dtype=bool)
-            loads = self._measure(rows, pose, press, everyone, press.around, press.around_position)
-            self._last = last = press, loads
+            around = press.around, press.around_position
+            self._pressed = (
+                press,
+                UnmeasuredLoads(rows, pose, *around, press.pressed, press.load, everyone),
+            )
+        return self._pressed[1]
+
+    def measured(self, loads: UnmeasuredLoads) -> ContactLoads:
+        """Of loads that were pressed, on any thread or in another process, wherever others are pressed by then."""
+        last = self._measured
+        if last is None or last[0] is not loads:
+            self._measured = last = loads, self._measure(loads)
         return last[1]
 
-    def _measure(
-        self,
-        rows: Array,
-        pose: RigidPose,
-        press: LoadPress,
-        mine: BoolArray,
-        index: IntArray,
-        x_around: Array,
-    ) -> ContactLoads:
-        """The loads `index` about the collider, undisplaced at x_around; mine: which of the loads that bear pressure
-        press on it."""
+    def _measure(self, loads: UnmeasuredLoads) -> ContactLoads:
         probe = self.loads
-        m, pressed = len(index), press.pressed
-        F = pose.rotation.T @ probe.loads.deformation(rows, index)
-        moved = probe.moved_by(press, index, F)
-        z = pose.apply_inverse(x_around)
+        index, pose, m = loads.index, loads.pose, len(loads.index)
+        F = pose.rotation.T @ probe.loads.deformation(loads.rows, index)
+        moved = probe.moved_by(loads.pressed, loads.load, index, F)
+        z = pose.apply_inverse(loads.position)
         distance, slope, curvature = self.collider.sdf_derivatives(np.concatenate([z, z + moved]))
         load = np.zeros_like(moved)
-        load[np.searchsorted(index, pressed[mine])] = press.load[mine]
+        load[np.searchsorted(index, loads.pressed[loads.mine])] = loads.load[loads.mine]
         carried = (cofactor(F) @ probe.points.surface_normal[index][..., None])[..., 0]
         length = np.sqrt((carried * carried).sum(axis=1, keepdims=True))
         carried /= np.maximum(length, SHORTEST)

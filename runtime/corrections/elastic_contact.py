@@ -8,8 +8,6 @@ contact stands for it (`contact_potential.py`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -19,7 +17,7 @@ from runtime.body.material_points import MaterialPoints
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
 from runtime.corrections.compliance_kernels import turned
-from runtime.corrections.contact_loads import ContactLoadsProbe
+from runtime.corrections.contact_loads import ContactLoadsProbe, UnmeasuredLoads
 from runtime.corrections.contact_potential import ContactPotential
 from runtime.corrections.correction import Potential, require_body
 from runtime.corrections.internal_response import InternalResponse
@@ -84,21 +82,18 @@ class BoundElasticContact:
     def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
         """u (n, dim) [m] in the world frame; zero where no load is inside the collider. turn: of the body, that of the
         rows by default."""
-        return self.later(None, rows, pose, turn)()
+        return self.drawn(self.pressed(None, rows, pose, turn))
 
-    def later(
+    def pressed(
         self, joint: JointPress | None, rows: Array, pose: RigidPose, turn: Array | None = None
-    ) -> Callable[[], Array]:
-        """The same in two parts: the loads are pressed now; what they do to the points is worked out by what is
-        called later, on any thread, whatever is pressed in the meantime. joint: in which this collider is pressed
-        together with others; it is the share of this one then, and their sum is what they do to the body."""
-        measured = self._probe.later(rows, pose, turn, joint)
+    ) -> UnmeasuredLoads | None:
+        """See `BoundPressed`."""
+        return self._probe.pressed(rows, pose, turn, joint)
 
-        def displacement() -> Array:
-            contact = measured()
-            if contact is None:
-                return np.zeros(self._points.rest.shape)
-            given = self._compliance.apply(contact.index, self._model.loads(contact))
-            return turned(given, self._gradient, rows.astype(given.dtype))
-
-        return displacement
+    def drawn(self, loads: UnmeasuredLoads | None) -> Array:
+        """See `BoundPressed`."""
+        if loads is None:
+            return np.zeros(self._points.rest.shape)
+        contact = self._probe.measured(loads)
+        given = self._compliance.apply(contact.index, self._model.loads(contact))
+        return turned(given, self._gradient, loads.rows.astype(given.dtype))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -97,10 +97,15 @@ class JointPress:
 class BoundPressed(Protocol):
     """A correction at points whose loads may be pressed together with those of others."""
 
-    def later(
+    def pressed(
         self, joint: JointPress | None, rows: Array, pose: RigidPose, turn: Array | None = None
-    ) -> Callable[[], Array]:
-        """Presses the loads; what is returned works out u (n, dim) [m], on any thread. joint: with others."""
+    ) -> Any:
+        """What `drawn` asks for, as plain data: the loads are pressed now. joint: with others; then this is the share
+        of one collider, and their sum is what they do to the body."""
+        ...
+
+    def drawn(self, loads: Any) -> Array:
+        """u (n, dim) [m], worked out on any thread or in another process, whatever is pressed in the meantime."""
         ...
 
 

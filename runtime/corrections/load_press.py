@@ -345,11 +345,11 @@ class LoadProbe:
             return self.loads.positions(rows, turn).__getitem__
 
         def positions(index: IntArray) -> Array:
-            moved = self.moved_by(press, index, self.loads.deformation(rows, index))
+            moved = self.moved_by(press.pressed, press.load, index, self.loads.deformation(rows, index))
             return np.asarray(self.loads.positions(press.rows, turn, index) + moved)
 
         return positions
 
-    def moved_by(self, press: LoadPress, index: IntArray, F: Array) -> Array:
-        """F v (m, dim) [m] of any loads (m,) in the dent of a press; F: (m, dim, dim)."""
-        return load_step.moved_by(F, self._among_near.displacement(index, press.pressed, press.load))
+    def moved_by(self, pressed: IntArray, load: Array, index: IntArray, F: Array) -> Array:
+        """F v (m, dim) [m] of any loads (m,) where loads phi (k, dim) [N] are pressed; F: (m, dim, dim)."""
+        return load_step.moved_by(F, self._among_near.displacement(index, pressed, load))

@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 
 # A state is in balance when no load is farther from it than this share of the deepest penetration. E is then right to
 # the square of it.
-_TOLERANCE = 1e-6
+_TOLERANCE = 1e-5
 _ITERATIONS = 12
 # From a state nearby it takes two or three. What has taken so many more goes astray.
 _NEAR_ITERATIONS = 7

@@ -1,5 +1,6 @@
 """Reduced dynamics: backward Euler as minimisation over the handle rows, with learned corrections."""
 
+from runtime.dynamics.drawn_beside import DrawnBeside
 from runtime.dynamics.kinematic import KinematicHandle
 from runtime.dynamics.newton import NewtonSettings, Status
 from runtime.dynamics.placed import PlacedCollider
@@ -9,6 +10,7 @@ from runtime.dynamics.state import ContactForce, ReducedState, StepResult
 
 __all__ = [
     "ContactForce",
+    "DrawnBeside",
     "DynamicsSettings",
     "HandleSpring",
     "KinematicHandle",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any, NamedTuple
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
@@ -12,6 +13,14 @@ from runtime.corrections.internal_response import InternalResponse
 from runtime.corrections.joint_press import BoundPressed, JointProbe
 from runtime.dynamics.state import ReducedState
 from runtime.row_products import placed
+
+
+class Snapshot(NamedTuple):
+    """Handle rows and turn (n_rows, dim) of a state, and what every collider does there: plain data."""
+
+    rows: Array
+    turn: Array
+    parts: list[Any]
 
 
 class CorrectedNodes:
@@ -32,39 +41,36 @@ class CorrectedNodes:
 
     def positions(self, state: ReducedState) -> Array:
         """(n, dim) [m]."""
-        return self.later(state)()
+        return self.drawn(self.snapshot(state))
 
-    def later(self, state: ReducedState) -> Callable[[], Array]:
-        """The same in two parts: loads are pressed now, if they have not been; what is called later, on any thread
-        and beside other steps, does the rest, most of the work."""
-        rows, internal, basis = state.rows, self._internal, self._basis
-        turn = rows if state.turn is None else state.turn
-        moved = [self._later(collider, correction, state, turn) for collider, correction in self._bound]
+    def snapshot(self, state: ReducedState) -> Snapshot:
+        """What is to be drawn: loads are pressed now, if they have not been."""
+        turn = state.rows if state.turn is None else state.turn
+        parts = [self._part(collider, correction, state, turn) for collider, correction in self._bound]
+        return Snapshot(state.rows, turn, parts)
 
-        def positions() -> Array:
-            x = placed(basis, rows)
-            if internal is not None:
-                x += internal.displacement(rows, turn)
-            for displacement in moved:
-                x += displacement()
-            return x
-
-        return positions
-
-    def _later(
-        self, collider: str, correction: BoundCorrection, state: ReducedState, turn: Array
-    ) -> Callable[[], Array | float]:
-        """(n, dim) [m] by one collider; where it presses together with others, by its share of what all of them do."""
+    def _part(self, collider: str, correction: BoundCorrection, state: ReducedState, turn: Array) -> Any:
+        """Of one collider: displacement (n, dim) [m], or what `BoundPressed.drawn` makes it of; None for none."""
         rows, pose = state.rows, state.poses[collider]
         press = None
         if collider in self._joint:
             press = self._joint[collider].press(rows, state.poses, turn)
             if press is None:
-                return lambda: 0.0
+                return None
         if isinstance(correction, BoundPressed):
-            return correction.later(press, rows, pose, turn)
-        displacement = correction.displacement(rows, pose, turn)
-        return lambda: displacement
+            return correction.pressed(press, rows, pose, turn)
+        return correction.displacement(rows, pose, turn)
+
+    def drawn(self, snapshot: Snapshot) -> Array:
+        """(n, dim) [m] of a snapshot of these nodes, most of the work: on any thread or in another process, beside
+        other steps."""
+        x = placed(self._basis, snapshot.rows)
+        if self._internal is not None:
+            x += self._internal.displacement(snapshot.rows, snapshot.turn)
+        for (_, correction), part in zip(self._bound, snapshot.parts, strict=True):
+            if part is not None:
+                x += correction.drawn(part) if isinstance(correction, BoundPressed) else part
+        return x
 
     @cached_property
     def _basis(self) -> Array:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
+from runtime.dynamics.corrected_nodes import Snapshot
 from runtime.dynamics.scene import scene_parts, scene_simulator
 from runtime.dynamics.simulator import Simulator
 from runtime.dynamics.state import ReducedState, StepResult
@@ -85,9 +86,13 @@ class ReducedModel:
         """(s, dim) [m] the surface samples, corrections included."""
         return self._simulator.surface_positions(state)
 
-    def surface_later(self, state: ReducedState) -> Callable[[], Array]:
-        """See `Simulator.surface_later`."""
-        return self._simulator.surface_later(state)
+    def surface_snapshot(self, state: ReducedState) -> Snapshot:
+        """See `Simulator.surface_snapshot`."""
+        return self._simulator.surface_snapshot(state)
+
+    def surface_drawn(self, snapshot: Snapshot) -> Array:
+        """See `Simulator.surface_drawn`."""
+        return self._simulator.surface_drawn(snapshot)
 
     def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
         """See `Simulator.follow`."""

@@ -22,7 +22,7 @@ from runtime.corrections.correction import is_field
 from runtime.corrections.internal_response import InternalResponse
 from runtime.dynamics.collider_contact import ColliderContact
 from runtime.dynamics.condensed_contact import CondensedContact
-from runtime.dynamics.corrected_nodes import CorrectedNodes
+from runtime.dynamics.corrected_nodes import CorrectedNodes, Snapshot
 from runtime.dynamics.corrected_points import CorrectedPoints
 from runtime.dynamics.elastic import Elastic, ElasticEnergy
 from runtime.dynamics.internal_elastic import InternalElasticEnergy
@@ -357,9 +357,13 @@ class Simulator:
         cost that does not grow with the mesh."""
         return self._samples.positions(state)
 
-    def surface_later(self, state: ReducedState) -> Callable[[], Array]:
-        """The same in two parts, see `CorrectedNodes.later`: what is called later may run beside the next step."""
-        return self._samples.later(state)
+    def surface_snapshot(self, state: ReducedState) -> Snapshot:
+        """What `surface_drawn` makes the same of, later: see `CorrectedNodes`."""
+        return self._samples.snapshot(state)
+
+    def surface_drawn(self, snapshot: Snapshot) -> Array:
+        """(s, dim) [m], on any thread or in another process, beside the next step (`drawn_beside.py`)."""
+        return self._samples.drawn(snapshot)
 
     def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
         """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state, corrections included: bound

@@ -2,10 +2,11 @@
 
 Every model plays the same scene in the same process with the same time step, to the same tolerance or with as many
 Newton iterations at most; a model that is cut off before it has converged is not as fast as its figure says. A frame is
-a step and the positions of the surface at its end, with all detail; on two threads the surface of a step is drawn
+a step and the positions of the surface at its end, with all detail; on two cores the surface of a step is drawn
 beside the next step, one frame late. Only frames with contact count: all of them where no limit is given, for contact
 may grow harder as a scene goes on. The median is what another program on the machine does not spoil; mean and 95th
-percentile tell of the slow frames that it hides. CPU seconds are of all threads of this process.
+percentile tell of the slow frames that it hides. CPU seconds are of all threads of this process, and not of the one
+that draws beside.
 """
 
 from __future__ import annotations
@@ -14,14 +15,13 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runtime.arrays import Array
+from runtime.dynamics.drawn_beside import DrawnBeside
 from runtime.dynamics.model import ReducedModel, SceneModel
 from runtime.dynamics.timings import PHASES
 
@@ -65,30 +65,11 @@ def measure(
     """Play up to n_steps, until ``at_most`` steps with contact are timed (None: all of them); None if there are none.
     beside: draw the surface of a step beside the next one, if the model is a reduced one."""
     if beside and isinstance(model, ReducedModel):
-        with ThreadPoolExecutor(1) as second:
-            drawer = _Drawer(model, second)
-            found = _measure(name, model, n_steps, at_most, drawer)
-            drawer.wait()
+        with DrawnBeside(model) as drawer:
+            found = _measure(name, model, n_steps, at_most, drawer.next)
+            drawer.last()
             return found
     return _measure(name, model, n_steps, at_most, model.surface_positions)
-
-
-class _Drawer:
-    """Draws surfaces on a second thread, one at a time; returns when the one before is there."""
-
-    def __init__(self, model: ReducedModel, second: ThreadPoolExecutor) -> None:
-        self._model, self._second = model, second
-        self._drawn: Future[Array] | None = None
-
-    def __call__(self, state: Any) -> None:
-        drawing = self._second.submit(self._model.surface_later(state))
-        self.wait()
-        self._drawn = drawing
-
-    def wait(self) -> None:
-        """For the one that is being drawn; raises what went wrong there."""
-        if self._drawn is not None:
-            self._drawn.result()
 
 
 def _warm_up(model: SceneModel, n_steps: int, draw: Callable[[Any], object]) -> None:

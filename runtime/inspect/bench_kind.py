@@ -26,7 +26,7 @@ def summarise(path: Path, part: Part) -> Summary:
             "bench": {
                 "scene": bench["scene"],
                 "Newton iterations a step, at most": bench["iterations"],
-                "threads": bench.get("threads", 1),
+                "cores used": bench.get("cores_used", 1),
                 **bench["sizes"],
             },
             **{f"model {speed['model']}": _numbers(speed) for speed in bench["speeds"]},

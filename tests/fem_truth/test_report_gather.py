@@ -80,7 +80,7 @@ def write_bench(folder, **changed) -> None:
         "scene": "press",
         "iterations": 40,
         "tolerance": 1e-6,
-        "threads": 2,
+        "cores_used": 2,
         "machine": {"processor": "a CPU", "cores": 2},
         "speeds": speeds,
     }
@@ -129,9 +129,9 @@ def test_speeds_are_those_of_bench_with_what_they_were_measured_under(tmp_path):
     assert "the scene \u201cpress\u201d" in page
     assert "beside the next step" in page
     assert "not measured" not in page
-    write_bench(tmp_path / "finger", threads=1)
+    write_bench(tmp_path / "finger", cores_used=1)
     gather([tmp_path / "finger"], tmp_path / "all.html")
-    assert "one thread" in (tmp_path / "all.html").read_text()
+    assert "one core" in (tmp_path / "all.html").read_text()
 
 
 def test_where_nothing_was_benchmarked_no_other_number_stands_in(tmp_path):

@@ -273,7 +273,7 @@ def test_what_a_bench_was_measured_under_stands_beside_it(summary):
     plots = dict.fromkeys(("phases", "quality"), "")
     assert "have not been timed here" in render_page(PageContent(summary, {}, plots, styles))
     speeds = {"columns": ["model", "slow"], "rows": [{"model": "ours", "slow": 0.025}]}
-    told = {"scene": "press", "tolerance": 1e-6, "iterations": 40, "threads": 2}
+    told = {"scene": "press", "tolerance": 1e-6, "iterations": 40, "cores_used": 2}
     bench = {"name": "bench", **speeds, "conditions": told}
     text = render_page(PageContent({**summary, "benchmarks": [bench]}, {}, plots, styles))
     assert "have not been timed here" not in text

@@ -15,8 +15,10 @@ from runtime.corrections.load_model import LoadModel, LoadModelOptions
 from runtime.corrections.near_loads import NearLoads
 from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
+from runtime.dynamics.drawn_beside import DrawnBeside
 from runtime.dynamics.model import ReducedModel
 from runtime.dynamics.speed import measure, speed_table
+from runtime.errors import SoftprintError
 
 STIFFNESS = 1e10  # N/m^4
 
@@ -44,28 +46,78 @@ def test_drawn_later_is_drawn_the_same(simulator):
     drawn = []
     for _ in range(5):
         state = simulator.step(state).state
-        drawn.append((simulator.surface_later(state), simulator.surface_positions(state)))
+        drawn.append((simulator.surface_snapshot(state), simulator.surface_positions(state)))
     assert np.abs(drawn[-1][1] - drawn[0][1]).max() > 1e-4  # something has moved
-    for later, at_once in drawn:
-        np.testing.assert_array_equal(later(), at_once)
+    for snapshot, at_once in drawn:
+        np.testing.assert_array_equal(simulator.surface_drawn(snapshot), at_once)
+
+
+def played(simulator, draw, frames=8):
+    """What is drawn of each frame."""
+    state, surfaces = simulator.rest_state(), []
+    for _ in range(frames):
+        state = simulator.step(state).state
+        surfaces.append(draw(state))
+    return surfaces
 
 
 def test_drawn_on_another_thread_while_steps_go_on(simulator):
-    def play(second):
-        state, surfaces = simulator.rest_state(), []
-        for _ in range(8):
-            state = simulator.step(state).state
-            later = simulator.surface_later(state)
-            surfaces.append(later() if second is None else second.submit(later))
-        return [surface if second is None else surface.result() for surface in surfaces]
-
-    alone = play(None)
+    alone = played(simulator, simulator.surface_positions)
     with ThreadPoolExecutor(1) as second:
-        beside = play(second)
+
+        def submitted(state):
+            return second.submit(simulator.surface_drawn, simulator.surface_snapshot(state))
+
+        beside = [surface.result() for surface in played(simulator, submitted)]
     np.testing.assert_array_equal(beside, alone)
 
 
-def test_measured_on_two_threads(simulator):
+def test_drawn_in_another_process_one_frame_late(simulator):
+    alone = played(simulator, simulator.surface_positions)
+    with DrawnBeside(simulator) as drawer:
+        first, *beside = played(simulator, drawer.next)
+        assert first is None
+        np.testing.assert_array_equal([*beside, drawer.last()], alone)
+        assert drawer.last() is None
+
+
+def test_two_may_draw_and_end_in_any_order(simulator):
+    state = simulator.step(simulator.rest_state()).state
+    drawers = [DrawnBeside(simulator) for _ in range(2)]
+    for drawer in drawers:
+        drawer.next(state)
+    for drawer in drawers:
+        np.testing.assert_array_equal(drawer.last(), simulator.surface_positions(state))
+        drawer.close()
+        drawer.close()
+
+
+def test_what_goes_wrong_in_the_other_process_is_told(simulator):
+    state = simulator.step(simulator.rest_state()).state
+    with DrawnBeside(simulator) as drawer:
+        drawer.next(state)
+        assert drawer.last() is not None
+        drawer._ours.send(simulator.surface_snapshot(state)._replace(rows="no numbers"))
+        drawer._waiting = True
+        with pytest.raises(Exception, match=r".+"):
+            drawer.last()
+        # And goes on.
+        drawer.next(state)
+        np.testing.assert_array_equal(drawer.last(), simulator.surface_positions(state))
+
+
+def test_a_process_that_was_killed_is_told(simulator):
+    state = simulator.step(simulator.rest_state()).state
+    with DrawnBeside(simulator) as drawer:
+        drawer.next(state)
+        drawer.last()
+        drawer._process.kill()
+        drawer._process.join()
+        with pytest.raises(SoftprintError, match="has ended"):
+            drawer.next(state)
+
+
+def test_measured_on_two_cores(simulator):
     model = ReducedModel(simulator, held=False)
     one, two = (measure("ours", model, 6, 4, beside) for beside in (False, True))
     assert one is not None
@@ -73,20 +125,6 @@ def test_measured_on_two_threads(simulator):
     assert (one.steps, two.steps) == (4, 4)
     assert two.converged == one.converged
     assert set(two.phases) == set(one.phases)
-
-
-def test_what_goes_wrong_on_the_other_thread_is_told(simulator, monkeypatch):
-    model = ReducedModel(simulator, held=False)
-
-    def broken():
-        raise ValueError("cannot draw")
-
-    later = model.surface_later
-    # The last of four frames, after one that warms up.
-    frames = iter([*4 * [later], lambda state: broken])
-    monkeypatch.setattr(model, "surface_later", lambda state: next(frames)(state))
-    with pytest.raises(ValueError, match="cannot draw"):
-        measure("ours", model, 6, 4, beside=True)
 
 
 def test_what_loads_were_given_stays_while_others_ask():

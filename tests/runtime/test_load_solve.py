@@ -24,9 +24,9 @@ def test_penetration_left_by_one_load_is_the_known_root(solve):
     solution = solve(single(depth))
     root = (np.sqrt(1 + 4 * product * depth) - 1) / (2 * product)
     assert solution.converged
-    # Solved to 1e-11 of the depth.
-    assert solution.left[0] == pytest.approx(root, rel=1e-6)
-    assert solution.moved[0, 2] == pytest.approx(depth - root, rel=1e-6)
+    # Solved to 1e-5 of the depth, of which the energy feels the square.
+    assert solution.left[0] == pytest.approx(root, rel=1e-5)
+    assert solution.moved[0, 2] == pytest.approx(depth - root, rel=1e-5)
     penalty = STIFFNESS * root**3 / 3
     dent = (depth - root) ** 2 / (2 * A)
     assert solution.energy == pytest.approx(penalty + dent, rel=1e-6)
@@ -58,9 +58,9 @@ def test_forces_and_displacements_are_in_balance(dim):
     loads = np.einsum("jab,ja->jb", problem.F, force)
     moved = np.einsum("jab,jb->ja", problem.F, (problem.compliance @ loads.ravel()).reshape(force.shape))
     scale = np.abs(found.moved).max()
-    # Solved to 1e-11 of the deepest penetration.
-    assert np.abs(moved - found.moved).max() < 1e-6 * scale
-    assert np.abs(force - found.force).max() < 1e-5 * np.abs(force).max()
+    # Solved to 1e-5 of the deepest penetration; pressure, a quadratic of what is left, amplifies it.
+    assert np.abs(moved - found.moved).max() < 1e-5 * scale
+    assert np.abs(force - found.force).max() < 1e-4 * np.abs(force).max()
     assert found.iterations <= 8
 
 
@@ -69,8 +69,8 @@ def test_both_ways_find_the_same(dim):
     problem = block(dim)
     newton, descent = problem.solve(), problem._descend()
     assert descent.converged
-    # Both solved to 1e-11 of the depth, which pressure, a quadratic of what is left, amplifies.
-    assert np.abs(newton.force - descent.force).max() < 1e-5 * np.abs(newton.force).max()
+    # Both solved to 1e-5 of the depth, which pressure amplifies.
+    assert np.abs(newton.force - descent.force).max() < 1e-4 * np.abs(newton.force).max()
     assert newton.energy == pytest.approx(descent.energy, rel=1e-6)
 
 

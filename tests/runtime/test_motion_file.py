@@ -214,11 +214,11 @@ def test_bench_prints_a_table_and_keeps_it(context):
     context.write = said.append
     assert BENCH.run(options(BENCH, "--model", "bare", "--iterations", "1", "--steps", "2"), context) == 0
     assert any(line.startswith("bare") for line in said)
-    assert json.loads((context.out_dir / "bench.json").read_text())["threads"] == 1
-    on_two = options(BENCH, "--model", "bare", "--steps", "2", "--threads", "2")
+    assert json.loads((context.out_dir / "bench.json").read_text())["cores_used"] == 1
+    on_two = options(BENCH, "--model", "bare", "--steps", "2", "--cores", "2")
     assert BENCH.run(on_two, context) == 0
     kept = json.loads((context.out_dir / "bench.json").read_text())
-    assert (kept["threads"], kept["speeds"][0]["steps"]) == (2, 2)
+    assert (kept["cores_used"], kept["speeds"][0]["steps"]) == (2, 2)
     assert kept["tolerance"] == context.experiment.dynamics.tolerance
     assert BENCH.run(options(BENCH, "--model", "bare"), context) == 0
     whole = json.loads((context.out_dir / "bench.json").read_text())["speeds"][0]
