@@ -22,7 +22,14 @@ from functools import cache, cached_property
 import numpy as np
 
 from runtime.arrays import Array, IntArray
-from runtime.body.rotations import frame_tangents, moved_frames, nearest_rotation, rotation_dofs, skew
+from runtime.body.rotations import (
+    frame_slopes,
+    frame_tangents,
+    moved_frames,
+    nearest_rotation,
+    rotation_dofs,
+    skew,
+)
 from runtime.errors import SoftprintError
 
 
@@ -157,6 +164,16 @@ class Handles:
         tangent[range(points), range(points)] = 1.0
         tangent.ravel()[self._of_frames] = self._frame_tangents(rows).ravel()
         return tangent
+
+    def pulled_back(self, rows: Array, gradient: Array) -> Array:
+        """T^T dE/drows (n_dofs,) of a gradient (n_rows, dim), without T."""
+        result, points = np.empty(self.n_dofs), self.n_points
+        result[: points * self.dim] = gradient[:points].ravel()
+        frames, slopes = (np.ascontiguousarray(self._frames_of(part)) for part in (rows, gradient))
+        result[points * self.dim :] = frame_slopes(
+            frames, self._pivots, slopes, _generators(self.dim)
+        ).ravel()
+        return result
 
     @cached_property
     def _of_frames(self) -> IntArray:

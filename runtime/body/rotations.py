@@ -51,6 +51,15 @@ def _exponential(w: Array) -> Array:
 
 
 @compiled
+def turned_on(rotations: Array, vectors: Array) -> Array:
+    """R exp(skew(w)) of rotations (n, dim, dim) and rotation vectors (n, spin) [rad]."""
+    result = np.empty_like(rotations)
+    for k in range(len(rotations)):
+        result[k] = rotations[k] @ _exponential(vectors[k])
+    return result
+
+
+@compiled
 def moved_frames(frames: Array, pivots: Array, steps: Array) -> Array:
     """R^T and t (n, dim+1, dim) of frames after steps (n, dim+spin) that move their pivots (n, dim) by u and turn about
     them by w: R' = exp(w) R and p' = p + u, with p = X_pivot R^T + t."""
@@ -87,6 +96,27 @@ def frame_tangents(frames: Array, pivots: Array, generators: Array) -> Array:
                     tangents[f, i, k, dim + s] = -turned
                     tangents[f, dim, k, dim + s] += pivots[f, i] * turned
     return tangents.reshape(n, (dim + 1) * dim, dim + len(generators))
+
+
+@compiled
+def frame_slopes(frames: Array, pivots: Array, slopes: Array, generators: Array) -> Array:
+    """dE by the frames' own steps (n, dim+spin), with slopes dE/d rows (n, dim+1, dim): the transposed of
+    `frame_tangents` times these."""
+    n, dim = pivots.shape
+    result = np.zeros((n, dim + len(generators)))
+    for f in range(n):
+        moment = np.zeros((dim, dim))
+        for k in range(dim):
+            result[f, k] = slopes[f, dim, k]
+            for i in range(dim):
+                levered = slopes[f, i, k] - pivots[f, i] * slopes[f, dim, k]
+                for j in range(dim):
+                    moment[j, k] += frames[f, i, j] * levered
+        for s in range(len(generators)):
+            for j in range(dim):
+                for k in range(dim):
+                    result[f, dim + s] -= generators[s, j, k] * moment[j, k]
+    return result
 
 
 def nearest_rotation(matrix: Array) -> Array:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from runtime.arrays import Array
-from runtime.body.rotations import rotation_exponential
+from runtime.body.rotations import rotation_exponential, turned_on
 from runtime.colliders.pose import RigidPose
 from runtime.compiled import compiled
 from runtime.errors import SoftprintError
@@ -102,3 +104,44 @@ def _along(times: Array, cubics: Array, spins: Array, time: float) -> tuple[int,
     since = t - times[k]
     position = ((cubics[0, k] * since + cubics[1, k]) * since + cubics[2, k]) * since + cubics[3, k]
     return k, position, since / (times[k + 1] - times[k]) * spins[k]
+
+
+class KeyframedPaths:
+    """Several paths of one body, asked together: a hand is led by one for each of its bones."""
+
+    def __init__(self, paths: Sequence[KeyframedPath]) -> None:
+        self._paths = tuple(paths)
+        # Keyframed in 3D at the same times, as a motion that was recorded is.
+        self._together = bool(paths) and all(
+            path.dim == 3 and not path._constant and np.array_equal(path.times, paths[0].times)
+            for path in paths
+        )
+        if self._together:
+            self._times = paths[0].times
+            self._cubics = np.stack([path._position.c for path in paths])
+            self._spins = np.stack([path._spins for path in paths])
+            self._turns = np.stack([path._turns for path in paths])
+
+    def poses(self, time: float) -> tuple[Array, Array]:
+        """Rotations (n, dim, dim) and positions (n, dim) [m] at `time` [s]."""
+        if self._together:
+            begin, positions, turned = _all_along(
+                self._times, self._cubics, self._spins, self._turns, float(time)
+            )
+            return turned_on(begin, turned), positions
+        poses = [path.pose(time) for path in self._paths]
+        return np.array([pose.rotation for pose in poses]), np.array([pose.translation for pose in poses])
+
+
+@compiled
+def _all_along(
+    times: Array, cubics: Array, spins: Array, turns: Array, time: float
+) -> tuple[Array, Array, Array]:
+    """See `_along`, of n paths: cubics (n, 4, k-1, 3), spins (n, k-1, 3), turns (n, k, 3, 3), of which those (n, 3, 3)
+    where the interval begins come first."""
+    n = len(turns)
+    begin, positions, turned = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
+    for path in range(n):
+        k, positions[path], turned[path] = _along(times, cubics[path], spins[path], time)
+        begin[path] = turns[path, k]
+    return begin, positions, turned

@@ -312,16 +312,16 @@ class LoadProbe:
 
     def _holding(self, around: LoadsAround, held: HeldLoads, rows: Array, turn: Array) -> LoadsAround:
         """With the loads held, of no depth where neither any is inside nor any pushed in."""
-        lost = ~load_kernels.are_among(held.index, around.index)
-        if around.depth == 0.0 and not held.pushed_in(self.points.surface_normal[held.index]).any():
+        if around.depth == 0.0 and not held.pushed_in(self.points.surface_normal).any():
             return around
         around = replace(around, depth=max(around.depth, held.moved))
         around = around.with_bearing(load_kernels.are_among(around.index, held.index))
-        if not lost.any():
+        there = load_kernels.are_among(held.index, around.index)
+        if there.all():
             return around
-        beyond = held.take(lost)
-        beyond = beyond.take(beyond.pushed_in(self.points.surface_normal[beyond.index]))
-        return around.joined_by(beyond.index, self.loads.positions(rows, turn, beyond.index))
+        lost = held.take(~there)
+        kept = lost.index[lost.pushed_in(self.points.surface_normal)]
+        return around.joined_by(kept, self.loads.positions(rows, turn, kept)) if kept.size else around
 
     def problem(self, rows: Array, around: LoadsAround, distance: LoadsDistance) -> LoadProblem:
         """Of the loads that could bear pressure; distance: of all around."""

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import SdfDerivatives
-from runtime.corrections import load_step
+from runtime.corrections import load_kernels, load_step
 
 log = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ class LoadSolution:
     @cached_property
     def farthest(self) -> float:
         """How far loads that bear pressure are moved at most [m]."""
-        return float(np.sqrt((self.moved[self.bearing] ** 2).sum(axis=1).max(initial=0.0)))
+        return load_kernels.farthest(self.moved, self.bearing)
 
     def joined_by(self, old: BoolArray) -> tuple[Array, Array]:
         """Penetrations (n,) and normals (n, dim) to start from where the m loads have become n, of which these are the

@@ -10,6 +10,7 @@ import numpy as np
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
+from runtime.corrections import load_kernels
 
 
 class LoadsDistance(Protocol):
@@ -59,9 +60,8 @@ class HeldLoads:
 
     def pushed_in(self, surface_normal: Array) -> BoolArray:
         """Which of them (k,) are pushed into the body, as by a collider that has not got to the wrong side of the
-        surface: N . F^-1 g < 0, N being the normals (k, dim) of the surface at rest."""
-        unstrained = np.linalg.solve(self.F, self.normal[..., None])[..., 0]
-        return np.asarray((surface_normal * unstrained).sum(axis=1) < 0.0)
+        surface: cof(F) N . g < 0, N being the normals of the surface (n_loads, dim) at rest."""
+        return load_kernels.pushed_in(self.F, surface_normal, self.index, self.normal)
 
 
 @dataclass(frozen=True, eq=False)

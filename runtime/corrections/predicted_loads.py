@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
 from runtime.compiled import compiled
-from runtime.corrections import load_step
 from runtime.corrections.load_solve import LoadProblem
 
 if TYPE_CHECKING:
@@ -44,13 +43,12 @@ def predicted_loads(
     g, pressure = solution.normal, solution.pressure
     turns = np.ascontiguousarray(np.broadcast_to(turns, (len(g), *turns.shape[-2:])))
     at = _places(press.index, index)
-    moved, F = _carried(at, problem.position, problem.F, there.position, there.F, solution.given, follows)
+    positions = problem.position, problem.F, there.position, there.F
+    moved, turned = _carried(at, *positions, solution.given, follows, pressure, g, turns, b)
     if np.abs(moved[b]).max(initial=0.0) > _TOO_FAR * there.depth:
         return None
     if b.size:
-        before = load_step.pulled_back(there.F[b], pressure[b], g[b])
-        after = load_step.pulled_back(F[b], pressure[b], load_step.moved_by(turns[b], g[b]))
-        given = press.factor.carried(press.factor.given((after - before).reshape(-1, 1)))
+        given = press.factor.carried(press.factor.given(turned.reshape(-1, 1)))
         moved[b] = press.factor.soften(moved[b].reshape(-1, 1) + given).reshape(len(b), -1)
     state = solution.left, pressure, g, solution.curvature
     return _start(at, *state, moved, turns, problem.F, problem.stiffness, problem.compliance)
@@ -69,20 +67,39 @@ def _places(loads: IntArray, index: IntArray) -> IntArray:
 
 @compiled
 def _carried(
-    at: IntArray, x: Array, F: Array, x_before: Array, F_before: Array, v: Array, follows: Array
+    at: IntArray,
+    x: Array,
+    F: Array,
+    x_before: Array,
+    F_before: Array,
+    v: Array,
+    follows: Array,
+    pressure: Array,
+    g: Array,
+    turns: Array,
+    bearing: IntArray,
 ) -> tuple[Array, Array]:
-    """dx + dF v - dc (m, dim) and F + dF (m, dim, dim) of the m loads before; those that are no longer asked for count
-    as if they had gone with the collider."""
-    moved, F_now = np.zeros(v.shape), F_before.copy()
-    for j in range(len(at)):
+    """dx + dF v - dc (m, dim) of the m loads before, and dphi (k, dim) of those that bore pressure; those that are no
+    longer asked for count as if they had gone with the collider."""
+    m, dim = v.shape
+    moved, turned = np.zeros((m, dim)), np.zeros((len(bearing), dim))
+    for j in range(m):
         if at[j] < 0:
             continue
-        F_now[j] = F[at[j]]
-        for a in range(v.shape[1]):
+        for a in range(dim):
             moved[j, a] = x[at[j], a] - x_before[j, a] - follows[j, a]
-            for b in range(v.shape[1]):
+            for b in range(dim):
                 moved[j, a] += (F[at[j], a, b] - F_before[j, a, b]) * v[j, b]
-    return moved, F_now
+    for k, j in enumerate(bearing):
+        if at[j] < 0:
+            continue
+        for a in range(dim):
+            along = 0.0
+            for b in range(dim):
+                along += turns[j, a, b] * g[j, b]
+            for b in range(dim):
+                turned[k, b] += pressure[j] * (F[at[j], a, b] * along - F_before[j, a, b] * g[j, a])
+    return moved, turned
 
 
 @compiled

@@ -15,7 +15,8 @@ import numpy as np
 
 from runtime.arrays import Array
 from runtime.body.handles import Handles
-from runtime.colliders.path import KeyframedPath
+from runtime.colliders.path import KeyframedPath, KeyframedPaths
+from runtime.compiled import summing
 from runtime.errors import SoftprintError
 
 
@@ -56,7 +57,7 @@ class QuadraticForm:
         return cls(matrix, linear, 0.5 * float(np.vdot(centre, linear)))
 
     def energy(self, rows: Array) -> float:
-        return float(0.5 * np.vdot(rows, self.matrix @ rows) - np.vdot(self.linear, rows) + self.constant)
+        return _energy(self.matrix, self.linear, rows) + self.constant
 
     def gradient(self, rows: Array) -> Array:
         return self.matrix @ rows - self.linear
@@ -66,7 +67,8 @@ class Springs:
     """All springs of a body together."""
 
     def __init__(self, springs: Sequence[HandleSpring], handles: Handles) -> None:
-        self._springs, self._dim, n_rows = tuple(springs), handles.dim, handles.n_rows
+        self._dim, n_rows = handles.dim, handles.n_rows
+        self._targets = KeyframedPaths([spring.target for spring in springs])
         self._matrix = np.zeros((n_rows, n_rows))
         # Of every spring the weights of the rows in what it pulls at, times its stiffness; and of the rows of R^T.
         self._pulled = np.zeros((len(springs), n_rows))
@@ -85,13 +87,28 @@ class Springs:
     def form(self, time: float) -> QuadraticForm:
         """With their targets at ``time`` [s]."""
         dim = self._dim
-        poses = [spring.target.pose(time) for spring in self._springs]
-        targets = np.array([pose.translation for pose in poses]).reshape(-1, dim)
-        turns = np.array([pose.rotation for pose in poses]).reshape(-1, dim, dim)
+        turns, targets = self._targets.poses(time)
+        turns, targets = turns.reshape(-1, dim, dim), targets.reshape(-1, dim)
         linear = self._pulled.T @ targets
         linear += self._turned.reshape(-1, len(linear)).T @ turns.transpose(0, 2, 1).reshape(-1, dim)
         constant = self._constant + 0.5 * float(self._stiffness @ (targets**2).sum(axis=1))
         return QuadraticForm(self._matrix, linear, constant)
+
+
+@summing
+def _energy(matrix: Array, linear: Array, rows: Array) -> float:
+    """1/2 tr(rows^T matrix rows) - tr(linear^T rows)."""
+    n, dim = rows.shape
+    total, along = 0.0, np.empty(dim)
+    for r in range(n):
+        along[:] = 0.0
+        for s in range(n):
+            share = matrix[r, s]
+            for a in range(dim):
+                along[a] += share * rows[s, a]
+        for a in range(dim):
+            total += rows[r, a] * (0.5 * along[a] - linear[r, a])
+    return total
 
 
 def _position_weights(handles: Handles, spring: HandleSpring) -> Array:

@@ -155,12 +155,17 @@ class StepEnergy:
         with self._timings.elastic:
             _, elastic, _ = self._elastic.linearise(x.rows, self.turn, None)
         with self._timings.solve:
-            return (self._quadratic.gradient(x.rows) + elastic).ravel() @ self._tangent(x.rows) + contact
+            return self._pulled_back(x.rows, self._quadratic.gradient(x.rows) + elastic) + contact
 
     def _tangent(self, rows: Array) -> Array:
         """T (n_rows*dim, n_free)."""
         tangent = self._handles.tangent(rows)
         return (tangent if self._all_free else tangent[:, self._free]) * self._units
+
+    def _pulled_back(self, rows: Array, gradient: Array) -> Array:
+        """T^T dE/drows (n_free,)."""
+        by_dofs = self._handles.pulled_back(rows, gradient)
+        return (by_dofs if self._all_free else by_dofs[self._free]) * self._units
 
     def contacts(self, at: Evaluation) -> tuple[float, float, dict[str, ContactForce]]:
         """Contact energy and friction energy [J], those among colliders too; the force of the body on each
@@ -201,11 +206,8 @@ class StepEnergy:
         self._latest = Evaluation(x, surface, elastic)
         with self._timings.solve:
             quadratic_gradient = self._quadratic.gradient(rows)
-            tangent = self._tangent(rows)
-            along = None if self._straight else tangent
-            parts: list[Array] = [
-                part.ravel() @ tangent for part in (quadratic_gradient, elastic_gradient, contact_gradient)
-            ]
+            gradients = quadratic_gradient, elastic_gradient, contact_gradient
+            parts = [self._pulled_back(rows, part) for part in gradients]
             slope = quadratic_gradient + elastic_gradient + contact_gradient
 
         if self._step is None and self._colliders is None and not self._points.corrected:
@@ -213,6 +215,7 @@ class StepEnergy:
 
         def hessian() -> Array:
             with self._timings.solve:
+                along = None if self._straight else self._tangent(rows)
                 curvature = self._handles.curvature(rows, slope)[np.ix_(self._free, self._free)]
                 by_rows = self._blocks if contact_hessian is None else self._blocks + contact_hessian
                 total = known_hessian(by_rows)(along) + self._units[:, None] * curvature * self._units
@@ -234,7 +237,7 @@ class StepEnergy:
         )
         if self._colliders is not None:
             found = self._colliders.joined(
-                found, poses, [*couplings, *more], links, tangent, relag, self._timings
+                found, poses, [*couplings, *more], links, self._tangent(rows), relag, self._timings
             )
         self._relags_left -= 1
         return found

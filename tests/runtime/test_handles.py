@@ -83,6 +83,11 @@ def test_tangent_is_the_derivative_of_the_retraction(dim):
         for axis in np.eye(handles.n_dofs)
     ]
     np.testing.assert_allclose(handles.tangent(rows), np.column_stack(differences), atol=1e-9)
+    gradient = rng.normal(size=rows.shape)
+    # Round-off.
+    np.testing.assert_allclose(
+        handles.pulled_back(rows, gradient), gradient.ravel() @ handles.tangent(rows), atol=1e-13
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])

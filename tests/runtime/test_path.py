@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
-from runtime.colliders.path import KeyframedPath
+from runtime.colliders.path import KeyframedPath, KeyframedPaths
 from runtime.colliders.pose import RigidPose
 from runtime.errors import SoftprintError
 
@@ -81,3 +81,19 @@ def test_constant_path():
 def test_refusals(times, positions, rotations, message):
     with pytest.raises(SoftprintError, match=message):
         KeyframedPath(times, positions, rotations)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_paths_together_are_the_paths_one_by_one(dim):
+    """Of the same times, as of a recorded motion, and mixed with one that stays."""
+    rng = np.random.default_rng(6)
+    spin = 1 if dim == 2 else 3
+    alike = [KeyframedPath(TIMES, rng.normal(size=(3, dim)), rng.normal(size=(3, spin))) for _ in range(4)]
+    for paths in (alike, [*alike, KeyframedPath([1.0], rng.normal(size=(1, dim)))]):
+        for time in (-1.0, 0.0, 0.3, 0.5, 1.7, 2.0, 3.0):
+            rotations, positions = KeyframedPaths(paths).poses(time)
+            for path, rotation, position in zip(paths, rotations, positions, strict=True):
+                pose = path.pose(time)
+                # Round-off of a product of rotations.
+                np.testing.assert_allclose(rotation, pose.rotation, atol=1e-14)
+                np.testing.assert_allclose(position, pose.translation, atol=1e-14)
