@@ -17,7 +17,9 @@ from runtime.colliders.pose import RigidPose
 from runtime.corrections.carried_normal import SHORTEST
 from runtime.corrections.joint_press import JointPress
 from runtime.corrections.load_inputs import RANGE, inputs_around, load_inputs
+from runtime.corrections.load_kernels import are_among
 from runtime.corrections.load_press import LoadPress, LoadProbe
+from runtime.corrections.loads_around import LoadsAround
 from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.elasticity.invariants import cofactor
 
@@ -103,11 +105,15 @@ class ContactLoadsProbe:
         if joint is None:
             press = self.loads.press(rows, pose, turn)
             return None if press is None else self._alone(press, rows, pose)
-        name = self.collider.name
+        name, press = self.collider.name, joint.press
+        mine = joint.borne_by(name)
         around = self.loads.around(rows, pose, turn, held=joint.held_by(name))
-        if around is None:
+        if around is None and not mine.any():
             return None
-        press, mine = joint.press, joint.borne_by(name)
+        around = around or LoadsAround.nowhere(rows.shape[1])
+        # What the collider holds that it does not push in is about it, too.
+        missed = mine & ~are_among(press.pressed, around.index)
+        around = around.joined_by(press.pressed[missed], press.problem.position[press.bearing[missed]])
         return UnmeasuredLoads(rows, pose, around.index, around.position, press.pressed, press.load, mine)
 
     def _alone(self, press: LoadPress, rows: Array, pose: RigidPose) -> UnmeasuredLoads:

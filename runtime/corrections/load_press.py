@@ -54,9 +54,9 @@ Surroundings = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class LoadPress:
-    """rows, turn, pose: of the state of these loads; around: those within the band around the collider, undisplaced at
-    around_position (.., dim) [m]; index: (m,) those of them that could bear pressure, the problem of these and its
-    solution; k of them do bear pressure."""
+    """rows, turn, pose: of the state of these loads; around: those within the band around the collider or held by it,
+    undisplaced at around_position (.., dim) [m]; index: (m,) those of them that could bear pressure, the problem of
+    these and its solution; k of them do bear pressure."""
 
     loads: MovingLoads
     rows: Array

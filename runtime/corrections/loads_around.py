@@ -75,6 +75,12 @@ class LoadsAround:
     depth: float
     could_bear: BoolArray
 
+    @classmethod
+    def nowhere(cls, dim: int) -> LoadsAround:
+        """No loads."""
+        none = np.empty(0)
+        return cls(none.astype(np.int64), none, np.empty((0, dim)), 0.0, none.astype(bool))
+
     def joined_by(self, index: IntArray, position: Array) -> LoadsAround:
         """With other loads (m,), ascending, that could bear pressure wherever they are undisplaced, which counts as at
         the surface."""

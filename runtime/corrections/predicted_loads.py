@@ -145,5 +145,6 @@ def _start(
         for a in range(dim):
             for b in range(dim):
                 gives += n[a] * G[i * dim + a, i * dim + b] * n[b]
-        e[i] = np.sqrt((left[j] - along) / (stiffness[i] * gives))
+        if gives > 0.0:
+            e[i] = np.sqrt((left[j] - along) / (stiffness[i] * gives))
     return e, g

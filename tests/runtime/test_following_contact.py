@@ -99,6 +99,16 @@ def test_together_with_others_it_is_not_let_go_either(jelly2d_body, pressed):
         energy = alone.linearise(rows, poses, rows)[0]
         assert energy > 0.0
         assert together.linearise(rows, poses, rows)[0] == pytest.approx(energy, rel=1e-6)
+    # What is drawn of it, too, knows of all loads that bear pressure.
+    rod, mechanics = pressed
+    joint = together.probe.press(rows, poses, rows)
+    measured = ContactLoadsProbe(jelly2d_body, rod, mechanics, STIFFNESS, BAND).measure(
+        rows, poses["rod"], rows, joint
+    )
+    assert set(joint.press.pressed) <= set(measured.index)
+    np.testing.assert_array_equal(
+        measured.load[np.isin(measured.index, joint.press.pressed)], joint.press.load
+    )
 
 
 def test_what_comes_in_past_the_middle_stays_on_its_side(jelly2d_body, pressed):
