@@ -50,13 +50,15 @@ class _Held(NamedTuple):
 
 
 class _Strained(NamedTuple):
-    """A body at handle rows and turn: by how much they differ (n_rows*dim,), F of the cells, and E [J]."""
+    """A body at handle rows and turn: F of the cells, E [J], the stress w P of the cells, and the slope of what the
+    cubature misses (n_rows*dim,)."""
 
     rows: Array
     turn: Array
-    change: Array
     F: Array
     energy: float
+    stress: Array
+    missed: Array
 
     def is_at(self, rows: Array, turn: Array) -> bool:
         return same(self.rows, rows) and same(self.turn, turn)
@@ -96,16 +98,15 @@ class InternalElasticEnergy:
         held, elasticity = self._at(turn), self._elasticity
         missed = held.missed
         at = self._strained(rows, turn, self._points.scatter(field))
-        stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(at.F)
-        slope = missed.slope + missed.stiffness @ at.change
+        stress = at.stress
         of_cells: RowHessian
         if field is None:
-            slope += self._blocks.gathered(held.B, stress)
+            slope = at.missed + self._blocks.gathered(held.B, stress)
             of_cells = partial(self._stiffness, held, at.F)
         else:
             shape = *at.F.shape, *rows.shape
             B = with_field(self._blocks.dense(held.B).reshape(shape), elasticity, self._points, field)
-            slope += stress.ravel() @ B.reshape(stress.size, -1)
+            slope = at.missed + stress.ravel() @ B.reshape(stress.size, -1)
             of_cells = known_hessian(elasticity.general_hessian(at.F, B))
 
         def hessian(along: Array | None = None) -> Array:
@@ -148,8 +149,12 @@ class InternalElasticEnergy:
         F = held.F + self._blocks.times(held.B, change) if change.any() else held.F
         if displacement is not None:
             F = F + self._elasticity.correction_gradients(displacement)
-        energy = missed.value + change @ (missed.slope + 0.5 * (missed.stiffness @ change))
-        found = _Strained(rows.copy(), turn.copy(), change, F, self._elasticity.energy(F) + float(energy))
+        elasticity, pull = self._elasticity, missed.stiffness @ change
+        energy = missed.value + float(change @ (missed.slope + 0.5 * pull))
+        density, stress = elasticity.material.energy_and_stress(F)
+        stress *= elasticity.weights[:, None, None]
+        energy += float(elasticity.weights @ density)
+        found = _Strained(rows.copy(), turn.copy(), F, energy, stress, missed.slope + pull)
         if displacement is None:
             self._last = found
         return found

@@ -1,5 +1,4 @@
-"""The invariants I_C = F:F and J = det F of deformation gradients F (n, dim, dim), the derivative of J, and the stress
-of what is a function of both."""
+"""The invariants I_C = F:F and J = det F of deformation gradients F (n, dim, dim), and the derivative of J."""
 
 from __future__ import annotations
 
@@ -64,16 +63,4 @@ def cofactor(F: Floats) -> Array:
         for i in range(dim):
             for j in range(dim):
                 result[c, i, j] = _cofactor(F[c], i, j)
-    return result
-
-
-@compiled
-def isotropic_stress(F: Floats, stretch: Array, pressure: Array) -> Array:
-    """stretch F + pressure dJ/dF (n, dim, dim), both (n,): what a function of I_C and J has for a derivative."""
-    n, dim = F.shape[:2]
-    result = np.empty((n, dim, dim))
-    for c in range(n):
-        for i in range(dim):
-            for j in range(dim):
-                result[c, i, j] = stretch[c] * F[c, i, j] + pressure[c] * _cofactor(F[c], i, j)
     return result

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.arrays import Array, BoolArray, IntArray
-from runtime.elasticity.invariants import cofactor, determinant, first_invariant, isotropic_stress
+from runtime.compiled import compiled
+from runtime.elasticity.invariants import cofactor, determinant, first_invariant
 from runtime.elasticity.tangent_kernel import isotropic_tangent
 from runtime.errors import SoftprintError
 
@@ -78,6 +79,10 @@ class Material(ABC):
     def first_piola(self, F: Array) -> Array:
         """P (n, dim, dim) [Pa], zero at rest."""
 
+    def energy_and_stress(self, F: Array) -> tuple[Array, Array]:
+        """Both at once."""
+        return self.energy_density(F), self.first_piola(F)
+
     @abstractmethod
     def tangent(self, F: Array) -> Array:
         """A (n, dim, dim, dim, dim) [Pa] with A_ijkl = dP_ij/dF_kl = A_klij."""
@@ -116,14 +121,14 @@ class StableNeoHookean(Material):
         return self._lam
 
     def energy_density(self, F: Array) -> Array:
-        trace, volume = first_invariant(F), determinant(F) - 1.0
-        shear = 0.5 * (trace - 3.0) - 0.5 * np.log((trace + 1.0) / 4.0) - 0.75 * volume
-        return self.mu * shear + 0.5 * self.lam * volume**2
+        return self.energy_and_stress(F)[0]
 
     def first_piola(self, F: Array) -> Array:
-        stretch = self.mu * (1.0 - 1.0 / (first_invariant(F) + 1.0))
-        pressure = self.lam * (determinant(F) - 1.0) - 0.75 * self.mu
-        return isotropic_stress(F, stretch, pressure)
+        return self.energy_and_stress(F)[1]
+
+    def energy_and_stress(self, F: Array) -> tuple[Array, Array]:
+        mu, lam = np.broadcast_to(self.mu, len(F)), np.broadcast_to(self.lam, len(F))
+        return _stable_energy_and_stress(F, mu, lam)
 
     def tangent(self, F: Array) -> Array:
         barrier = 1.0 / (first_invariant(F) + 1.0)
@@ -137,6 +142,35 @@ class StableNeoHookean(Material):
             np.broadcast_to(self.lam, stretch.shape),
             pressure,
         )
+
+
+@compiled
+def _stable_energy_and_stress(F: Array, mu: Array, lam: Array) -> tuple[Array, Array]:
+    """Psi (n,) and P (n, dim, dim) of `StableNeoHookean`."""
+    n, dim = F.shape[:2]
+    energy, stress = np.empty(n), np.empty((n, dim, dim))
+    for c in range(n):
+        f, dJ = F[c], stress[c]
+        if dim == 2:
+            dJ[0, 0], dJ[0, 1], dJ[1, 0], dJ[1, 1] = f[1, 1], -f[1, 0], -f[0, 1], f[0, 0]
+        else:
+            for i in range(3):
+                a, b = (i + 1) % 3, (i + 2) % 3
+                for j in range(3):
+                    k, m = (j + 1) % 3, (j + 2) % 3
+                    dJ[i, j] = f[a, k] * f[b, m] - f[a, m] * f[b, k]
+        trace, volume = 3.0 - dim, -1.0
+        for j in range(dim):
+            volume += f[0, j] * dJ[0, j]
+            for i in range(dim):
+                trace += f[i, j] * f[i, j]
+        shear = 0.5 * (trace - 3.0) - 0.5 * np.log((trace + 1.0) / 4.0) - 0.75 * volume
+        energy[c] = mu[c] * shear + 0.5 * lam[c] * volume**2
+        stretch, pressure = mu[c] * (1.0 - 1.0 / (trace + 1.0)), lam[c] * volume - 0.75 * mu[c]
+        for i in range(dim):
+            for j in range(dim):
+                stress[c, i, j] = stretch * f[i, j] + pressure * dJ[i, j]
+    return energy, stress
 
 
 class NeoHookean(Material):
