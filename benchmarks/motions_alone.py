@@ -1,0 +1,60 @@
+"""How far models that run alone are from full space, and from the force with which it meets a collider.
+
+    python -m benchmarks.motions_alone FULL.h5 MOTION.h5 ...
+
+Motions of one scene, as `softprint simulate` leaves them in RUN/motions. RMS over all nodes, and over the frames where
+full space is in contact: sqrt(mean |x - x_full|^2) and, for every collider, sqrt(mean |f - f_full|^2), with what
+|f_full| is; Newton iterations a step, and the share of all steps that converged.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from runtime.arrays import Array, IntArray
+from runtime.dynamics.motion_file import Motion, load_motion
+from runtime.errors import SoftprintError
+
+
+def rms(vectors: Array) -> float:
+    """sqrt(mean |v|^2) of vectors (..., dim)."""
+    return float(np.sqrt(np.square(vectors, dtype=np.float64).sum(axis=-1).mean()))
+
+
+def row(motion: Motion, full: Motion, frames: IntArray) -> list[str]:
+    """One line of the table: of the frames given."""
+    if motion.scene != full.scene or motion.n_frames != full.n_frames:
+        raise SoftprintError(f"the motions are not of one scene and length: {motion.scene}, {full.scene}")
+    off = [rms(motion.positions(frame) - full.positions(frame)) for frame in frames]
+    cells = [motion.model, f"{1e3 * np.sqrt(np.mean(np.square(off))):.2f}"]
+    for name, track in full.colliders.items():
+        missed = motion.colliders[name].force[frames] - track.force[frames]
+        cells.append(f"{rms(missed):.2f} of {rms(track.force[frames]):.2f}")
+    return [*cells, f"{motion.iterations[1:].mean():.2f}", f"{motion.converged[1:].mean():.1%}"]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Prints a table in Markdown."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("full", type=Path, metavar="FULL.h5")
+    parser.add_argument("motions", type=Path, nargs="+", metavar="MOTION.h5")
+    options = parser.parse_args(arguments)
+    full = load_motion(options.full)
+    touched = np.flatnonzero(full.penetration > 0.0)
+    if not touched.size:
+        raise SoftprintError(f"{options.full}: nothing is touched in this motion")
+    heads = ["model", "mm from full space", *(f"force on {name}, N off" for name in full.colliders)]
+    print("| " + " | ".join([*heads, "Newton", "converged"]) + " |")
+    print("| --- " * (len(heads) + 2) + "|")
+    for path in options.motions:
+        print("| " + " | ".join(row(load_motion(path), full, touched)) + " |")
+
+
+if __name__ == "__main__":
+    main()
