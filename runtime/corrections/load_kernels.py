@@ -35,14 +35,20 @@ def within(
 
 
 @compiled
-def are_among(index: IntArray, others: IntArray) -> BoolArray:
-    """Which of `index` (n,) are among the others (m,), both ascending."""
-    found, at = np.zeros(len(index), dtype=np.bool_), 0
-    for i in range(len(index)):
-        while at < len(others) and others[at] < index[i]:
+def places(loads: IntArray, among: IntArray) -> IntArray:
+    """Where the loads (n,) are among others (m,), both ascending; -1 for those that are not."""
+    found, at = np.empty(len(loads), dtype=np.int64), 0
+    for i in range(len(loads)):
+        while at < len(among) and among[at] < loads[i]:
             at += 1
-        found[i] = at < len(others) and others[at] == index[i]
+        found[i] = at if at < len(among) and among[at] == loads[i] else -1
     return found
+
+
+@compiled
+def are_among(loads: IntArray, others: IntArray) -> BoolArray:
+    """Which of the loads (n,) are among the others (m,), both ascending."""
+    return places(loads, others) >= 0
 
 
 @compiled

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
 from runtime.compiled import compiled
+from runtime.corrections.load_kernels import places
 from runtime.corrections.load_solve import LoadProblem
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def predicted_loads(
     b, there, solution = press.bearing, press.problem, press.solution
     g, pressure = solution.normal, solution.pressure
     turns = np.ascontiguousarray(np.broadcast_to(turns, (len(g), *turns.shape[-2:])))
-    at = _places(press.index, index)
+    at = places(press.index, index)
     positions = problem.position, problem.F, there.position, there.F
     moved, turned = _carried(at, *positions, solution.given, follows, pressure, g, turns, b)
     if np.abs(moved[b]).max(initial=0.0) > _TOO_FAR * there.depth:
@@ -52,17 +53,6 @@ def predicted_loads(
         moved[b] = press.factor.soften(moved[b].reshape(-1, 1) + given).reshape(len(b), -1)
     state = solution.left, pressure, g, solution.curvature
     return _start(at, *state, moved, turns, problem.F, problem.stiffness, problem.compliance)
-
-
-@compiled
-def _places(loads: IntArray, index: IntArray) -> IntArray:
-    """Where the loads (m,) are in `index`, both ascending; -1 for those that are not."""
-    found, at = np.empty(len(loads), dtype=np.int64), 0
-    for j in range(len(loads)):
-        while at < len(index) and index[at] < loads[j]:
-            at += 1
-        found[j] = at if at < len(index) and index[at] == loads[j] else -1
-    return found
 
 
 @compiled
