@@ -16,18 +16,16 @@ for the nearest way out of where it is now may be on the other side of a thin wa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
 from runtime.compiled import compiled
+from runtime.corrections.load_factor import LoadFactor
 from runtime.corrections.load_kernels import places
-from runtime.corrections.load_solve import LoadProblem
-
-if TYPE_CHECKING:
-    from runtime.corrections.load_press import LoadPress
+from runtime.corrections.load_solve import LoadProblem, LoadSolution
 
 Floats = NDArray[np.floating[Any]]
 
@@ -35,8 +33,27 @@ Floats = NDArray[np.floating[Any]]
 _TOO_FAR = 2.0
 
 
+class Pressed(Protocol):
+    """The loads `index` (m,) in balance, k of them bearing pressure: a `LoadPress`."""
+
+    @property
+    def index(self) -> IntArray: ...
+
+    @property
+    def problem(self) -> LoadProblem: ...
+
+    @property
+    def solution(self) -> LoadSolution: ...
+
+    @property
+    def bearing(self) -> IntArray: ...
+
+    @property
+    def factor(self) -> LoadFactor: ...
+
+
 def predicted_loads(
-    press: LoadPress, index: IntArray, problem: LoadProblem, follows: Array, turns: Array
+    press: Pressed, index: IntArray, problem: LoadProblem, follows: Array, turns: Array
 ) -> tuple[Array, Array] | None:
     """Penetrations (n,) and normals (n, dim) of the loads `index` (n,), those of the problem; None for a state too far
     away. press: of the state nearby, of m loads; follows: dc (m, dim) [m]; turns: T (dim, dim) or (m, dim, dim)."""
