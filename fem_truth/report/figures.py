@@ -128,7 +128,7 @@ def phases(
                 width = milliseconds[key].get(phase, 0.0)
                 axes.barh(row, width, left=left, height=0.62, color=paint(row), alpha=tint, linewidth=0)
                 left += width
-            axes.text(left, row, f"  {left:.3g} ms", va="center", ha="left")
+            axes.text(left, row, f"  {left:.{3 if left < 1000 else 4}g} ms", va="center", ha="left")
         axes.set_yticks(range(len(models)), [styles[key].label for key in models])
         axes.invert_yaxis()
         axes.set_xlabel("milliseconds a step, mean over the steps in contact")
