@@ -52,10 +52,7 @@ class DrawnBeside:
         if self._process is None:
             self._start(self._model.surface_drawn(snapshot))
         drawn = self.last()
-        try:
-            self._ours.send(snapshot)
-        except ConnectionError:
-            raise SoftprintError(_ENDED) from None
+        self._send(snapshot)
         self._waiting = True
         return drawn
 
@@ -76,8 +73,8 @@ class DrawnBeside:
         """Ends the process."""
         if self._process is None:
             return
-        with suppress(ConnectionError):
-            self._ours.send(None)
+        with suppress(SoftprintError):
+            self._send(None)
         self._ours.close()
         self._process.join()
         self._process = None
@@ -89,6 +86,15 @@ class DrawnBeside:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _send(self, snapshot: Snapshot | None) -> None:
+        # Asked first, for writing to no one is a signal, by which PETSc, where it is loaded, ends this process.
+        if self._process is None or not self._process.is_alive():
+            raise SoftprintError(_ENDED)
+        try:
+            self._ours.send(snapshot)
+        except ConnectionError:
+            raise SoftprintError(_ENDED) from None
 
     def _start(self, surface: Array) -> None:
         """What a first drawing prepares or compiles is there before the process is copied."""

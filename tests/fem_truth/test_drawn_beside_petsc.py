@@ -1,0 +1,31 @@
+"""Surfaces drawn beside, in a process that has PETSc, which takes signals for errors."""
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+from runtime.dynamics import DrawnBeside
+from runtime.errors import SoftprintError
+
+
+class Doubled:
+    """Draws twice the state."""
+
+    def surface_snapshot(self, state):
+        return state
+
+    def surface_drawn(self, snapshot):
+        return 2.0 * snapshot
+
+
+def test_a_drawing_process_that_was_killed_does_not_take_this_one_along():
+    assert PETSc.COMM_WORLD.size == 1
+    state = np.arange(6.0).reshape(2, 3)
+    with DrawnBeside(Doubled()) as drawer:
+        assert drawer.next(state) is None
+        np.testing.assert_array_equal(drawer.next(3.0 * state), 2.0 * state)
+        np.testing.assert_array_equal(drawer.last(), 6.0 * state)
+        drawer._process.kill()
+        drawer._process.join()
+        with pytest.raises(SoftprintError, match="has ended"):
+            drawer.next(state)
