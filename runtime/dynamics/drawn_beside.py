@@ -99,7 +99,7 @@ class DrawnBeside:
     def _start(self, surface: Array) -> None:
         """What a first drawing prepares or compiles is there before the process is copied."""
         shared = mmap.mmap(-1, surface.nbytes)
-        self._surface: Array = np.frombuffer(shared).reshape(surface.shape)
+        self._surface: Array = np.frombuffer(shared, surface.dtype).reshape(surface.shape)
         copied = multiprocessing.get_context("fork")
         self._ours, theirs = copied.Pipe()
         self._process = copied.Process(target=self._draw, args=(theirs,), daemon=True)
