@@ -52,30 +52,6 @@ def are_among(loads: IntArray, others: IntArray) -> BoolArray:
 
 
 @compiled
-def pushed_in(F: Array, surface_normal: Array, index: IntArray, push: Array) -> BoolArray:
-    """Which of the loads `index` (k,) with deformation F (k, dim, dim) a push (k, dim) moves into the body: cof(F) N .
-    push < 0, of which cof(F)^T push is found; N (n_loads, dim)."""
-    k, dim = push.shape
-    found, along = np.empty(k, dtype=np.bool_), np.empty(dim)
-    for j in range(k):
-        f, p = F[j], push[j]
-        if dim == 2:
-            along[0], along[1] = f[1, 1] * p[0] - f[0, 1] * p[1], f[0, 0] * p[1] - f[1, 0] * p[0]
-        else:
-            for a in range(3):
-                b, c = (a + 1) % 3, (a + 2) % 3
-                along[a] = 0.0
-                for i in range(3):
-                    m, n = (i + 1) % 3, (i + 2) % 3
-                    along[a] += (f[m, b] * f[n, c] - f[m, c] * f[n, b]) * p[i]
-        total = 0.0
-        for a in range(dim):
-            total += along[a] * surface_normal[index[j], a]
-        found[j] = total < 0.0
-    return found
-
-
-@compiled
 def farthest(moved: Array, bearing: IntArray) -> float:
     """max |u_j| of some (k,) of the displacements (m, dim), 0 of none."""
     most = 0.0

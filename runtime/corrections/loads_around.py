@@ -10,7 +10,7 @@ import numpy as np
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.colliders.collider import Collider, SdfDerivatives
 from runtime.colliders.pose import RigidPose
-from runtime.corrections import load_kernels
+from runtime.elasticity.invariants import cofactor
 
 
 class LoadsDistance(Protocol):
@@ -61,7 +61,8 @@ class HeldLoads:
     def pushed_in(self, surface_normal: Array) -> BoolArray:
         """Which of them (k,) are pushed into the body, as by a collider that has not got to the wrong side of the
         surface: cof(F) N . g < 0, N being the normals of the surface (n_loads, dim) at rest."""
-        return load_kernels.pushed_in(self.F, surface_normal, self.index, self.normal)
+        carried = (cofactor(self.F) @ surface_normal[self.index][..., None])[..., 0]
+        return np.asarray((carried * self.normal).sum(axis=1) < 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +85,14 @@ class LoadsAround:
     def joined_by(self, index: IntArray, position: Array) -> LoadsAround:
         """With other loads (m,), ascending, that could bear pressure wherever they are undisplaced, which counts as at
         the surface."""
-        joined, others = np.concatenate([self.index, index]), np.zeros(len(index))
+        joined, n = np.concatenate([self.index, index]), len(index)
         order = np.argsort(joined)
         return LoadsAround(
             joined[order],
-            np.concatenate([self.distance, others])[order],
+            np.concatenate([self.distance, np.zeros(n)])[order],
             np.concatenate([self.position, position])[order],
             self.depth,
-            np.concatenate([self.could_bear, others == 0.0])[order],
+            np.concatenate([self.could_bear, np.ones(n, dtype=bool)])[order],
         )
 
     @property

@@ -128,7 +128,7 @@ class StableNeoHookean(Material):
 
     def energy_and_stress(self, F: Array) -> tuple[Array, Array]:
         mu, lam = np.broadcast_to(self.mu, len(F)), np.broadcast_to(self.lam, len(F))
-        return _stable_energy_and_stress(F, mu, lam)
+        return _stable_energy_and_stress(F, cofactor(F), mu, lam)
 
     def tangent(self, F: Array) -> Array:
         barrier = 1.0 / (first_invariant(F) + 1.0)
@@ -145,31 +145,22 @@ class StableNeoHookean(Material):
 
 
 @compiled
-def _stable_energy_and_stress(F: Array, mu: Array, lam: Array) -> tuple[Array, Array]:
-    """Psi (n,) and P (n, dim, dim) of `StableNeoHookean`."""
+def _stable_energy_and_stress(F: Array, dJ: Array, mu: Array, lam: Array) -> tuple[Array, Array]:
+    """Psi (n,) and P (n, dim, dim) of `StableNeoHookean`; dJ/dF (n, dim, dim)."""
     n, dim = F.shape[:2]
     energy, stress = np.empty(n), np.empty((n, dim, dim))
     for c in range(n):
-        f, dJ = F[c], stress[c]
-        if dim == 2:
-            dJ[0, 0], dJ[0, 1], dJ[1, 0], dJ[1, 1] = f[1, 1], -f[1, 0], -f[0, 1], f[0, 0]
-        else:
-            for i in range(3):
-                a, b = (i + 1) % 3, (i + 2) % 3
-                for j in range(3):
-                    k, m = (j + 1) % 3, (j + 2) % 3
-                    dJ[i, j] = f[a, k] * f[b, m] - f[a, m] * f[b, k]
         trace, volume = 3.0 - dim, -1.0
         for j in range(dim):
-            volume += f[0, j] * dJ[0, j]
+            volume += F[c, 0, j] * dJ[c, 0, j]
             for i in range(dim):
-                trace += f[i, j] * f[i, j]
+                trace += F[c, i, j] * F[c, i, j]
         shear = 0.5 * (trace - 3.0) - 0.5 * np.log((trace + 1.0) / 4.0) - 0.75 * volume
         energy[c] = mu[c] * shear + 0.5 * lam[c] * volume**2
         stretch, pressure = mu[c] * (1.0 - 1.0 / (trace + 1.0)), lam[c] * volume - 0.75 * mu[c]
         for i in range(dim):
             for j in range(dim):
-                stress[c, i, j] = stretch * f[i, j] + pressure * dJ[i, j]
+                stress[c, i, j] = stretch * F[c, i, j] + pressure * dJ[c, i, j]
     return energy, stress
 
 

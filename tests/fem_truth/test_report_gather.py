@@ -132,6 +132,12 @@ def test_speeds_are_those_of_bench_with_what_they_were_measured_under(tmp_path):
     write_bench(tmp_path / "finger", cores_used=1)
     gather([tmp_path / "finger"], tmp_path / "all.html")
     assert "one core" in (tmp_path / "all.html").read_text()
+    # A file of an earlier version does not say.
+    write_bench(tmp_path / "finger", cores_used=None)
+    gather([tmp_path / "finger"], tmp_path / "all.html")
+    page = (tmp_path / "all.html").read_text()
+    assert "one core" not in page
+    assert "beside the next step" not in page
 
 
 def test_where_nothing_was_benchmarked_no_other_number_stands_in(tmp_path):
