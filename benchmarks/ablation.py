@@ -22,8 +22,8 @@ from pathlib import Path
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.experiment.training_schema import ModelSpec
-from runtime.files import atomic_path
-from runtime.truth_file import load_truth
+from runtime.io.files import atomic_path
+from runtime.truth.truth_file import load_truth
 from surrogate.losses import FieldError
 from surrogate.run_training import Lessons, training_settings
 from surrogate.tasks import LearningTask, ModelT

@@ -24,16 +24,16 @@ from runtime.body import ReducedBody
 from runtime.cli.bench_verb import all_or_count
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
-from runtime.corrections.correction_file import VERSION, save_correction
-from runtime.corrections.load_model import LoadModel
-from runtime.corrections.options import load_model_options
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
-from runtime.dynamics.model import SceneModel, bare_model, build_model, correction_path, model_of_file
-from runtime.dynamics.scene import scene_steps
-from runtime.dynamics.speed import Speed, machine, measure, with_newton
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment, ModelSpec
 from runtime.experiment.experiment import ANY_COLLIDER
+from runtime.learned.correction_file import VERSION, save_correction
+from runtime.learned.force.model import ForceModel
+from runtime.learned.options import force_model_options
+from runtime.mechanics.body_mechanics import compute_mechanics
+from runtime.scenes.playing import SceneModel, bare_model, build_model, correction_path, model_of_file
+from runtime.scenes.scene import scene_steps
+from runtime.scenes.speed import Speed, machine, measure, with_newton
 
 # Of the table: heading and width of what is counted.
 _COLUMNS = (("tets", 8), ("points", 8), ("frames", 8), ("dofs", 6))
@@ -43,8 +43,8 @@ _MODELS = ("bare", "ours", "full")
 def stand_in(experiment: Experiment, spec: ModelSpec, body: ReducedBody, loads: int, path: Path) -> None:
     """Write an untrained correction for any collider, which costs what a trained one does."""
     torch.manual_seed(0)
-    model = LoadModel(load_model_options(spec, experiment.contact.stiffness), body.dim, body.n_rows)
-    mechanics = compute_rest_mechanics(body, loads, spec.internal, experiment.dynamics.gravity)
+    model = ForceModel(force_model_options(spec, experiment.contact.stiffness), body.dim, body.n_rows)
+    mechanics = compute_mechanics(body, loads, spec.internal, experiment.dynamics.gravity)
     told = {"untrained": "a stand-in for measurements of speed"}
     save_correction(path, spec.name, model, body, ANY_COLLIDER, "", 0.0, told, mechanics)
 

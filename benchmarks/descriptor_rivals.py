@@ -1,5 +1,5 @@
-"""Other ways to evaluate a descriptor model, for comparison with `DescriptorContact`: those of thesis 6.3, and random
-tangents."""
+"""Other ways to evaluate a descriptor model, for comparison with `DescriptorCorrection`: those of thesis 6.3, and
+random tangents."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 from runtime.body.material_points import MaterialPoints
 from runtime.colliders.collider import Collider
-from runtime.corrections.descriptor_contact import BoundDescriptorContact, DescriptorContact
-from runtime.corrections.descriptor_model import inputs_in_frame
-from runtime.descriptors import random_frames
+from runtime.learned.thesis6.correction import BoundDescriptorCorrection, DescriptorCorrection
+from runtime.learned.thesis6.descriptors import random_frames
+from runtime.learned.thesis6.model import inputs_in_frame
 
 
-class RandomTangents(BoundDescriptorContact):
+class RandomTangents(BoundDescriptorCorrection):
     """Tangents drawn anew at every evaluation (thesis, figure 6.5)."""
 
     def __init__(
-        self, correction: DescriptorContact, points: MaterialPoints, rng: np.random.Generator
+        self, correction: DescriptorCorrection, points: MaterialPoints, rng: np.random.Generator
     ) -> None:
         super().__init__(correction, points, np.inf)
         self._rng = rng
 
     def predict(self, z: Array, relative: Array) -> Array:
-        """See `BoundDescriptorContact.predict`."""
+        """See `BoundDescriptorCorrection.predict`."""
         R = random_frames(self._geometry.normal(z), self._rng)
         phi = self._model.descriptor.values(self._geometry, z, R)
         return np.einsum("nab,nb->na", R, self._model.evaluate(inputs_in_frame(phi, relative, R)))
 
 
-class OneBias(BoundDescriptorContact):
+class OneBias(BoundDescriptorCorrection):
     """Tangents t1 = n x e1 alone, as in the thesis: not defined where n is along e1."""
 
     def predict(self, z: Array, relative: Array) -> Array:
-        """See `BoundDescriptorContact.predict`."""
+        """See `BoundDescriptorCorrection.predict`."""
         R = one_bias(self._geometry.normal(z))
         phi = self._model.descriptor.values(self._geometry, z, R)
         return np.einsum("nab,nb->na", R, self._model.evaluate(inputs_in_frame(phi, relative, R)))
@@ -45,7 +45,7 @@ class GridOfDescriptors:
     """Frames and descriptors at the nodes of a regular grid around a collider, `cells` along the largest side of its
     bounds enlarged by d, only where points within d of the surface ask for them (thesis 6.3.1)."""
 
-    def __init__(self, correction: DescriptorContact, collider: Collider, cells: int) -> None:
+    def __init__(self, correction: DescriptorCorrection, collider: Collider, cells: int) -> None:
         d, dim = correction.support, collider.dim
         lower, upper = collider.lower - d, collider.upper + d
         self.spacing = float((upper - lower).max()) / cells
@@ -77,17 +77,17 @@ class GridOfDescriptors:
         return np.arccos(np.clip(cosine.min(axis=1), -1.0, 1.0))
 
 
-class CornerDeformations(BoundDescriptorContact):
+class CornerDeformations(BoundDescriptorCorrection):
     """The thesis's way: the network at the eight corners of a cell, their deformations interpolated (6.3.2)."""
 
     def __init__(
-        self, correction: DescriptorContact, points: MaterialPoints, grid: GridOfDescriptors
+        self, correction: DescriptorCorrection, points: MaterialPoints, grid: GridOfDescriptors
     ) -> None:
         super().__init__(correction, points, np.inf)
         self._grid = grid
 
     def predict(self, z: Array, relative: Array) -> Array:
-        """See `BoundDescriptorContact.predict`."""
+        """See `BoundDescriptorCorrection.predict`."""
         numbers, weights = self._grid.corners(z)
         u = np.zeros_like(z)
         for corner, weight in zip(numbers.T, weights.T, strict=True):
@@ -103,13 +103,13 @@ class CornerDescriptors(CornerDeformations):
     mended: the nearest frame is taken of what interpolation makes of frames; otherwise it is used as it is."""
 
     def __init__(
-        self, correction: DescriptorContact, points: MaterialPoints, grid: GridOfDescriptors, mended: bool
+        self, correction: DescriptorCorrection, points: MaterialPoints, grid: GridOfDescriptors, mended: bool
     ) -> None:
         super().__init__(correction, points, grid)
         self._mended = mended
 
     def predict(self, z: Array, relative: Array) -> Array:
-        """See `BoundDescriptorContact.predict`."""
+        """See `BoundDescriptorCorrection.predict`."""
         numbers, weights = self._grid.corners(z)
         phi = np.einsum("nc,ncm->nm", weights, self._grid.phi[numbers])
         R = np.einsum("nc,ncab->nab", weights, self._grid.rotation[numbers])

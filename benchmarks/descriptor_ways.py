@@ -46,16 +46,16 @@ from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.correction_file import load_correction
-from runtime.corrections.descriptor_contact import BoundDescriptorContact, DescriptorContact
-from runtime.corrections.descriptor_model import DescriptorModel
-from runtime.descriptors import DirectGeometry, GridGeometry
-from runtime.dynamics.model import correction_path
 from runtime.errors import SoftprintError
 from runtime.experiment.experiment import ANY_COLLIDER
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
+from runtime.learned.correction_file import load_correction
+from runtime.learned.thesis6.correction import BoundDescriptorCorrection, DescriptorCorrection
+from runtime.learned.thesis6.descriptors import DirectGeometry, GridGeometry
+from runtime.learned.thesis6.model import DescriptorModel
+from runtime.scenes.playing import correction_path
 from runtime.shapes import validation_names
-from runtime.truth_file import TruthData, load_truth
+from runtime.truth.truth_file import TruthData, load_truth
 
 CONTACTS = 2
 SHIFT, TURN = 2e-5, np.deg2rad(0.1)
@@ -99,7 +99,7 @@ def paths(truth: TruthData, collider: str, steps: int, contacts: int = CONTACTS)
 class Way:
     """prepare: what evaluates; beside: the way whose frames it has."""
 
-    prepare: Callable[[], BoundDescriptorContact]
+    prepare: Callable[[], BoundDescriptorCorrection]
     beside: str = ONE_BIAS
 
 
@@ -109,12 +109,12 @@ def ways(
     """All ways, those first that others are held against."""
     points, options = body.node_points(body.surface.nodes), model.options
 
-    def fields(cells: int | None) -> BoundDescriptorContact:
+    def fields(cells: int | None) -> BoundDescriptorCorrection:
         size = () if cells is None else (cells // 2, cells)
         geometry = GridGeometry(collider, options.radius, options.sets, *size)
-        return DescriptorContact("fields", model, body, collider, geometry).bind(points)
+        return DescriptorCorrection("fields", model, body, collider, geometry).bind(points)
 
-    def direct() -> DescriptorContact:
+    def direct() -> DescriptorCorrection:
         return direct_contact(model, body, collider)
 
     return {
@@ -129,10 +129,10 @@ def ways(
     }
 
 
-def direct_contact(model: DescriptorModel, body: ReducedBody, collider: Collider) -> DescriptorContact:
+def direct_contact(model: DescriptorModel, body: ReducedBody, collider: Collider) -> DescriptorCorrection:
     """A descriptor correction that asks the collider itself."""
     geometry = DirectGeometry(collider, model.options.radius, model.options.sets)
-    return DescriptorContact("direct", model, body, collider, geometry)
+    return DescriptorCorrection("direct", model, body, collider, geometry)
 
 
 @dataclass
@@ -208,13 +208,13 @@ def measure(
     return tallies
 
 
-def _along(bound: BoundDescriptorContact, rows: Array, poses: list[RigidPose]) -> Array:
+def _along(bound: BoundDescriptorCorrection, rows: Array, poses: list[RigidPose]) -> Array:
     """u (steps, n, dim) along a path."""
     return np.stack([bound.displacement(rows, pose) for pose in poses])
 
 
 def _turned(
-    contact: DescriptorContact,
+    contact: DescriptorCorrection,
     body: ReducedBody,
     grid: GridOfDescriptors,
     rows: Array,
@@ -256,7 +256,7 @@ def main() -> None:
         if not colliders:
             raise SoftprintError(f"{truth.path}: has no usable samples of {', '.join(options.colliders)}")
         loaded = load_correction(correction_path(context.out_dir, options.model), body, colliders[0][1])
-        if not isinstance(loaded, DescriptorContact):
+        if not isinstance(loaded, DescriptorCorrection):
             raise SoftprintError(f"{options.model} is not a descriptor model ({ANY_COLLIDER} collider)")
         model = loaded.model
         tallies = measure(model, body, truth, colliders, options.steps)

@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from runtime.dynamics.speed import machine
+from runtime.scenes.speed import machine
 
 SUMMARY = re.compile(r"this run: (\d+) contacts in ([\d.]+) s on (\d+) rank\(s\), at most (\d+) MiB a rank")
 COST = re.compile(r"([\d.]+) core-seconds a sample")

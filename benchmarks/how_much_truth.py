@@ -26,13 +26,13 @@ from fem_truth.report.data_plot import DATA, data_figure
 from runtime.arrays import BoolArray, IntArray
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
-from runtime.corrections.options import load_model_options
 from runtime.experiment.training_schema import ModelSpec
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
+from runtime.learned.options import force_model_options
 from runtime.shapes import names
-from runtime.truth_file import TruthData, load_truth
-from surrogate.joined_loads import join_load_data
-from surrogate.load_task import LoadData, LoadTask
+from runtime.truth.truth_file import TruthData, load_truth
+from surrogate.joined_loads import join_force_data
+from surrogate.load_task import ForceData, ForceTask
 from surrogate.run_training import Lessons, training_settings
 from surrogate.train import train
 
@@ -57,14 +57,14 @@ class Parts:
     state that is learned from."""
 
     def __init__(self, lessons: Lessons, spec: ModelSpec, stiffness: float) -> None:
-        self.options = load_model_options(spec, stiffness)
+        self.options = force_model_options(spec, stiffness)
         truth, train_rows = lessons.truth, lessons.split.train
         testing = np.flatnonzero(truth.usable & _of_shapes(truth, names("test")))
         self.metric = lessons.metric(spec)
         self.validation = lessons.load_data(spec, self.options, lessons.held_out)
         self.testing = lessons.load_data(spec, self.options, testing)
         number = truth.contacts["collider"][truth.samples["contact"]]
-        self.by_shape: dict[str, list[LoadData]] = {}
+        self.by_shape: dict[str, list[ForceData]] = {}
         for shape in np.unique(number[train_rows]):
             rows = train_rows[number[train_rows] == shape]
             order = _order_of_contacts(truth, rows)
@@ -72,9 +72,9 @@ class Parts:
                 lessons.load_data(spec, self.options, rows[order == k]) for k in range(order.max() + 1)
             ]
 
-    def some(self, shapes: Sequence[str], contacts: int) -> LoadData:
+    def some(self, shapes: Sequence[str], contacts: int) -> ForceData:
         """The first contacts of some shapes."""
-        return join_load_data([part for shape in shapes for part in self.by_shape[shape][:contacts]])
+        return join_force_data([part for shape in shapes for part in self.by_shape[shape][:contacts]])
 
 
 def _of_shapes(truth: TruthData, shapes: Sequence[str]) -> BoolArray:
@@ -120,8 +120,8 @@ def _trained(
 ) -> Row:
     data = parts.some(shapes, contacts)
     settings = training_settings(context.experiment.training, spec.form, context.seed)
-    task = LoadTask(parts.options, parts.metric, data, parts.validation, n_rows)
-    on_testing = LoadTask(parts.options, parts.metric, data, parts.testing, n_rows)
+    task = ForceTask(parts.options, parts.metric, data, parts.validation, n_rows)
+    on_testing = ForceTask(parts.options, parts.metric, data, parts.testing, n_rows)
     validation, testing = np.zeros(seeds), np.zeros(seeds)
     started = time.process_time()
     for k in range(seeds):
@@ -156,7 +156,7 @@ def main() -> None:
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         lessons = Lessons(truth, body, context)
         parts = Parts(lessons, spec, context.experiment.contact.stiffness)
-        untrained = LoadTask(
+        untrained = ForceTask(
             parts.options, parts.metric, parts.some(list(parts.by_shape)[:1], 1), parts.testing, body.n_rows
         )
         error = untrained.held_out_error(untrained.fresh_model(0))

@@ -34,7 +34,7 @@ from fem_truth.report.renderings import make_renderer
 from fem_truth.report.run_files import find_run_files, judged_scenes
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 
 MODELS = ("full", "bare", "thesis6", "mechanics", "ours")  # drawn in this order
 

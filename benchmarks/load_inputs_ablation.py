@@ -1,4 +1,4 @@
-"""Which inputs of the model for any collider pay? Trained without one group or another (see `load_inputs.py`).
+"""Which inputs of the model for any collider pay? Trained without one group or another (see `inputs.py`).
 
     python -m benchmarks.load_inputs_ablation EXPERIMENT [--out RUN] [--steps 800] [--seeds 2] [--every 3]
 
@@ -25,18 +25,18 @@ from torch import Tensor
 
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
-from runtime.corrections.load_inputs import DIRECTIONS
-from runtime.corrections.load_model import LoadModel
-from runtime.corrections.options import load_model_options
-from runtime.corrections.trust import Trust
 from runtime.experiment.training_schema import ModelSpec
+from runtime.learned.force.confidence import Confidence
+from runtime.learned.force.inputs import DIRECTIONS
+from runtime.learned.force.model import ForceModel
+from runtime.learned.options import force_model_options
 from runtime.shapes import names
-from runtime.truth_file import load_truth
-from surrogate.load_task import LoadData, LoadTask
+from runtime.truth.truth_file import load_truth
+from surrogate.load_task import ForceData, ForceTask
 from surrogate.run_training import Lessons, training_settings
 from surrogate.train import train
 
-# Columns of the inputs, as `load_inputs` and `inputs_around` lay them out.
+# Columns of the inputs, as `contact_inputs` and `inputs_around` lay them out.
 CONTACT, STRAIN, CURVATURE = (*range(11), 27), tuple(range(11, 17)), tuple(range(17, 27))
 MEANS, PLACE = tuple(range(28, 41)), (41, 42, 43)
 ALL = (*CONTACT, *STRAIN, *CURVATURE, *MEANS, *PLACE)
@@ -54,14 +54,14 @@ OF_MECHANICS = (1, 3, 4, *range(6, 11), 16, 18, 20, *range(22, 28), 29, 31, *ran
 UNGUIDED = "no mechanics"
 
 
-def told(data: LoadData, columns: Sequence[int]) -> LoadData:
+def told(data: ForceData, columns: Sequence[int]) -> ForceData:
     """The data with all other inputs zero."""
     kept = torch.zeros(data.local.shape[-1])
     kept[list(columns)] = 1.0
     return replace(data, local=data.local * kept)
 
 
-def unguided(data: LoadData) -> LoadData:
+def unguided(data: ForceData) -> ForceData:
     """The data without the loads that mechanics gives, the displacement by them, and what is told of either."""
     lever = data.lever.clone()
     lever[:, :, DIRECTIONS - 1] = 0.0
@@ -69,7 +69,7 @@ def unguided(data: LoadData) -> LoadData:
     return replace(told(data, columns), load=torch.zeros_like(data.load), lever=lever)
 
 
-class UnguidedTask(LoadTask):
+class UnguidedTask(ForceTask):
     """Learned without mechanics, but in loads of the same size. There is no load beside which a correction could be
     too large to be believed."""
 
@@ -77,15 +77,15 @@ class UnguidedTask(LoadTask):
         super().__init__(*parts)
         self._scale = scale
 
-    def fresh_model(self, seed: int) -> LoadModel:
-        """See `LoadTask`."""
+    def fresh_model(self, seed: int) -> ForceModel:
+        """See `ForceTask`."""
         model = super().fresh_model(seed)
         model.traction_scale.copy_(self._scale)
-        model.trust = Trust(len(model.local_mean))
+        model.trust = Confidence(len(model.local_mean))
         return model
 
-    def finish(self, model: LoadModel, batch: int = 256) -> None:
-        """See `LoadTask`."""
+    def finish(self, model: ForceModel, batch: int = 256) -> None:
+        """See `ForceTask`."""
 
 
 def main() -> None:
@@ -102,7 +102,7 @@ def main() -> None:
     overrides = (f"training.steps={options.steps}",)
     context = Context(experiment_path=options.experiment, overrides=overrides, out=options.out, quiet=True)
     body, spec = body_of_run(context), ModelSpec(name="ours")
-    model_options = load_model_options(spec, context.experiment.contact.stiffness)
+    contact_centric_options = force_model_options(spec, context.experiment.contact.stiffness)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         lessons = Lessons(truth, body, context)
         collider = truth.contacts["collider"][truth.samples["contact"]]
@@ -110,19 +110,23 @@ def main() -> None:
         testing = [known.index(name) for name in names("test") if name in known]
         of_testing = np.flatnonzero(truth.usable & np.isin(collider, testing))
         chosen = (lessons.split.train[:: options.every], lessons.held_out, of_testing[:: options.every])
-        data = [lessons.load_data(spec, model_options, samples) for samples in chosen]
+        data = [lessons.load_data(spec, contact_centric_options, samples) for samples in chosen]
         metric = lessons.metric(spec)
     print(f"{len(data[0])} samples to learn from, {len(data[1])} and {len(data[2])} to judge by\n")
     print("| inputs | their number | validation shapes | testing shapes | CPU s |")
     print("| --- | --- | --- | --- | --- |", flush=True)
-    scale = LoadTask(model_options, metric, data[0], data[1], body.n_rows).fresh_model(0).traction_scale
+    scale = (
+        ForceTask(contact_centric_options, metric, data[0], data[1], body.n_rows)
+        .fresh_model(0)
+        .traction_scale
+    )
     for name in (*VARIANTS, UNGUIDED):
         started = time.process_time()
         if name == UNGUIDED:
             make, (learned, *judged) = partial(UnguidedTask, scale), map(unguided, data)
         else:
-            make, (learned, *judged) = LoadTask, (told(part, VARIANTS[name]) for part in data)
-        tasks = [make(model_options, metric, learned, side, body.n_rows) for side in judged]
+            make, (learned, *judged) = ForceTask, (told(part, VARIANTS[name]) for part in data)
+        tasks = [make(contact_centric_options, metric, learned, side, body.n_rows) for side in judged]
         found = []
         for k in range(options.seeds):
             settings = training_settings(context.experiment.training, spec.form, context.seed + k)

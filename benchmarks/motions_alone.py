@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from runtime.arrays import Array, IntArray
-from runtime.dynamics.motion_file import Motion, load_motion
 from runtime.errors import SoftprintError
+from runtime.scenes.motion_file import Motion, load_motion
 
 
 def rms(vectors: Array) -> float:

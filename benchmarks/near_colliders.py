@@ -13,10 +13,10 @@ import numpy as np
 
 from runtime.body import load_body
 from runtime.colliders import RigidPose, Sphere
-from runtime.corrections.contact_potential import ContactPotential
-from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.potential_group import grouped
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.contact.condensed.contact_potential import ContactPotential
+from runtime.contact.condensed.equilibrium import LoadProbe
+from runtime.contact.condensed.potential_group import grouped
+from runtime.mechanics.body_mechanics import compute_mechanics
 
 RADIUS, DEPTH, STIFFNESS = 0.015, 0.003, 3e10  # m, m, N/m^4
 APART = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0)  # contact radii
@@ -29,7 +29,7 @@ def main() -> None:
     )
     parser.add_argument("body", help="a body file, such as runs/jelly3d_small/body.h5")
     body = load_body(parser.parse_args().body)
-    mechanics = compute_rest_mechanics(body, LOADS, internal=True)
+    mechanics = compute_mechanics(body, LOADS, internal=True)
     balls = [Sphere(RADIUS, body.dim, name) for name in ("left", "right")]
     probes = {ball.name: LoadProbe(body, ball, mechanics, STIFFNESS) for ball in balls}
     (joint,) = grouped({name: ContactPotential(probe) for name, probe in probes.items()})

@@ -19,9 +19,9 @@ from runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
 from runtime.colliders import Cone, KeyframedPath
 from runtime.contact import CoulombFriction, PenaltyContact
 from runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider, Simulator
-from runtime.dynamics.speed import machine
 from runtime.elasticity import make_material
 from runtime.mesh import Mesh, box_mesh
+from runtime.scenes.speed import machine
 
 DIVISIONS = {15_000: (16, 16, 10), 60_000: (26, 26, 15), 250_000: (42, 42, 24)}
 HEIGHT = 0.06

@@ -37,19 +37,19 @@ from runtime.body.body import ReducedBody
 from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.colliders import Sphere
-from runtime.corrections.correction_file import load_correction, read_header, save_correction
-from runtime.corrections.descriptor_contact import DescriptorContact
-from runtime.corrections.descriptor_model import DescriptorModel
-from runtime.corrections.options import descriptor_model_options
-from runtime.descriptors import handle_spacing
-from runtime.descriptors.ball_rule import sample_pattern
-from runtime.descriptors.local_descriptor import Samples
 from runtime.errors import SoftprintError
 from runtime.experiment.experiment import ANY_COLLIDER
 from runtime.experiment.training_schema import ModelSpec
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
+from runtime.learned.correction_file import load_correction, read_header, save_correction
+from runtime.learned.options import descriptor_model_options
+from runtime.learned.thesis6.correction import DescriptorCorrection
+from runtime.learned.thesis6.descriptors import handle_spacing
+from runtime.learned.thesis6.descriptors.ball_rule import sample_pattern
+from runtime.learned.thesis6.descriptors.local_descriptor import Samples
+from runtime.learned.thesis6.model import DescriptorModel
 from runtime.shapes import names, validation_names
-from runtime.truth_file import TruthData, load_truth
+from runtime.truth.truth_file import TruthData, load_truth
 from surrogate.descriptor_data import DescriptorData
 from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
 from surrogate.run_training import Lessons, training_settings
@@ -78,7 +78,7 @@ def variant_path(run: Path, name: str, seed: int) -> Path:
 def load_variant(path: Path, body: ReducedBody) -> DescriptorModel:
     """A variant that was trained earlier."""
     found = load_correction(path, body, Sphere(0.01, body.dim))
-    assert isinstance(found, DescriptorContact)
+    assert isinstance(found, DescriptorCorrection)
     return found.model
 
 

@@ -36,13 +36,13 @@ from runtime.cli.run_body import body_of_run
 from runtime.colliders import Cylinder, Placed, RigidPose, SmoothDifference
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
-from runtime.corrections.correction import BoundCorrection, Correction
-from runtime.corrections.correction_file import read_correction
-from runtime.corrections.descriptor_model import DescriptorModel
-from runtime.dynamics.model import correction_path
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
-from runtime.truth_file import TruthData, load_truth
+from runtime.io.files import atomic_path
+from runtime.learned.correction import BoundCorrection, Correction
+from runtime.learned.correction_file import read_correction
+from runtime.learned.thesis6.model import DescriptorModel
+from runtime.scenes.playing import correction_path
+from runtime.truth.truth_file import TruthData, load_truth
 
 # Testing shapes with holes: many points at which the nearest point of the surface changes.
 WITH_HOLES = ("torus", "double_torus", "mug", "nut", "cage", "truss")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fem_truth.report.thesis6_plots import NEEDED, thesis6_figure
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 
 
 def draw(run: Path, picture: Path) -> None:

@@ -33,9 +33,9 @@ from runtime.arrays import Array
 from runtime.body.build import build_body
 from runtime.colliders.build import build_collider
 from runtime.contact import PenaltyContact
-from runtime.dynamics.model import bare_model
-from runtime.dynamics.scene import scene_parts
 from runtime.experiment import load_experiment
+from runtime.scenes.playing import bare_model
+from runtime.scenes.scene import scene_parts
 
 DEFAULT = Path(__file__).parent.parent / "examples" / "jelly3d.toml"
 TIGHT = NewtonSettings(1e-8, 1e-13, cg_tolerance_min=1e-5)

@@ -25,8 +25,9 @@ from fem_truth.null_space import NullSpace
 from fem_truth.potentials import Gravity, Inertia, LaggedFriction, Potential, SurfaceContact
 from fem_truth.total_energy import ElasticTangent, Gradient, TotalEnergy
 from runtime.arrays import Array, IntArray
-from runtime.colliders.pose import RigidPose
+from runtime.colliders.pose import Poses, RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
+from runtime.contact.contact_force import SurfaceForces, resultant
 from runtime.dynamics import (
     ContactForce,
     DynamicsSettings,
@@ -37,14 +38,10 @@ from runtime.dynamics import (
     StepResult,
 )
 from runtime.dynamics.kinematic import place_kinematic
-from runtime.dynamics.state import SurfaceLoads, resultant
 from runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
     from runtime.body import ReducedBody
-
-
-Poses = Mapping[str, RigidPose]
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,6 +328,6 @@ def _contact_force(contact: SurfaceContact, friction: LaggedFriction | None, x: 
     for gradient, tangential in parts:
         index = np.flatnonzero(gradient[contact.nodes].any(axis=1))
         borne = contact.nodes[index]
-        loads.append(SurfaceLoads(contact.nodes, index, x[borne], gradient[borne], tangential))
+        loads.append(SurfaceForces(contact.nodes, index, x[borne], gradient[borne], tangential))
     force, torque = resultant(loads, contact.pose.translation)
     return ContactForce(force, torque, contact.max_depth(x), len(contact.terms(x).index), loads)

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 from fem_truth.dynamics import FullSpaceSimulator, FullSpaceState
 from runtime.arrays import Array, IntArray
 from runtime.body import ReducedBody
-from runtime.dynamics.scene import scene_parts
 from runtime.dynamics.state import StepResult
+from runtime.scenes.scene import scene_parts
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment, SceneSpec
 
 
 class FullSpaceModel:
-    """A `runtime.dynamics.model.SceneModel` in full space."""
+    """A `runtime.scenes.playing.SceneModel` in full space."""
 
     def __init__(self, simulator: FullSpaceSimulator, held: bool) -> None:
         self._simulator = simulator
@@ -53,7 +53,7 @@ class FullSpaceModel:
 def full_space_model(
     experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path
 ) -> FullSpaceModel:
-    """A `runtime.dynamics.model.ModelFactory`; ``out`` is not needed."""
+    """A `runtime.scenes.playing.ModelFactory`; ``out`` is not needed."""
     parts = scene_parts(experiment, scene)
     simulator = FullSpaceSimulator(
         body,

@@ -4,7 +4,7 @@ frame.
 A frame's region is elastic here. Its position is the mean of its nodes; its orientation is the least-squares
 linear fit A of x_i - mean(x) = A (X_i - mean(X)), so that  k_r/4 |A - R_target|^2  is a sum of dim linear
 springs; an anchor X_a is at mean(x) + A (X_a - mean(X)). For a rigid region both agree with the springs of the
-reduced model, `runtime.dynamics.springs`.
+reduced model, `runtime.dynamics.terms.springs`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from fem_truth.potentials import LinearSpring
 from runtime.arrays import Array
-from runtime.dynamics.springs import HandleSpring
+from runtime.dynamics.terms.springs import HandleSpring
 
 if TYPE_CHECKING:
     from runtime.body import ReducedBody

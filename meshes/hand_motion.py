@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from runtime.arrays import Array
 from runtime.colliders import RigidPose
 from runtime.experiment.recorded_motion import COLUMNS
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 
 RATE = 15.0  # samples a second
 # How far the bones of a finger turn, from the palm outwards, for a bend of one.

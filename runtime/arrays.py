@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.compiled import compiled
-from runtime.directions import between_directions
+from runtime.linalg.sparse_directions import between_directions
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

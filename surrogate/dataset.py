@@ -23,10 +23,10 @@ from torch import Tensor
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
-from runtime.corrections.contact_patch import ContactProbe
-from runtime.corrections.points import PointStates, PointTensors
 from runtime.errors import SoftprintError
-from runtime.truth_file import TruthData
+from runtime.learned.contact_patch import ContactProbe
+from runtime.learned.point_states import PointStates, PointTensors
+from runtime.truth.truth_file import TruthData
 from surrogate.touching import touching_samples
 
 # Shares of nodes, edges and pools that are spread evenly; the rest goes by the size of what is to be learned.

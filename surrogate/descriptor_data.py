@@ -20,15 +20,15 @@ from torch import Tensor
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
-from runtime.corrections.contact_patch import ContactProbe
-from runtime.corrections.descriptor_model import DescriptorModelOptions, relative_rows
-from runtime.corrections.fade import Fade
-from runtime.descriptors import DirectGeometry, LocalDescriptor, biased_frames, random_frames
-from runtime.descriptors.attenuation import attenuation
-from runtime.descriptors.smoothed_gradient import unit_normal
-from runtime.descriptors.steadiness import steadiness
 from runtime.errors import SoftprintError
-from runtime.truth_file import TruthData
+from runtime.learned.contact_patch import ContactProbe
+from runtime.learned.fade import Fade
+from runtime.learned.thesis6.descriptors import DirectGeometry, LocalDescriptor, biased_frames, random_frames
+from runtime.learned.thesis6.descriptors.attenuation import attenuation
+from runtime.learned.thesis6.descriptors.smoothed_gradient import unit_normal
+from runtime.learned.thesis6.descriptors.steadiness import steadiness
+from runtime.learned.thesis6.model import DescriptorModelOptions, relative_rows
+from runtime.truth.truth_file import TruthData
 from surrogate.touching import touching_samples
 
 # Share of the points that is spread evenly over all points of interest.

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from runtime.corrections.descriptor_model import DescriptorModel, DescriptorModelOptions
+from runtime.learned.thesis6.model import DescriptorModel, DescriptorModelOptions
 from surrogate.descriptor_data import DescriptorData
 from surrogate.losses import FieldError
 from surrogate.tasks import seeded

@@ -9,17 +9,17 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from surrogate.load_task import LoadData
+from surrogate.load_task import ForceData
 
 
-def join_load_data(parts: Sequence[LoadData]) -> LoadData:
+def join_force_data(parts: Sequence[ForceData]) -> ForceData:
     """The samples of all parts one after the other, padded to the largest number of loads."""
     most = max(part.index.shape[1] for part in parts)
     joined = {
         field.name: torch.cat([_padded(getattr(part, field.name), most) for part in parts])
-        for field in fields(LoadData)
+        for field in fields(ForceData)
     }
-    return LoadData(**joined)
+    return ForceData(**joined)
 
 
 def _padded(column: Tensor, most: int) -> Tensor:

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from runtime.body.body import ReducedBody
-from runtime.corrections.correction_file import read_correction
-from runtime.corrections.rest_mechanics import RestMechanics
 from runtime.errors import SoftprintError
+from runtime.learned.correction_file import read_correction
+from runtime.mechanics.body_mechanics import BodyMechanics
 
 
 def kept_mechanics(
     paths: Iterable[Path], body: ReducedBody, loads: int, gravity: Sequence[float]
-) -> RestMechanics | None:
+) -> BodyMechanics | None:
     """Of this body with at most so many loads, internal response under gravity [m/s^2] included; None where no
     correction file has it. Files that cannot be read are passed over: they will be written anew."""
     for path in paths:

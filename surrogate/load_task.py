@@ -33,13 +33,13 @@ from torch.nn.utils.rnn import pad_sequence
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
-from runtime.corrections.compliance import Compliance
-from runtime.corrections.contact_loads import ContactLoadsProbe
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.rest_mechanics import RestMechanics
-from runtime.corrections.trust import squared_ratio
 from runtime.errors import SoftprintError
-from runtime.truth_file import TruthData
+from runtime.learned.force.confidence import squared_ratio
+from runtime.learned.force.contact_state import ContactStateProbe
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.mechanics.body_mechanics import BodyMechanics
+from runtime.mechanics.surface_compliance import SurfaceCompliance
+from runtime.truth.truth_file import TruthData
 from surrogate.losses import FieldError
 from surrogate.tasks import seeded, some_samples
 from surrogate.touching import touching_samples
@@ -51,7 +51,7 @@ _PANEL = 1024
 
 
 @dataclass(frozen=True, eq=False)
-class LoadData:
+class ForceData:
     """Samples, padded to the largest number m of loads. local: (s, m, n_local); depth: (s,); load:
     (s, m, dim); lever: (s, m, DIRECTIONS, dim); index: (s, m) into the loads of the body;
     present: (s, m) 1 where there is a load; h: (s, m, dim) and squared: (s,), c, with the edge term;
@@ -71,15 +71,15 @@ class LoadData:
     def __len__(self) -> int:
         return len(self.depth)
 
-    def to(self, device: torch.device) -> LoadData:
+    def to(self, device: torch.device) -> ForceData:
         """The same data on a device."""
-        return LoadData(*(getattr(self, name).to(device) for name in LoadData.__dataclass_fields__))
+        return ForceData(*(getattr(self, name).to(device) for name in ForceData.__dataclass_fields__))
 
 
-class LoadMetric:
+class ForceMetric:
     """Gamma of a body, with the edge term and without: (n_loads, n_loads, dim, dim) float32."""
 
-    def __init__(self, body: ReducedBody, compliance: Compliance, edge_weight: float) -> None:
+    def __init__(self, body: ReducedBody, compliance: SurfaceCompliance, edge_weight: float) -> None:
         mesh = body.mesh
         volume = sp.diags(mesh.node_volumes / mesh.node_volumes.sum())
         edges = mesh.surface_edges
@@ -119,18 +119,18 @@ class LoadMetric:
         return h, float(np.vdot(field, both)), volume_h, float(np.vdot(field, volume))
 
 
-def load_load_data(
+def read_force_data(
     truth: TruthData,
     body: ReducedBody,
     collider: Collider,
-    mechanics: RestMechanics,
-    options: LoadModelOptions,
-    metric: LoadMetric,
+    mechanics: BodyMechanics,
+    options: ForceModelOptions,
+    metric: ForceMetric,
     samples: IntArray,
     progress: Callable[[int], None] | None = None,
-) -> LoadData:
+) -> ForceData:
     """The given rows of a truth file. Samples in which the reduced body does not touch are dropped."""
-    probe = ContactLoadsProbe(body, collider, mechanics, options.stiffness, options.band)
+    probe = ContactStateProbe(body, collider, mechanics, options.stiffness, options.band)
     gradient = body.node_points().basis_gradient
     state = -1
     columns: list[tuple[Tensor, ...]] = []
@@ -159,20 +159,25 @@ def load_load_data(
         raise SoftprintError(
             f"{truth.path}: none of the {len(samples)} samples asked for touches the reduced body"
         )
-    names = list(LoadData.__dataclass_fields__)
+    names = list(ForceData.__dataclass_fields__)
     whole = {"depth", "squared", "volume_squared"}
     stacked = (
         torch.stack(column).float() if name in whole else pad_sequence(list(column), batch_first=True)
         for name, column in zip(names, zip(*columns, strict=True), strict=True)
     )
-    return LoadData(*stacked)
+    return ForceData(*stacked)
 
 
-class LoadTask:
-    """A `LoadModel`, learned from `LoadData`."""
+class ForceTask:
+    """A `ForceModel`, learned from `ForceData`."""
 
     def __init__(
-        self, options: LoadModelOptions, metric: LoadMetric, data: LoadData, validation: LoadData, n_rows: int
+        self,
+        options: ForceModelOptions,
+        metric: ForceMetric,
+        data: ForceData,
+        validation: ForceData,
+        n_rows: int,
     ) -> None:
         self._options, self._data, self._validation, self._n_rows = options, data, validation, n_rows
         self._gamma = metric.gamma.to(self.device)
@@ -192,23 +197,23 @@ class LoadTask:
     def identity(self) -> dict[str, Any]:
         return {"form": "loads", **self._options.to_json()}
 
-    def fresh_model(self, seed: int) -> LoadModel:
+    def fresh_model(self, seed: int) -> ForceModel:
         """Initial weights from the seed, normalisation from the data."""
         data, dim = self._data, self._data.load.shape[-1]
-        model = seeded(lambda: LoadModel(self._options, dim, self._n_rows), seed).to(self.device)
+        model = seeded(lambda: ForceModel(self._options, dim, self._n_rows), seed).to(self.device)
         some = some_samples(len(data), seed, self.device)
         there = data.present[some] > 0
         model.normalise(data.local[some][there], data.depth, data.load[some][there], data.lever[some][there])
         model.trust.span(model.normalised(data.local[data.present > 0]))
         return model
 
-    def loss(self, model: LoadModel, index: Tensor) -> Tensor:
+    def loss(self, model: ForceModel, index: Tensor) -> Tensor:
         """The weighted mean of the squared error in the norm M, in units of that of the displacement."""
         missed, _ = self._missed(model, self._data, index, self._gamma, volume_only=False)
         return (missed * self._weight[index]).mean()
 
     @torch.no_grad()
-    def held_out_error(self, model: LoadModel, batch: int = 64) -> FieldError:
+    def held_out_error(self, model: ForceModel, batch: int = 64) -> FieldError:
         """Over the volume of the validation samples, the fields pulled back to rest coordinates."""
         data = self._validation
         parts = [
@@ -223,7 +228,7 @@ class LoadTask:
         )
 
     @torch.no_grad()
-    def finish(self, model: LoadModel, batch: int = 256) -> None:
+    def finish(self, model: ForceModel, batch: int = 256) -> None:
         """No contact is to be corrected much more than those learned from were."""
         data = self._data
         ratios = []
@@ -235,7 +240,7 @@ class LoadTask:
 
     @staticmethod
     def _missed(
-        model: LoadModel, data: LoadData, index: Tensor, gamma: Tensor, volume_only: bool
+        model: ForceModel, data: ForceData, index: Tensor, gamma: Tensor, volume_only: bool
     ) -> tuple[Tensor, Tensor]:
         """Squared error and squared displacement (b,) of samples `index`."""
         count = data.present[index].sum(1).long()

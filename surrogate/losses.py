@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from runtime.corrections.model import ContactModel
+from runtime.learned.thesis5.model import ContactCentricModel
 from surrogate.dataset import Batch, ContactDataset
 
 
-def contact_loss(model: ContactModel, batch: Batch, edge_weight: float) -> Tensor:
+def contact_loss(model: ContactCentricModel, batch: Batch, edge_weight: float) -> Tensor:
     """L2 of the displacement over the volume plus L2 of its differences along surface edges (thesis 5.3.1).
 
     Both are means in units of the model's output scale; edge_weight multiplies the second.
@@ -43,7 +43,7 @@ class FieldError:
 
 
 @torch.no_grad()
-def field_error(model: ContactModel, data: ContactDataset, batch: int = 2) -> FieldError:
+def field_error(model: ContactCentricModel, data: ContactDataset, batch: int = 2) -> FieldError:
     """Error of a model on a data set that holds all nodes (or, estimated, on pools)."""
     missed, whole = [], []
     device = data.rows.device

@@ -20,14 +20,6 @@ from runtime.cli.context import Context
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
-from runtime.corrections.compliance import n_columns
-from runtime.corrections.correction_file import as_saved, read_header, save_correction
-from runtime.corrections.descriptor_model import DescriptorModelOptions
-from runtime.corrections.load_model import LoadModelOptions
-from runtime.corrections.options import descriptor_model_options, load_model_options, model_options
-from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mechanics
-from runtime.descriptors import handle_spacing
-from runtime.dynamics.model import trained_models
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment
 from runtime.experiment.experiment import ANY_COLLIDER, LIBRARY
@@ -37,15 +29,23 @@ from runtime.experiment.training_schema import (
     ModelSpec,
     TrainingSpec,
 )
-from runtime.files import atomic_path, content_hash, sources_hash
-from runtime.truth_colliders import require_same_colliders
-from runtime.truth_file import TruthData, load_truth
+from runtime.io.files import atomic_path, content_hash, sources_hash
+from runtime.learned.correction_file import as_saved, read_header, save_correction
+from runtime.learned.force.model import ForceModelOptions
+from runtime.learned.options import contact_centric_options, descriptor_model_options, force_model_options
+from runtime.learned.thesis6.descriptors import handle_spacing
+from runtime.learned.thesis6.model import DescriptorModelOptions
+from runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
+from runtime.mechanics.surface_compliance import n_columns
+from runtime.scenes.playing import trained_models
+from runtime.truth.truth_colliders import require_same_colliders
+from runtime.truth.truth_file import TruthData, load_truth
 from surrogate.dataset import ContactDataset, PoolSize, load_dataset
 from surrogate.descriptor_data import DescriptorData, Drawing, join_descriptor_data, load_descriptor_data
 from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
-from surrogate.joined_loads import join_load_data
+from surrogate.joined_loads import join_force_data
 from surrogate.kept_mechanics import kept_mechanics
-from surrogate.load_task import LoadData, LoadMetric, LoadTask, load_load_data
+from surrogate.load_task import ForceData, ForceMetric, ForceTask, read_force_data
 from surrogate.splits import Split, split_by_shape, split_by_state
 from surrogate.tasks import FieldTask, InputGains, LearningTask, ModelT
 from surrogate.train import TrainingResult, TrainingSettings, train
@@ -90,10 +90,10 @@ class Lessons:
         held_out = np.random.default_rng(context.seed).permutation(self.split.validation)
         self.held_out = np.sort(held_out[: spec.validation_samples])
         self._device = training_device(spec.device)
-        self._mechanics: dict[int, RestMechanics] = {}
-        self._metric: dict[int, LoadMetric] = {}
+        self._mechanics: dict[int, BodyMechanics] = {}
+        self._metric: dict[int, ForceMetric] = {}
         self._colliders: dict[str, Collider] = {}
-        self._load_data: dict[tuple[int, bool, float, float], tuple[LoadMetric, LoadData, LoadData]] = {}
+        self._load_data: dict[tuple[int, bool, float, float], tuple[ForceMetric, ForceData, ForceData]] = {}
 
     @cached_property
     def fields(self) -> tuple[ContactDataset, ContactDataset]:
@@ -107,36 +107,36 @@ class Lessons:
             validation = load_dataset(self.truth, self.body, collider, self.held_out, None, rng, bar.update)
         return training.to(self._device), validation.to(self._device)
 
-    def mechanics(self, spec: ModelSpec) -> RestMechanics:
+    def mechanics(self, spec: ModelSpec) -> BodyMechanics:
         """The body's mechanics at rest as a [[training.models]] table of form "loads" asks for them."""
         if spec.loads not in self._mechanics:
             self._mechanics[spec.loads] = self._kept(spec) or self._computed(spec)
         found = self._mechanics[spec.loads]
         return found if spec.internal else found._replace(internal=None)
 
-    def _kept(self, spec: ModelSpec) -> RestMechanics | None:
+    def _kept(self, spec: ModelSpec) -> BodyMechanics | None:
         """From another correction of the run directory, unless all is to be made afresh."""
         if not self._context.resume:
             return None
         paths = (_path(self._context, name) for name in trained_models(self._context.out_dir))
         return kept_mechanics(paths, self.body, spec.loads, self._context.experiment.dynamics.gravity)
 
-    def _computed(self, spec: ModelSpec) -> RestMechanics:
+    def _computed(self, spec: ModelSpec) -> BodyMechanics:
         gravity = self._context.experiment.dynamics.gravity
         with self._context.progress(n_columns(self.body, spec.loads), "column", "compliance") as bar:
-            return as_saved(compute_rest_mechanics(self.body, spec.loads, True, gravity, bar.update))
+            return as_saved(compute_mechanics(self.body, spec.loads, True, gravity, bar.update))
 
     def field_task(self, spec: ModelSpec) -> FieldTask:
         """The learning task of a [[training.models]] table of form "field"."""
         gains = InputGains(self._spec.field.input_gain, self._spec.field.position_gain)
-        return FieldTask(model_options(spec), *self.fields, self._spec.edge_weight, gains)
+        return FieldTask(contact_centric_options(spec), *self.fields, self._spec.edge_weight, gains)
 
-    def load_task(self, spec: ModelSpec, stiffness: float) -> LoadTask:
+    def load_task(self, spec: ModelSpec, stiffness: float) -> ForceTask:
         """The learning task of a [[training.models]] table of form "loads"; stiffness of contact [N/m^4]."""
-        options = load_model_options(spec, stiffness)
-        return LoadTask(options, *self._loads(spec, options), self.body.n_rows)
+        options = force_model_options(spec, stiffness)
+        return ForceTask(options, *self._loads(spec, options), self.body.n_rows)
 
-    def _loads(self, spec: ModelSpec, options: LoadModelOptions) -> tuple[LoadMetric, LoadData, LoadData]:
+    def _loads(self, spec: ModelSpec, options: ForceModelOptions) -> tuple[ForceMetric, ForceData, ForceData]:
         """Metric, training and validation data: the same for all networks on the same mechanics."""
         key = (spec.loads, spec.internal, options.band, options.stiffness)
         if key not in self._load_data:
@@ -150,25 +150,25 @@ class Lessons:
             self._load_data[key] = (metric, training, validation)
         return self._load_data[key]
 
-    def metric(self, spec: ModelSpec) -> LoadMetric:
+    def metric(self, spec: ModelSpec) -> ForceMetric:
         """In which errors of load models are measured; one for each number of loads."""
         if spec.loads not in self._metric:
             compliance = self.mechanics(spec).compliance
-            self._metric[spec.loads] = LoadMetric(self.body, compliance, self._spec.edge_weight)
+            self._metric[spec.loads] = ForceMetric(self.body, compliance, self._spec.edge_weight)
         return self._metric[spec.loads]
 
     def load_data(
         self,
         spec: ModelSpec,
-        options: LoadModelOptions,
+        options: ForceModelOptions,
         samples: IntArray,
         progress: Callable[[int], None] | None = None,
-    ) -> LoadData:
+    ) -> ForceData:
         """Some rows of the truth file, of whatever colliders, as load models learn from them."""
         mechanics, metric = self.mechanics(spec), self.metric(spec)
-        return join_load_data(
+        return join_force_data(
             [
-                load_load_data(self.truth, self.body, collider, mechanics, options, metric, part, progress)
+                read_force_data(self.truth, self.body, collider, mechanics, options, metric, part, progress)
                 for collider, part in self._by_collider(samples)
             ]
         )
@@ -258,7 +258,7 @@ def _learn(
     spec: ModelSpec,
     lessons: Lessons,
     task: LearningTask[ModelT],
-    mechanics: RestMechanics | None,
+    mechanics: BodyMechanics | None,
 ) -> None:
     """Train, and write the correction and its curves."""
     experiment, path, truth_hash = context.experiment, _path(context, spec.name), lessons.truth.content_hash

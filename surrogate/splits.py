@@ -14,7 +14,7 @@ import numpy as np
 from runtime.arrays import BoolArray, IntArray
 from runtime.errors import SoftprintError
 from runtime.shapes import names, validation_names
-from runtime.truth_file import TruthData
+from runtime.truth.truth_file import TruthData
 
 
 @dataclass(frozen=True)

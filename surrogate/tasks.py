@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from runtime.corrections.descriptor_model import DescriptorModel
-from runtime.corrections.load_model import LoadModel
-from runtime.corrections.model import ContactModel, ModelOptions
+from runtime.learned.force.model import ForceModel
+from runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
+from runtime.learned.thesis6.model import DescriptorModel
 from surrogate.dataset import ContactDataset
 from surrogate.losses import FieldError, contact_loss, field_error
 
-ModelT = TypeVar("ModelT", ContactModel, LoadModel, DescriptorModel)
+ModelT = TypeVar("ModelT", ContactCentricModel, ForceModel, DescriptorModel)
 
 # Samples from which the normalisation of inputs and outputs is measured.
 NORMALISATION_SAMPLES = 512
@@ -59,7 +59,7 @@ class InputGains:
     position: float
 
     @torch.no_grad()
-    def apply(self, model: ContactModel) -> None:
+    def apply(self, model: ContactCentricModel) -> None:
         """Scale the weights of a fresh model. Both encodings begin with z."""
         layer = model.network.local
         for weights in (layer.weight, layer.bias):
@@ -68,11 +68,11 @@ class InputGains:
 
 
 class FieldTask:
-    """A `ContactModel`, a network evaluated at every point, learned from pools of nodes and edges."""
+    """A `ContactCentricModel`, a network evaluated at every point, learned from pools of nodes and edges."""
 
     def __init__(
         self,
-        options: ModelOptions,
+        options: ContactCentricOptions,
         data: ContactDataset,
         validation: ContactDataset,
         edge_weight: float,
@@ -95,10 +95,12 @@ class FieldTask:
         gains = asdict(self._gains)
         return {"form": "field", **self._options.to_json(), "edge_weight": self._edge_weight, **gains}
 
-    def fresh_model(self, seed: int) -> ContactModel:
+    def fresh_model(self, seed: int) -> ContactCentricModel:
         """Initial weights from the seed, normalisation from the data."""
         data = self._data
-        model = seeded(lambda: ContactModel(self._options, data.rows.shape[-1], data.rows.shape[1]), seed)
+        model = seeded(
+            lambda: ContactCentricModel(self._options, data.rows.shape[-1], data.rows.shape[1]), seed
+        )
         model.to(self.device)
         batch = data.batch(some_samples(len(data), seed, self.device))
         local = model.encoding.encode(batch.state).flatten(0, 1)
@@ -106,15 +108,15 @@ class FieldTask:
         self._gains.apply(model)
         return model
 
-    def loss(self, model: ContactModel, index: Tensor) -> Tensor:
+    def loss(self, model: ContactCentricModel, index: Tensor) -> Tensor:
         """Volume and edge terms, see `losses.contact_loss`."""
         return contact_loss(model, self._data.batch(index), self._edge_weight)
 
-    def held_out_error(self, model: ContactModel) -> FieldError:
+    def held_out_error(self, model: ContactCentricModel) -> FieldError:
         """At all nodes of the validation samples."""
         return field_error(model, self._validation)
 
-    def finish(self, model: ContactModel) -> None:
+    def finish(self, model: ContactCentricModel) -> None:
         """Nothing."""
 
 

@@ -7,8 +7,8 @@ from typing import Protocol, TypeVar
 
 from runtime.arrays import Array, IntArray
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.correction import FollowsContact
-from runtime.truth_file import TruthData
+from runtime.learned.correction import FollowsContact
+from runtime.truth.truth_file import TruthData
 
 Seen = TypeVar("Seen", covariant=True)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import h5py
 from safetensors import safe_open
 
-from runtime.seal import seal
-from runtime.tensor_file import save_tensors
+from runtime.io.seal import seal
+from runtime.io.tensor_file import save_tensors
 
 
 @contextmanager

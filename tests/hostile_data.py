@@ -12,7 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from runtime.seal import seal
+from runtime.io.seal import seal
 from tests.altered import alter_tensors
 from tests.hostile_meshes import Variant, battered
 

@@ -26,11 +26,11 @@ def _readers() -> dict[str, Callable[[Path], object]]:
     from runtime.body import load_body
     from runtime.colliders.mesh_collider import load_mesh_collider
     from runtime.colliders.polygon import load_polygon, polygon_collider
-    from runtime.corrections.correction_file import read_header
-    from runtime.dynamics.motion_file import load_motion
+    from runtime.learned.correction_file import read_header
     from runtime.mesh import read_mesh
-    from runtime.truth_file import load_truth
-    from runtime.truth_schema import TABLES
+    from runtime.scenes.motion_file import load_motion
+    from runtime.truth.truth_file import load_truth
+    from runtime.truth.truth_schema import TABLES
     from surrogate.checkpoints import load_checkpoint
 
     def truth(path: Path) -> object:

@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from fem_truth.generate.shards import is_whole
-from runtime.truth_file import load_truth
+from runtime.truth.truth_file import load_truth
 from tests.toy_experiment import write_experiment
 
 REPOSITORY = Path(__file__).resolve().parent.parent

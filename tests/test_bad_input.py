@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from runtime.cli import main
-from runtime.files import fixed_text
+from runtime.io.files import fixed_text
 from runtime.mesh import write_mesh
 from runtime.mesh.box import box_mesh
 from tests.altered import alter_tensors, altered_h5

@@ -17,13 +17,13 @@ import torch
 
 from fem_truth.generate.shards import DamagedShard, read_shard, write_shard
 from runtime.body import load_body
-from runtime.corrections.correction_file import read_header
-from runtime.dynamics.motion_file import load_motion
 from runtime.errors import SoftprintError
-from runtime.files import create_softprint_h5, open_softprint_h5
-from runtime.seal import BLOCK, Damage, Unsealed, damage, seal
-from runtime.tensor_file import load_tensors, save_tensors
-from runtime.truth_file import load_truth
+from runtime.io.files import create_softprint_h5, open_softprint_h5
+from runtime.io.seal import BLOCK, Damage, Unsealed, damage, seal
+from runtime.io.tensor_file import load_tensors, save_tensors
+from runtime.learned.correction_file import read_header
+from runtime.scenes.motion_file import load_motion
+from runtime.truth.truth_file import load_truth
 from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 
 FILES: dict[str, Callable[[Path], object]] = {

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from runtime.body import build_body
-from runtime.dynamics.model import bare_model, play
-from runtime.dynamics.motion_file import load_motion
-from runtime.dynamics.simulate import simulate_scene
 from runtime.errors import SoftprintError
 from runtime.experiment import load_experiment
 from runtime.mesh import box_mesh, write_mesh
+from runtime.scenes.motion_file import load_motion
+from runtime.scenes.playing import bare_model, play
+from runtime.scenes.simulate import simulate_scene
 
 EXPERIMENT = """
 [experiment]

@@ -19,15 +19,15 @@ from runtime.body import save_body
 from runtime.cli.context import Context
 from runtime.cli.inspect_verb import VERB
 from runtime.colliders.analytic import Sphere
-from runtime.corrections.correction_file import save_correction
-from runtime.corrections.model import ContactModel, ModelOptions
 from runtime.errors import SoftprintError
 from runtime.inspect import kinds
 from runtime.inspect.mesh_quality import cell_angles, mean_ratio, mesh_facts
+from runtime.learned.correction_file import save_correction
+from runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
 from runtime.mesh import box_mesh, write_mesh
 from runtime.mesh.mesh import Mesh
 from runtime.published.export import export_published
-from runtime.truth_file import load_truth
+from runtime.truth.truth_file import load_truth
 from surrogate.checkpoints import Checkpoint, save_checkpoint
 from tests.toy_truth import PRESS, write_truth
 
@@ -136,7 +136,7 @@ def test_a_truth_is_told_sample_by_sample_and_drawn(tmp_path, jelly2d_body) -> N
 
 def test_a_motion_is_told_frame_by_frame_and_drawn_with_its_colliders(tmp_path) -> None:
     from runtime.cli.run_body import body_of_run
-    from runtime.dynamics.simulate import simulate_scene
+    from runtime.scenes.simulate import simulate_scene
 
     write_mesh(tmp_path / "box.vtu", box_mesh([0.0, 0.0], [0.1, 0.05], [10, 5]))
     (tmp_path / "toy.toml").write_text(PRESS)
@@ -160,8 +160,10 @@ def test_a_motion_is_told_frame_by_frame_and_drawn_with_its_colliders(tmp_path) 
 
 
 def test_a_correction_and_a_checkpoint_are_told(tmp_path, jelly2d_body) -> None:
-    model = ContactModel(
-        ModelOptions("weighted_rows", False, (8,), "tanh", "saturating", 1e-3), 2, jelly2d_body.n_rows
+    model = ContactCentricModel(
+        ContactCentricOptions("weighted_rows", False, (8,), "tanh", "saturating", 1e-3),
+        2,
+        jelly2d_body.n_rows,
     )
     path = tmp_path / "ours.safetensors"
     save_correction(path, "ours", model, jelly2d_body, "ball", "abc", 0.125, {"seconds": 3.0})

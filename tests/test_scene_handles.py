@@ -7,10 +7,10 @@ import pytest
 
 from runtime.body import build_body
 from runtime.colliders import RigidPose
-from runtime.dynamics.model import bare_model, play
 from runtime.errors import SoftprintError
 from runtime.experiment import load_experiment
 from runtime.mesh import box_mesh, write_mesh
+from runtime.scenes.playing import bare_model, play
 
 EXPERIMENT = """
 [experiment]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from runtime.body.body_file import load_body
-from runtime.corrections.correction_file import read_header
 from runtime.experiment.experiment import ANY_COLLIDER
-from runtime.truth_file import load_truth
+from runtime.learned.correction_file import read_header
+from runtime.truth.truth_file import load_truth
 from surrogate.splits import split_by_shape
 from tests.toy_experiment import write_experiment, write_library_experiment
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from runtime.colliders.pose import rotation_matrix
-from runtime.truth_file import TruthHeader, create_truth
-from runtime.truth_schema import TABLES, UNREACHED
+from runtime.truth.truth_file import TruthHeader, create_truth
+from runtime.truth.truth_schema import TABLES, UNREACHED
 
 
 def turned(dim: int, angle: float) -> np.ndarray:

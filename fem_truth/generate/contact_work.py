@@ -25,7 +25,7 @@ from fem_truth.sampling.rotations import random_rotation
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.mesh import Mesh
-from runtime.truth_schema import UNREACHED
+from runtime.truth.truth_schema import UNREACHED
 
 _UNREACHED = "An earlier depth of the same contact did not converge, so there was nothing to start from."
 

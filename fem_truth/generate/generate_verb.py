@@ -80,8 +80,8 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
     """What is in the truth file and what it cost, in a few lines."""
     import numpy as np
 
-    from runtime.truth_file import load_truth
-    from runtime.truth_schema import CONVERGED
+    from runtime.truth.truth_file import load_truth
+    from runtime.truth.truth_schema import CONVERGED
 
     with load_truth(done.truth) as truth:
         samples, n_contacts = truth.samples, len(truth.contacts)

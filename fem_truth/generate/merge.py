@@ -9,7 +9,7 @@ import numpy as np
 
 from fem_truth.generate.shards import read_shard
 from runtime.body.body import ReducedBody
-from runtime.truth_file import TruthHeader, create_truth
+from runtime.truth.truth_file import TruthHeader, create_truth
 
 
 def merge_shards(

@@ -37,7 +37,7 @@ from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
 from runtime.errors import SoftprintError
-from runtime.truth_file import TruthHeader, load_truth, side_file, write_side_file
+from runtime.truth.truth_file import TruthHeader, load_truth, side_file, write_side_file
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment

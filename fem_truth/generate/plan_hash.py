@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 from runtime.body.body import ReducedBody
 from runtime.errors import SoftprintError
 from runtime.experiment.sources import formulas_hash, scene_files
-from runtime.files import atomic_path
-from runtime.truth_colliders import FORMULAS, flat_table, sampled_file_hashes, without_absent
-from runtime.truth_schema import VERSION
+from runtime.io.files import atomic_path
+from runtime.truth.truth_colliders import FORMULAS, flat_table, sampled_file_hashes, without_absent
+from runtime.truth.truth_schema import VERSION
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment

@@ -12,7 +12,7 @@ from runtime.errors import SoftprintError
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.summary import Summary
-from runtime.truth_schema import STATUS_NAMES
+from runtime.truth.truth_schema import STATUS_NAMES
 
 
 def recognise(head: FileHead) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 
 MAGIC = b"softprint shard 1\n"
 _REMEDY = "the same command again does it anew"

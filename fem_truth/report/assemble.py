@@ -32,10 +32,10 @@ from fem_truth.report.style import ModelStyle, styles_for
 from fem_truth.report.truth_quality import quality_columns, truth_summary
 from runtime.arrays import Array
 from runtime.body.body import ReducedBody
-from runtime.dynamics.motion_file import Motion
 from runtime.experiment import Experiment
-from runtime.files import provenance
-from runtime.truth_file import TruthData
+from runtime.io.files import provenance
+from runtime.scenes.motion_file import Motion
+from runtime.truth.truth_file import TruthData
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.corrections.correction import BoundCorrection, Correction, FollowsContact
-from runtime.corrections.internal_response import InternalResponse
+from runtime.learned.correction import BoundCorrection, Correction, FollowsContact
+from runtime.mechanics.static_condensation import StaticCondensation
 
 #: The answers of the full-space solvers, beside the bare subspace and the corrections.
 SOLVED = ("linear_response", "truth", "statics")
@@ -46,7 +46,7 @@ class Corrected:
     it comes with, if any."""
 
     bound: BoundCorrection
-    internal: InternalResponse | None
+    internal: StaticCondensation | None
 
     @classmethod
     def of(cls, correction: Correction, body: ReducedBody) -> Corrected:

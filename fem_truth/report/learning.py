@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from runtime.corrections.correction_file import CorrectionHeader, read_header
 from runtime.errors import SoftprintError
+from runtime.learned.correction_file import CorrectionHeader, read_header
 
 # What `softprint bench` says of a measurement; files of earlier versions say less.
 _CONDITIONS = ("scene", "tolerance", "iterations", "cores_used", "time_step", "machine")

@@ -37,10 +37,10 @@ from runtime.body.body import ReducedBody
 from runtime.cli.run_body import body_of_run
 from runtime.colliders.collider import Collider
 from runtime.contact import PenaltyContact
-from runtime.corrections.correction_file import load_correction
-from runtime.dynamics.scene import scene_parts
-from runtime.files import content_hash
-from runtime.truth_file import load_truth
+from runtime.io.files import content_hash
+from runtime.learned.correction_file import load_correction
+from runtime.scenes.scene import scene_parts
+from runtime.truth.truth_file import load_truth
 
 if TYPE_CHECKING:
     from runtime.cli.context import Context

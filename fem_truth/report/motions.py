@@ -8,8 +8,8 @@ import numpy as np
 
 from fem_truth.report.comparison import node_distances, root_mean_square
 from runtime.arrays import Array, BoolArray, IntArray
-from runtime.dynamics.motion_file import Motion
 from runtime.errors import SoftprintError
+from runtime.scenes.motion_file import Motion
 
 TOTAL = "total"  # the timing that holds all the others, and what no phase claims
 

@@ -14,7 +14,7 @@ from runtime.arrays import Array
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.experiment import Experiment
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 
 REPORT_VERSION = 1
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from runtime.body.body import ReducedBody
-from runtime.dynamics.motion_file import Motion, load_motion
-from runtime.dynamics.simulate import inputs_hash, motion_path
 from runtime.errors import SoftprintError
 from runtime.experiment import Experiment, SceneSpec
+from runtime.scenes.motion_file import Motion, load_motion
+from runtime.scenes.simulate import inputs_hash, motion_path
 
 FULL, BARE = "full", "bare"
 

@@ -21,8 +21,8 @@ from fem_truth.report.held_out import Corrected
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.body.body import ReducedBody
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
-from runtime.truth_file import TruthData
+from runtime.io.files import atomic_path
+from runtime.truth.truth_file import TruthData
 
 # Samples with less than this share of the mean squared displacement hardly touch, and say nothing of the worst case.
 _TELLING = 0.01

@@ -26,12 +26,12 @@ from fem_truth.report.shape_errors import (
 from runtime.body.body import ReducedBody
 from runtime.colliders.build import build_collider
 from runtime.colliders.collider import Collider
-from runtime.corrections.correction_file import TrainedCorrection, read_correction
 from runtime.experiment.experiment import ANY_COLLIDER
-from runtime.files import file_hash, sources_hash
+from runtime.io.files import file_hash, sources_hash
+from runtime.learned.correction_file import TrainedCorrection, read_correction
 from runtime.shapes import names, validation_names
-from runtime.truth_colliders import require_same_colliders
-from runtime.truth_file import TruthData
+from runtime.truth.truth_colliders import require_same_colliders
+from runtime.truth.truth_file import TruthData
 
 if TYPE_CHECKING:
     from runtime.cli.context import Context

@@ -18,7 +18,7 @@ from fem_truth.constrained import ConstrainedProblem, Solution
 from runtime.arrays import Array
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.files import atomic_path, content_hash
+from runtime.io.files import atomic_path, content_hash
 
 log = logging.getLogger(__name__)
 

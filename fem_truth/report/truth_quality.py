@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from runtime.arrays import Array
-from runtime.truth_file import TruthData
-from runtime.truth_schema import CONVERGED, STATUS_NAMES
+from runtime.truth.truth_file import TruthData
+from runtime.truth.truth_schema import CONVERGED, STATUS_NAMES
 
 
 def truth_summary(truth: TruthData) -> dict[str, Any]:

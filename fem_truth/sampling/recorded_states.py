@@ -17,10 +17,10 @@ from fem_truth.sampling.farthest import farthest_selection
 from fem_truth.sampling.rigid_free import RigidFreeDescriptor
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
-from runtime.dynamics.model import bare_model, play
-from runtime.dynamics.scene import scene_steps
 from runtime.dynamics.state import ReducedState
 from runtime.errors import SoftprintError
+from runtime.scenes.playing import bare_model, play
+from runtime.scenes.scene import scene_steps
 
 if TYPE_CHECKING:
     from runtime.experiment import Experiment, SceneSpec

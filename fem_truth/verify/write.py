@@ -15,7 +15,7 @@ from fem_truth.verify.plots import colour_variables, draw
 from fem_truth.verify.suite import Outcome
 from fem_truth.verify.table import as_json, format_error, shown
 from fem_truth.verify.typeset import typeset
-from runtime.files import provenance
+from runtime.io.files import provenance
 
 VERSION = 1  # of verify.json
 

@@ -15,7 +15,7 @@ from runtime.body.material_points import MaterialPoints
 from runtime.body.surface_distance import nearest_surface
 from runtime.body.surface_samples import SurfaceSamples
 from runtime.elasticity.materials import Material
-from runtime.files import content_hash
+from runtime.io.files import content_hash
 from runtime.mesh import Mesh
 
 

@@ -25,7 +25,7 @@ from runtime.body.handles import FrameHandle, Handles
 from runtime.body.surface_samples import SurfaceSamples
 from runtime.elasticity.materials import make_material
 from runtime.errors import SoftprintError
-from runtime.files import content_hash, create_softprint_h5, fixed_text, open_softprint_h5, read_text
+from runtime.io.files import content_hash, create_softprint_h5, fixed_text, open_softprint_h5, read_text
 from runtime.mesh import Mesh
 
 KIND = "body"

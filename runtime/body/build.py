@@ -19,7 +19,7 @@ from runtime.body.placement import frames_of, in_box, place_handles
 from runtime.body.surface_samples import sample_surface
 from runtime.elasticity.materials import Material, make_material
 from runtime.errors import SoftprintError
-from runtime.files import content_hash
+from runtime.io.files import content_hash
 from runtime.mesh import Mesh, read_mesh
 
 if TYPE_CHECKING:

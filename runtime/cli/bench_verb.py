@@ -12,8 +12,8 @@ from runtime.cli.verb import Verb
 
 if TYPE_CHECKING:
     from runtime.body import ReducedBody
-    from runtime.dynamics.speed import Speed
     from runtime.experiment import Experiment, SceneSpec
+    from runtime.scenes.speed import Speed
 
 REPORT = "bench.json"
 
@@ -68,10 +68,10 @@ def all_or_count(text: str) -> int | None:
 def run(args: argparse.Namespace, context: Context) -> int:
     """Print a table, and keep it as bench.json in the run directory."""
     from runtime.cli.run_body import body_of_run
-    from runtime.dynamics.scene import find_scene
-    from runtime.dynamics.speed import machine, speed_table, speeds_as_json, with_newton
     from runtime.errors import SoftprintError
-    from runtime.files import provenance
+    from runtime.io.files import provenance
+    from runtime.scenes.scene import find_scene
+    from runtime.scenes.speed import machine, speed_table, speeds_as_json, with_newton
 
     if args.iterations is not None and args.iterations < 1:
         raise SoftprintError("--iterations must be at least 1")
@@ -122,10 +122,10 @@ def _measured(
     args: argparse.Namespace, context: Context, experiment: Experiment, body: ReducedBody, scene: SceneSpec
 ) -> list[Speed]:
     """Every model that is asked for, one after the other."""
-    from runtime.dynamics.model import BARE, build_model, trained_models
-    from runtime.dynamics.scene import scene_steps
-    from runtime.dynamics.speed import measure
     from runtime.errors import SoftprintError
+    from runtime.scenes.playing import BARE, build_model, trained_models
+    from runtime.scenes.scene import scene_steps
+    from runtime.scenes.speed import measure
 
     led = not any(collider.free for collider in scene.colliders)  # full space plays no others
     full = ["full"] if led and find_spec("dolfinx") is not None else []
@@ -142,7 +142,7 @@ def _measured(
 
 
 def _keep(context: Context, report: dict[str, Any]) -> None:
-    from runtime.files import atomic_path
+    from runtime.io.files import atomic_path
 
     path = context.out_dir / REPORT
     with atomic_path(path) as temporary:

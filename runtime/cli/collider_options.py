@@ -31,8 +31,8 @@ def with_stand_ins(
     args: argparse.Namespace, experiment: Experiment, scene: SceneSpec
 ) -> tuple[Experiment, SceneSpec]:
     """The scene as it is to be played, and the experiment in which its colliders are found."""
-    from runtime.dynamics.stand_in import with_stand_in
     from runtime.errors import SoftprintError
+    from runtime.scenes.stand_in import with_stand_in
 
     if args.collider_scale is not None and not args.collider:
         raise SoftprintError("--collider-scale belongs to --collider FILE")

@@ -25,8 +25,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from runtime.colliders.build import build_collider
     from runtime.errors import SoftprintError
     from runtime.published.export import export_published, published_samples
-    from runtime.truth_colliders import require_same_colliders
-    from runtime.truth_file import load_truth
+    from runtime.truth.truth_colliders import require_same_colliders
+    from runtime.truth.truth_file import load_truth
 
     experiment = context.experiment
     name = args.collider or experiment.sampling.collider

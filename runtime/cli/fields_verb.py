@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from runtime.body import ReducedBody
     from runtime.colliders import Collider
     from runtime.fields.deformed import Deformed
-    from runtime.truth_file import TruthData
+    from runtime.truth.truth_file import TruthData
 
 FOLDER = "fields"
 
@@ -49,12 +49,12 @@ def run(args: argparse.Namespace, context: Context) -> int:
     touch` spreads over the surface.
     """
     from runtime.cli.run_body import body_of_run
-    from runtime.dynamics.motion_colliders import build_colliders
-    from runtime.dynamics.motion_file import load_motion
     from runtime.errors import SoftprintError
     from runtime.fields.sources import deformed_frames, deformed_samples
-    from runtime.truth_colliders import require_same_colliders
-    from runtime.truth_file import load_truth
+    from runtime.scenes.motion_colliders import build_colliders
+    from runtime.scenes.motion_file import load_motion
+    from runtime.truth.truth_colliders import require_same_colliders
+    from runtime.truth.truth_file import load_truth
 
     if args.motion is None and args.frame is not None:
         raise SoftprintError("--frame is of a motion: name it with --motion, such as --motion held_out_ours")
@@ -91,7 +91,7 @@ def _samples(truth: TruthData, args: argparse.Namespace) -> list[int]:
     import numpy as np
 
     from runtime.errors import SoftprintError
-    from runtime.truth_schema import CONVERGED
+    from runtime.truth.truth_schema import CONVERGED
 
     converged = truth.samples["status"] == CONVERGED
     if args.sample is None and args.contact is None:

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from runtime.elasticity.materials import make_material
     from runtime.errors import SoftprintError
     from runtime.experiment import load_experiment
-    from runtime.files import content_hash
+    from runtime.io.files import content_hash
     from runtime.published.adopt import adopt_body, adopted_poses, write_adopted_truth
     from runtime.published.adopted_files import GivenMaterial, frames_without_box, write_experiment
     from runtime.published.layout import open_dataset, read_meshes

@@ -30,10 +30,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, context: Context) -> int:
     """Each scene with each model; motions/<scene>_<model>.h5 and .xdmf in the run directory."""
     from runtime.cli.run_body import body_of_run
-    from runtime.dynamics.model import BARE, trained_models
-    from runtime.dynamics.scene import find_scene
-    from runtime.dynamics.simulate import simulate_scene
     from runtime.errors import SoftprintError
+    from runtime.scenes.playing import BARE, trained_models
+    from runtime.scenes.scene import find_scene
+    from runtime.scenes.simulate import simulate_scene
 
     experiment = context.experiment
     names = args.scene or [scene.name for scene in experiment.scenes_of_role("test")]

@@ -55,9 +55,9 @@ def run(args: argparse.Namespace, context: Context) -> int:
     import numpy as np
 
     from runtime.cli.run_body import body_of_run
-    from runtime.dynamics.model import build_model, play
-    from runtime.dynamics.scene import find_scene, scene_steps
     from runtime.errors import SoftprintError
+    from runtime.scenes.playing import build_model, play
+    from runtime.scenes.scene import find_scene, scene_steps
     from runtime.touch import Touch, TouchSensor, point_places, surface_places
     from runtime.touch.series import draw_series, write_arrays, write_table
 

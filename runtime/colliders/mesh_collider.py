@@ -13,7 +13,7 @@ from runtime.colliders.mesh_distance import MeshDistance
 from runtime.colliders.rebuild import misplaced
 from runtime.colliders.repair import OR_REBUILD, closed_surface
 from runtime.errors import SoftprintError
-from runtime.memory import memory_bound
+from runtime.io.memory_bound import memory_bound
 
 log = logging.getLogger(__name__)
 

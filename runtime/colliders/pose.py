@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -134,3 +135,7 @@ class RigidPose:
 
     def inverse(self) -> RigidPose:
         return RigidPose.known(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+
+
+# Where the colliders of a scene are, by name.
+Poses = Mapping[str, RigidPose]

@@ -21,7 +21,7 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.colliders.pose import RigidPose
-from runtime.contact import kernels
+from runtime.contact import point_kernels as kernels
 from runtime.contact.penalty import ContactTerms
 from runtime.errors import SoftprintError
 

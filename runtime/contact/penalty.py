@@ -22,7 +22,7 @@ import numpy as np
 from runtime.arrays import Array, IntArray
 from runtime.colliders.collider import Collider
 from runtime.colliders.pose import RigidPose
-from runtime.contact import kernels
+from runtime.contact import point_kernels as kernels
 from runtime.errors import SoftprintError
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
 from runtime.drawing.scene import Scene
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,7 @@ from runtime.doctor.graphics import check_rendering
 from runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
 from runtime.drawing.scene import Scene
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 
 if TYPE_CHECKING:
     import pyvista as pv

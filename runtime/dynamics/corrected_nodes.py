@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
-from runtime.corrections.correction import BoundCorrection, Correction
-from runtime.corrections.internal_response import InternalResponse
-from runtime.corrections.joint_press import BoundPressed, JointProbe
+from runtime.contact.condensed.joint_press import BoundPressed, JointProbe
 from runtime.dynamics.state import ReducedState
-from runtime.row_products import placed
+from runtime.learned.correction import BoundCorrection, Correction
+from runtime.linalg.row_products import placed
+from runtime.mechanics.static_condensation import StaticCondensation
 
 
 class Snapshot(NamedTuple):
@@ -32,7 +32,7 @@ class CorrectedNodes:
         self,
         body: ReducedBody,
         corrections: Sequence[tuple[str, Correction]],
-        internal: InternalResponse | None,
+        internal: StaticCondensation | None,
         nodes: IntArray | None = None,
         joint: Mapping[str, JointProbe] | None = None,
     ) -> None:
@@ -77,7 +77,7 @@ class CorrectedNodes:
         return self._body.basis if self._nodes is None else self._body.basis[self._nodes]
 
     @cached_property
-    def _internal(self) -> InternalResponse | None:
+    def _internal(self) -> StaticCondensation | None:
         if self._everywhere is None or self._nodes is None:
             return self._everywhere
         return self._everywhere.at(self._nodes)

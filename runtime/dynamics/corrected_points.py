@@ -6,17 +6,15 @@ once for all of these points together, for each question costs as much as some h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
-from runtime.colliders.pose import RigidPose
-from runtime.corrections.correction import BoundField, CorrectionField, FieldCorrection
+from runtime.colliders.pose import Poses
 from runtime.dynamics.timings import Phase
-
-Poses = Mapping[str, RigidPose]
+from runtime.learned.correction import BoundField, CorrectionField, FieldCorrection
 
 
 class CorrectedPoints:

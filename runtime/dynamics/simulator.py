@@ -18,19 +18,16 @@ from runtime.arrays import Array, IntArray, same
 from runtime.body.body import ReducedBody
 from runtime.colliders.pose import RigidPose
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.correction import is_field
-from runtime.corrections.internal_response import InternalResponse
-from runtime.dynamics.collider_contact import ColliderContact
-from runtime.dynamics.condensed_contact import CondensedContact
+from runtime.contact.condensed.condensed_contact import CondensedContact
+from runtime.contact.contact_force import ContactForce
+from runtime.contact.friction_state import FrictionState
 from runtime.dynamics.corrected_nodes import CorrectedNodes, Snapshot
 from runtime.dynamics.corrected_points import CorrectedPoints
-from runtime.dynamics.elastic import Elastic, ElasticEnergy
-from runtime.dynamics.internal_elastic import InternalElasticEnergy
-from runtime.dynamics.kept_elastic import kept_if_dear
+from runtime.dynamics.free_bodies import FreeBodies, FreeStep
+from runtime.dynamics.free_body_contact import ColliderContact
 from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
-from runtime.dynamics.movers import FreeStep, Movers
 from runtime.dynamics.newton import NewtonResult, NewtonSettings, Status, minimise
-from runtime.dynamics.placed import (
+from runtime.dynamics.placed_collider import (
     PlacedCollider,
     check_colliders,
     free_colliders,
@@ -38,16 +35,20 @@ from runtime.dynamics.placed import (
     poses_at,
     starting_motions,
 )
-from runtime.dynamics.springs import HandleSpring, QuadraticForm, Springs
-from runtime.dynamics.state import Configuration, ContactForce, ReducedState, StepResult
-from runtime.dynamics.step_contact import StepContact
+from runtime.dynamics.state import Configuration, ReducedState, StepResult
 from runtime.dynamics.step_energy import StepEnergy
 from runtime.dynamics.step_start import StepStart
-from runtime.dynamics.surface import SurfaceEnergy
+from runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
+from runtime.dynamics.terms.elastic import Elastic, ElasticEnergy
+from runtime.dynamics.terms.kept_elastic_hessian import kept_if_dear
+from runtime.dynamics.terms.springs import HandleSpring, QuadraticForm, Springs
+from runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
+from runtime.dynamics.terms.weight import Weight
 from runtime.dynamics.timings import Timings
-from runtime.dynamics.weight import Weight
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 from runtime.errors import SoftprintError
+from runtime.learned.correction import is_field
+from runtime.mechanics.static_condensation import StaticCondensation
 
 # A body strained by less than this feels no force worth balancing: the floor of the scale of residuals.
 _NEGLIGIBLE_STRAIN = 1e-9
@@ -96,7 +97,7 @@ class Simulator:
         springs: Sequence[HandleSpring] = (),
         kinematic: Sequence[KinematicHandle] = (),
         settings: DynamicsSettings | None = None,
-        internal: InternalResponse | None = None,
+        internal: StaticCondensation | None = None,
     ) -> None:
         self.body = body
         self.colliders = tuple(colliders)
@@ -136,17 +137,17 @@ class Simulator:
         elastic: Elastic = (
             ElasticEnergy(body, self._points)
             if internal is None
-            else InternalElasticEnergy(body, self._points, internal)
+            else CondensedElasticEnergy(body, self._points, internal)
         )
         self._elastic = kept_if_dear(elastic, ReducedElasticity.of(body))
-        self._surface = SurfaceEnergy(body, self._points, penalised, contact, friction, internal)
+        self._surface = SurfaceContactEnergy(body, self._points, penalised, contact, friction, internal)
         self._nodes = CorrectedNodes(body, self._corrections, internal, joint=self._condensed.joint)
         self._samples = CorrectedNodes(
             body, self._corrections, internal, body.surface.nodes, self._condensed.joint
         )
         self._friction = friction
         free = free_colliders(self.colliders)
-        self._movers = Movers(
+        self._movers = FreeBodies(
             free, shapes, ColliderContact(free, shapes, contact, friction), body.basis[body.surface.nodes]
         )
         self._last: tuple[ReducedState, Array, Array] | None = None  # the surface at the end of the last step
@@ -165,7 +166,7 @@ class Simulator:
                 raise SoftprintError(
                     f"the internal response is for the gravity {self._internal.gravity.tolist()}, not for "
                     f"{gravity.tolist()}: train the correction for the gravity of the scene, or take "
-                    "`InternalResponse.under` it"
+                    "`StaticCondensation.under` it"
                 )
         check_colliders(self.colliders, dim)
 
@@ -198,7 +199,7 @@ class Simulator:
             surface = self._surface_of(state, before, timings)
             with timings.contact:
                 settled = self._condensed.settled(state.rows, state.poses, before)
-            contact = StepContact(surface, state.poses, h, settled)
+            contact = FrictionState(surface, state.poses, h, settled)
         energy = self._energy(end, turn, inertia, contact, timings, free)
         begin = self._start(state, energy, end, end_poses)
         if free is not None:
@@ -244,7 +245,7 @@ class Simulator:
         return self._static_result(solved, state, energy, timings)
 
     def _turns(self, turn: Array) -> Array:
-        """(n, dim, dim), see `InternalResponse.turns`; none where there is no such response."""
+        """(n, dim, dim), see `StaticCondensation.turns`; none where there is no such response."""
         return (
             np.empty((0, self.body.dim, self.body.dim))
             if self._internal is None
@@ -276,7 +277,7 @@ class Simulator:
         time: float,
         turn: Array,
         inertia: QuadraticForm,
-        contact: StepContact | None,
+        contact: FrictionState | None,
         timings: Timings,
         free: FreeStep | None,
     ) -> StepEnergy:
@@ -362,7 +363,7 @@ class Simulator:
         return self._samples.snapshot(state)
 
     def surface_drawn(self, snapshot: Snapshot) -> Array:
-        """(s, dim) [m], on any thread or in another process, beside the next step (`drawn_beside.py`)."""
+        """(s, dim) [m], on any thread or in another process, beside the next step (`background_drawing.py`)."""
         return self._samples.drawn(snapshot)
 
     def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:

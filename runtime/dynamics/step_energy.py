@@ -13,7 +13,7 @@ rule is
     gradient = T^T dE/drows,    Hessian = T^T (d2E/drows2) T + curvature of the retraction.
 
 Colliders that move freely bring their twists as further unknowns, and their own inertia, weight and contacts
-(`movers.py`).
+(`free_bodies.py`).
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray, known_hessian
 from runtime.body.handles import Handles
-from runtime.corrections.correction import CorrectionField
-from runtime.dynamics.condensed_contact import CondensedContact
+from runtime.contact.condensed.condensed_contact import CondensedContact
+from runtime.contact.contact_force import ContactForce
+from runtime.contact.friction_state import FrictionState
 from runtime.dynamics.corrected_points import CorrectedPoints
-from runtime.dynamics.elastic import Elastic
-from runtime.dynamics.movers import FreeStep
+from runtime.dynamics.free_bodies import FreeStep
 from runtime.dynamics.newton import Linearisation
-from runtime.dynamics.springs import QuadraticForm
-from runtime.dynamics.state import Configuration, ContactForce
-from runtime.dynamics.step_contact import StepContact
-from runtime.dynamics.surface import SurfaceEnergy
+from runtime.dynamics.state import Configuration
+from runtime.dynamics.terms.elastic import Elastic
+from runtime.dynamics.terms.springs import QuadraticForm
+from runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
 from runtime.dynamics.timings import Timings
+from runtime.learned.correction import CorrectionField
 
 # Energies are sums of some thousand float64 terms: differences below this share of their size are round-off.
 _ROUND_OFF = 1e-13
@@ -53,7 +54,7 @@ class Evaluation(NamedTuple):
 class StepEnergy:
     """A `newton.Problem` over handle rows and poses, for one step.
 
-    quadratic: inertia, gravity and springs; turn: (n_rows, dim), see `turning.py`; step: what
+    quadratic: inertia, gravity and springs; turn: (n_rows, dim), see `corotation.py`; step: what
     friction remembers, None where there is none; free_colliders: those that are solved for, None where all of them
     stand where they are told;
     friction_updates: how many linearisations take up new normal forces for friction before these are frozen
@@ -69,10 +70,10 @@ class StepEnergy:
         quadratic: QuadraticForm,
         points: CorrectedPoints,
         elastic: Elastic,
-        surface: SurfaceEnergy,
+        surface: SurfaceContactEnergy,
         condensed: CondensedContact,
         turn: Array,
-        step: StepContact | None,
+        step: FrictionState | None,
         free_colliders: FreeStep | None = None,
         friction_updates: int,
         force_floor: float,

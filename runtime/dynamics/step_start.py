@@ -20,7 +20,7 @@ import numpy as np
 
 from runtime.arrays import Array
 from runtime.body.body import ReducedBody
-from runtime.dynamics.corrected_points import Poses
+from runtime.colliders.pose import Poses
 from runtime.dynamics.kinematic import KinematicHandle, place_kinematic
 from runtime.dynamics.newton import Descent, NewtonResult
 from runtime.dynamics.state import Configuration, ReducedState

@@ -19,8 +19,8 @@ import numpy as np
 
 from runtime.arrays import Array, BoolArray, IntArray
 from runtime.elasticity.materials import Material
+from runtime.linalg.row_products import deformed
 from runtime.mesh import Mesh
-from runtime.row_products import deformed
 
 if TYPE_CHECKING:
     from runtime.body.body import ReducedBody

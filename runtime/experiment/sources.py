@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime.experiment import colliders_schema as schema
-from runtime.files import content_hash, file_hash
+from runtime.io.files import content_hash, file_hash
 from runtime.shapes import find_shape
 
 if TYPE_CHECKING:

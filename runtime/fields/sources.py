@@ -9,11 +9,11 @@ import numpy as np
 
 from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
-from runtime.dynamics.motion_file import Motion
 from runtime.errors import SoftprintError
 from runtime.fields.deformed import Deformed
-from runtime.truth_file import TruthData
-from runtime.truth_schema import CONVERGED, STATUS_NAMES
+from runtime.scenes.motion_file import Motion
+from runtime.truth.truth_file import TruthData
+from runtime.truth.truth_schema import CONVERGED, STATUS_NAMES
 
 
 def deformed_samples(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
 from runtime.fields.deformed import FieldSet
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 
 _CELLS = {2: "triangle", 3: "tetra"}
 _FACETS = {2: "line", 3: "triangle"}

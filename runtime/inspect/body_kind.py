@@ -14,11 +14,11 @@ from runtime.body.body_file import KIND as BODY
 from runtime.body.body_file import VERSION, load_body
 from runtime.drawing.colours import FRAMES, POINTS
 from runtime.drawing.scene import Marks, Scene
-from runtime.files import open_softprint_h5, read_text
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.mesh_quality import mesh_facts
 from runtime.inspect.summary import Summary, byte_size, versions
+from runtime.io.files import open_softprint_h5, read_text
 
 
 def recognise(head: FileHead) -> bool:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from runtime.corrections.correction_file import DESCRIPTOR, FIELD, LOADS, read_header
-from runtime.corrections.correction_file import KIND as CORRECTION
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.summary import Summary, versions
+from runtime.learned.correction_file import DESCRIPTOR, FIELD, LOADS, read_header
+from runtime.learned.correction_file import KIND as CORRECTION
 
 _FORMS = {
     FIELD: "displacement field",

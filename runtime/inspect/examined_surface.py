@@ -11,8 +11,8 @@ import numpy as np
 from runtime.colliders.examine import Examined, examine
 from runtime.colliders.mesh_collider import read_surface, surface_collider, unit_hint
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
 from runtime.inspect.summary import Summary
+from runtime.io.files import atomic_path
 
 _RESOLUTIONS = (8, 256)
 

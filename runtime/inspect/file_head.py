@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from runtime.errors import SoftprintError
-from runtime.files import read_text
+from runtime.io.files import read_text
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 HEAD_BYTES = 4096

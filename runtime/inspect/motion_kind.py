@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from runtime.drawing.scene import Scene
-from runtime.dynamics.motion_colliders import build_colliders
-from runtime.dynamics.motion_file import KIND as MOTION
-from runtime.dynamics.motion_file import VERSION, Motion, load_motion
 from runtime.errors import SoftprintError
-from runtime.files import open_softprint_h5, read_text
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.picture import known_colliders, placed_surfaces
 from runtime.inspect.summary import Section, Summary, spread, versions
+from runtime.io.files import open_softprint_h5, read_text
 from runtime.mesh import Mesh
+from runtime.scenes.motion_colliders import build_colliders
+from runtime.scenes.motion_file import KIND as MOTION
+from runtime.scenes.motion_file import VERSION, Motion, load_motion
 
 
 def recognise(head: FileHead) -> bool:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from runtime.files import open_softprint_h5, read_text
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.summary import Section, Summary, versions
+from runtime.io.files import open_softprint_h5, read_text
 from runtime.touch.series import KIND as TOUCH
 from runtime.touch.series import VERSION
 

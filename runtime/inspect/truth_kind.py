@@ -9,15 +9,15 @@ import numpy as np
 
 from runtime.drawing.scene import Scene
 from runtime.errors import SoftprintError
-from runtime.files import open_softprint_h5
 from runtime.inspect.file_head import FileHead
 from runtime.inspect.kinds import Kind, Part
 from runtime.inspect.picture import known_colliders, placed_surfaces
 from runtime.inspect.summary import Section, Summary, byte_size, spread, versions
+from runtime.io.files import open_softprint_h5
 from runtime.mesh import Mesh
-from runtime.truth_file import TruthData, load_truth
-from runtime.truth_schema import CONVERGED, SAMPLES, STATUS_NAMES, VERSION
-from runtime.truth_schema import KIND as TRUTH
+from runtime.truth.truth_file import TruthData, load_truth
+from runtime.truth.truth_schema import CONVERGED, SAMPLES, STATUS_NAMES, VERSION
+from runtime.truth.truth_schema import KIND as TRUTH
 
 
 def recognise(head: FileHead) -> bool:

@@ -11,8 +11,8 @@ import numpy as np
 
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
-from runtime.memory import memory_bound
+from runtime.io.files import atomic_path
+from runtime.io.memory_bound import memory_bound
 from runtime.mesh.check import oriented_mesh
 from runtime.mesh.mesh import Mesh
 

@@ -32,8 +32,8 @@ from runtime.errors import SoftprintError
 from runtime.mesh.check import oriented_mesh
 from runtime.published.handles import FoundHandles, find_handles
 from runtime.published.layout import PublishedData, PublishedObject
-from runtime.truth_file import TruthHeader, create_truth
-from runtime.truth_schema import CONVERGED, TABLES
+from runtime.truth.truth_file import TruthHeader, create_truth
+from runtime.truth.truth_schema import CONVERGED, TABLES
 
 SAME = 1e-5  # handles and rotations that differ by less are the same: the files are float32
 _RIGID = 1e-3  # a collider that follows its transformation less closely is not rigid

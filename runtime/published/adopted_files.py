@@ -12,7 +12,7 @@ from runtime.arrays import Array, IntArray
 from runtime.body.body import ReducedBody
 from runtime.body.placement import frame_in_box
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
+from runtime.io.files import atomic_path
 from runtime.mesh import write_mesh
 from runtime.published.layout import PublishedObject
 

@@ -14,9 +14,9 @@ from runtime.body.body import ReducedBody
 from runtime.colliders.collider import Collider
 from runtime.colliders.level_set import collider_surface
 from runtime.errors import SoftprintError
-from runtime.files import provenance
+from runtime.io.files import provenance
 from runtime.published.layout import PublishedMeshes, PublishedObject, write_dataset, write_meshes
-from runtime.truth_file import TruthData
+from runtime.truth.truth_file import TruthData
 
 # Cells along a collider of the grid on which its surface is found: some thousand triangles, as colliders have.
 CELLS = {2: 160, 3: 40}

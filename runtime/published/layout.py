@@ -43,8 +43,8 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array, IntArray
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path
-from runtime.h5_writing import H5Writer
+from runtime.io.files import atomic_path
+from runtime.io.h5_writing import H5Writer
 
 BODY_REFERENCE, COLLIDER_REFERENCE = "q_ref", "z_ref"
 _DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)

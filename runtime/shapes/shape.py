@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.files import content_hash
+from runtime.io.files import content_hash
 from runtime.shapes.solid import Field
 
 # Distances are compared to this share of a shape's size: processors differ in the last digits.

@@ -24,7 +24,8 @@ from scipy.spatial import cKDTree
 
 from runtime.arrays import Array, IntArray, scatter_sum
 from runtime.body.body import ReducedBody
-from runtime.dynamics.state import StepResult, SurfaceLoads
+from runtime.contact.contact_force import SurfaceForces
+from runtime.dynamics.state import StepResult
 from runtime.touch.places import TouchPlaces
 
 
@@ -81,7 +82,7 @@ class TouchSensor:
         norm = np.sqrt((strain * strain).sum(axis=(1, 2)))
         return Touch(result.state.time, self._mean @ x, pressure, traction, strain, norm)
 
-    def _to_places(self, load: SurfaceLoads) -> sp.csc_matrix:
+    def _to_places(self, load: SurfaceForces) -> sp.csc_matrix:
         """(k, m) [1/m^(dim-1)]: traction at the places for each unit of force."""
         key = id(load.nodes)
         if key not in self._spread:  # kept with the nodes it is of, whose id is then theirs alone

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from runtime.arrays import Array
 from runtime.errors import SoftprintError
-from runtime.files import atomic_path, create_softprint_h5, fixed_text
+from runtime.io.files import atomic_path, create_softprint_h5, fixed_text
 from runtime.touch.places import TouchPlaces
 from runtime.touch.sensor import Touch
 

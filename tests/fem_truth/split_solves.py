@@ -18,7 +18,7 @@ from runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
 from runtime.colliders import RigidPose, Sphere
 from runtime.contact import PenaltyContact
 from runtime.elasticity import make_material
-from runtime.files import content_hash
+from runtime.io.files import content_hash
 from runtime.mesh import box_mesh
 
 SIZES = {2: ([-0.05, 0.0], [0.05, 0.05], [14, 7]), 3: ([-0.05, -0.05, 0.0], [0.05, 0.05, 0.05], [6, 6, 3])}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from runtime.dynamics import DrawnBeside
 from runtime.errors import SoftprintError
+from runtime.scenes.background_drawing import BackgroundDrawing
 
 
 class Doubled:
@@ -21,7 +21,7 @@ class Doubled:
 def test_a_drawing_process_that_was_killed_does_not_take_this_one_along():
     assert PETSc.COMM_WORLD.size == 1
     state = np.arange(6.0).reshape(2, 3)
-    with DrawnBeside(Doubled()) as drawer:
+    with BackgroundDrawing(Doubled()) as drawer:
         assert drawer.next(state) is None
         np.testing.assert_array_equal(drawer.next(3.0 * state), 2.0 * state)
         np.testing.assert_array_equal(drawer.last(), 6.0 * state)

@@ -21,8 +21,8 @@ pytest.importorskip("dolfinx")
 
 from fem_truth.newton import Status
 from runtime.mesh import box_mesh, write_mesh
-from runtime.truth_file import load_truth
-from runtime.truth_schema import CONVERGED, STATUS_NAMES
+from runtime.truth.truth_file import load_truth
+from runtime.truth.truth_schema import CONVERGED, STATUS_NAMES
 from tests.kill_generate import kill_storm
 
 EXPERIMENT = """

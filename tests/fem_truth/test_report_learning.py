@@ -7,8 +7,8 @@ import pytest
 pytest.importorskip("torch")
 
 from fem_truth.report.learning import Learning, load_learning, read_curves, read_table
-from runtime.corrections.correction_file import CorrectionHeader
 from runtime.errors import SoftprintError
+from runtime.learned.correction_file import CorrectionHeader
 
 
 def test_a_table_from_records_and_from_a_bench(tmp_path):

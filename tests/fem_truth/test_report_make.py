@@ -18,10 +18,10 @@ from fem_truth.report.solves import FrameSolves, SolveStore
 from runtime.body import build_body, save_body
 from runtime.cli.context import Context
 from runtime.colliders import RigidPose
-from runtime.dynamics.simulate import simulate_scene
 from runtime.errors import SoftprintError
 from runtime.mesh import write_mesh
 from runtime.mesh.box import box_mesh
+from runtime.scenes.simulate import simulate_scene
 
 EXPERIMENT = """
 [experiment]

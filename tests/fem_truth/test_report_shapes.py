@@ -9,7 +9,7 @@ import pytest
 
 from fem_truth.report.held_out import Corrected
 from fem_truth.report.shape_errors import SampleErrors, measure_samples, remembered, sides_of, worst_sample
-from runtime.truth_file import load_truth
+from runtime.truth.truth_file import load_truth
 from tests.toy_truth import write_truth
 
 

@@ -6,7 +6,7 @@ import pytest
 from runtime.body import assemble_body, frame_in_box, load_body, place_handles, save_body
 from runtime.elasticity import make_material
 from runtime.errors import SoftprintError
-from runtime.files import fixed_text
+from runtime.io.files import fixed_text
 from runtime.mesh import box_mesh
 from tests.altered import altered_h5
 

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from runtime.corrections import compliance as module
-from runtime.corrections.compliance import compute_compliance, n_columns
-from runtime.corrections.compliance_tensors import compliance_tensors, take_compliance
-from runtime.corrections.rest_response import RestResponse
+from runtime.mechanics import surface_compliance as module
+from runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from runtime.mechanics.surface_compliance import compute_surface_compliance, n_columns
+from runtime.mechanics.surface_compliance_tensors import surface_compliance_tensors, take_compliance
 
 
 @pytest.fixture
 def response(jelly_body):
-    return RestResponse(jelly_body)
+    return NullSpaceCompliance(jelly_body)
 
 
 def test_columns_are_the_response_to_single_forces(jelly_body, response):
-    compliance = compute_compliance(jelly_body, response, 10_000)
+    compliance = compute_surface_compliance(jelly_body, response, 10_000)
     forces = np.zeros((*jelly_body.mesh.points.shape, 1))
     forces[compliance.nodes[5], -1] = 1.0
     column = compliance.dense()[5, -1]
@@ -25,7 +25,7 @@ def test_columns_are_the_response_to_single_forces(jelly_body, response):
 
 
 def test_symmetric_and_invisible_to_the_subspace(jelly_body, response):
-    compliance = compute_compliance(jelly_body, response, 10_000)
+    compliance = compute_surface_compliance(jelly_body, response, 10_000)
     columns = compliance.dense()
     among = columns[:, :, compliance.nodes]
     size = np.abs(among).max()
@@ -39,12 +39,12 @@ def test_symmetric_and_invisible_to_the_subspace(jelly_body, response):
 def test_interpolated_between_anchors(jelly3d_body, monkeypatch):
     """With a third of the loads for anchors, the field of a contact that covers some loads is right to a tenth,
     and to some percent where it is pressed; columns of anchors are exact."""
-    response = RestResponse(jelly3d_body)
-    exact = compute_compliance(jelly3d_body, response, 10_000).dense()
+    response = NullSpaceCompliance(jelly3d_body)
+    exact = compute_surface_compliance(jelly3d_body, response, 10_000).dense()
     monkeypatch.setattr(module, "_ANCHORS", len(exact) // 3)
     monkeypatch.setattr(module, "_NEAR", 2.0)
     done = []
-    compliance = compute_compliance(jelly3d_body, response, 10_000, done.append)
+    compliance = compute_surface_compliance(jelly3d_body, response, 10_000, done.append)
     assert sum(done) == n_columns(jelly3d_body, 10_000)
     assert compliance.near.nnz < 0.5 * exact.size
     found = compliance.dense()
@@ -65,7 +65,7 @@ def test_interpolated_between_anchors(jelly3d_body, monkeypatch):
 
 
 def test_fewer_loads_than_surface_nodes_keep_the_area(jelly_body, response):
-    compliance = compute_compliance(jelly_body, response, 20)
+    compliance = compute_surface_compliance(jelly_body, response, 20)
     outside = ~np.isin(jelly_body.mesh.surface_nodes, jelly_body.handles.frame_nodes)
     assert len(compliance.nodes) == 20
     assert compliance.areas.sum() == pytest.approx(jelly_body.mesh.surface_areas[outside].sum(), rel=1e-12)
@@ -75,8 +75,8 @@ def test_fewer_loads_than_surface_nodes_keep_the_area(jelly_body, response):
 
 def test_kept_in_half_precision(jelly3d_body, monkeypatch):
     monkeypatch.setattr(module, "_ANCHORS", 40)
-    compliance = compute_compliance(jelly3d_body, RestResponse(jelly3d_body), 10_000)
-    again = take_compliance(dict(compliance_tensors(compliance)))
+    compliance = compute_surface_compliance(jelly3d_body, NullSpaceCompliance(jelly3d_body), 10_000)
+    again = take_compliance(dict(surface_compliance_tensors(compliance)))
     before, after = compliance.dense(), again.dense()
     # Ten bits of mantissa: 5e-4 of each entry.
     assert np.abs(after - before).max() < 1e-3 * np.abs(before).max()

@@ -7,15 +7,15 @@ import pytest
 
 from runtime.colliders import RigidPose, Sphere
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections import load_solve
-from runtime.corrections.contact_potential import ContactPotential
-from runtime.corrections.internal_response import InternalResponse
-from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.contact.condensed import contact_solve
+from runtime.contact.condensed.condensed_contact import CondensedContact
+from runtime.contact.condensed.contact_potential import ContactPotential
+from runtime.contact.condensed.equilibrium import LoadProbe
+from runtime.contact.friction_state import FrictionState
 from runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider, Simulator
 from runtime.dynamics import simulator as simulator_module
-from runtime.dynamics.condensed_contact import CondensedContact
-from runtime.dynamics.step_contact import StepContact
+from runtime.mechanics.body_mechanics import compute_mechanics
+from runtime.mechanics.static_condensation import StaticCondensation
 
 STIFFNESS = 1e10  # N/m^4
 TIME_STEP = 0.01
@@ -29,13 +29,13 @@ class PotentialAlone:
     """A correction of which nobody asks the field."""
 
     potential: ContactPotential
-    internal: InternalResponse | None
+    internal: StaticCondensation | None
     name, collider, support = "potential", "ball", np.inf
 
 
 def correction_of(body, internal):
     """In float64, so that finite differences see the derivatives and not the rounding of what is kept."""
-    mechanics = compute_rest_mechanics(body, 400, internal)
+    mechanics = compute_mechanics(body, 400, internal)
     found = mechanics.internal
     if found is not None:
         modes, weight = found.modes.astype(np.float64), found.weight.astype(np.float64)
@@ -77,7 +77,7 @@ def lag_at(correction, friction, begin, end, rows, start_rows, turn):
     contact = CondensedContact({"ball": correction.potential}, friction)
     poses = {"ball": end}
     settled = contact.settled(start_rows, {"ball": begin}, turn)
-    step = StepContact(np.empty((0, rows.shape[1])), {"ball": begin}, TIME_STEP, settled)
+    step = FrictionState(np.empty((0, rows.shape[1])), {"ball": begin}, TIME_STEP, settled)
     energy, gradient, hessian = contact.linearise(rows, poses, turn, step, relag=True)
     return contact, poses, step, (energy, gradient, hessian)
 
@@ -91,7 +91,7 @@ def test_derivatives_of_the_energy_of_a_step(jelly_body, dim, correction, monkey
         raise StopIteration
 
     monkeypatch.setattr(simulator_module, "minimise", keep)
-    monkeypatch.setattr(load_solve, "_TOLERANCE", 1e-12)  # differences over 1e-7 m see what is left
+    monkeypatch.setattr(contact_solve, "_TOLERANCE", 1e-12)  # differences over 1e-7 m see what is left
     simulator = block(jelly_body, correction, CoulombFriction(0.4, slip_velocity=0.1))
     state = simulator.rest_state(poses={"ball": ball_at(dim, 0.004)})
     with pytest.raises(StopIteration):
@@ -235,7 +235,7 @@ def test_a_ball_dragged_with_coulomb_s_force_slips(jelly_body, correction, mu):
 
 
 def test_a_coefficient_of_zero_is_no_friction(jelly_body, correction, monkeypatch):
-    monkeypatch.setattr(load_solve, "_TOLERANCE", 1e-9)  # presses start from others, and so end at others
+    monkeypatch.setattr(contact_solve, "_TOLERANCE", 1e-9)  # presses start from others, and so end at others
     for with_it, without in zip(
         dragged(jelly_body, correction, 0.0), dragged(jelly_body, correction, None), strict=True
     ):

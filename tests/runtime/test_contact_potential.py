@@ -8,13 +8,14 @@ import pytest
 from runtime.colliders import Placed, RigidPose, SmoothUnion, Sphere
 from runtime.colliders.pose import rotation_matrix
 from runtime.contact import PenaltyContact
-from runtime.corrections import load_press, load_solve
-from runtime.corrections.contact_potential import ContactPotential
-from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.potential_group import JointPotential, SinglePotential, grouped
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
-from runtime.dynamics.condensed_contact import CondensedContact
+from runtime.contact.condensed import contact_solve
+from runtime.contact.condensed import equilibrium as load_press
+from runtime.contact.condensed.condensed_contact import CondensedContact
+from runtime.contact.condensed.contact_potential import ContactPotential
+from runtime.contact.condensed.equilibrium import LoadProbe
+from runtime.contact.condensed.potential_group import JointPotential, SinglePotential, grouped
 from runtime.errors import SoftprintError
+from runtime.mechanics.body_mechanics import compute_mechanics
 
 STIFFNESS = 1e10  # N/m^4
 
@@ -33,7 +34,7 @@ def pressed(jelly_body, dim, request):
     """A potential, rows of a strained body, the pose of a ball that is 6 mm deep in its top, and the body's turn."""
     ball = Sphere(0.02, dim, "ball")
     gravity = np.append(np.zeros(dim - 1), -9.81)
-    mechanics = doubled(compute_rest_mechanics(jelly_body, 400, request.param, gravity))
+    mechanics = doubled(compute_mechanics(jelly_body, 400, request.param, gravity))
     probe = LoadProbe(jelly_body, ball, mechanics, STIFFNESS)
     rng = np.random.default_rng(5)
     rows = jelly_body.rest_rows + 1e-3 * rng.normal(size=jelly_body.rest_rows.shape)
@@ -60,7 +61,7 @@ def with_another(potential, body, mechanics):
 @pytest.mark.parametrize("joint", [False, True], ids=["alone", "with another"])
 def test_loads_that_the_dent_pushes_in_are_found(jelly_body, dim, monkeypatch, joint):
     """Whichever loads it begins with, every one that would be inside the collider takes part in the end."""
-    mechanics = compute_rest_mechanics(jelly_body, 400, internal=False)
+    mechanics = compute_mechanics(jelly_body, 400, internal=False)
     place = np.append(np.full(dim - 1, 0.004), 0.06 + 0.02 - 0.006)
     poses = {"ball": RigidPose(np.eye(dim), place), "far": RigidPose(np.eye(dim), np.full(dim, 1.0))}
     rows = jelly_body.rest_rows
@@ -82,7 +83,7 @@ def test_loads_that_the_dent_pushes_in_are_found(jelly_body, dim, monkeypatch, j
 @pytest.mark.parametrize("depth", [1e-13, 1e-15, 0.0])
 def test_a_collider_that_only_just_touches(jelly_body, dim, depth):
     """No direction of its stiffening matters then, and there is nothing to factorise."""
-    mechanics = compute_rest_mechanics(jelly_body, 400, internal=False)
+    mechanics = compute_mechanics(jelly_body, 400, internal=False)
     probe = LoadProbe(jelly_body, Sphere(0.02, dim, "ball"), mechanics, STIFFNESS)
     nodes = jelly_body.mesh.points[probe.nodes]
     top = nodes[np.argmax(nodes[:, -1] - 1e-3 * np.linalg.norm(nodes[:, :-1], axis=1))]
@@ -97,7 +98,7 @@ def test_a_collider_that_only_just_touches(jelly_body, dim, depth):
 
 
 def test_what_presses_together_presses_alike(jelly_body, dim):
-    mechanics = compute_rest_mechanics(jelly_body, 50, internal=False)
+    mechanics = compute_mechanics(jelly_body, 50, internal=False)
     soft, stiff = (
         ContactPotential(LoadProbe(jelly_body, Sphere(0.02, dim, name), mechanics, stiffness))
         for name, stiffness in (("soft", STIFFNESS), ("stiff", 2.0 * STIFFNESS))
@@ -108,7 +109,7 @@ def test_what_presses_together_presses_alike(jelly_body, dim):
 
 def test_derivatives(pressed, monkeypatch):
     # Differences over 1e-7 m see more of the loads' error than a step does.
-    monkeypatch.setattr(load_solve, "_TOLERANCE", 1e-9)
+    monkeypatch.setattr(contact_solve, "_TOLERANCE", 1e-9)
     potential, rows, pose, turn = pressed
     energy, gradient, hessian = potential.linearise(rows, pose, turn)
     assert energy > 0
@@ -138,7 +139,7 @@ def test_force_and_derivatives_of_the_loads_agree(pressed):
 def test_what_moves_rigidly_is_known_before(jelly_body, dim):
     """The press of a state says of body and collider moved together what they come to: the same, turned."""
     mechanics = doubled(
-        compute_rest_mechanics(jelly_body, 400, True)
+        compute_mechanics(jelly_body, 400, True)
     )  # without gravity, which does not turn along
     probe = LoadProbe(jelly_body, Sphere(0.02, dim, "ball"), mechanics, STIFFNESS)
     rows = jelly_body.rest_rows + 1e-3 * np.random.default_rng(5).normal(size=jelly_body.rest_rows.shape)
@@ -192,7 +193,7 @@ def test_nothing_out_of_contact(pressed):
 
 def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim):
     """Gravity, which does not move along, is left out."""
-    mechanics = doubled(compute_rest_mechanics(jelly_body, 400, internal=True))
+    mechanics = doubled(compute_mechanics(jelly_body, 400, internal=True))
     probe = LoadProbe(jelly_body, Sphere(0.02, dim, "ball"), mechanics, STIFFNESS)
     potential = ContactPotential(probe)
     rows = jelly_body.rest_rows + 1e-3 * np.random.default_rng(5).normal(size=jelly_body.rest_rows.shape)
@@ -212,7 +213,7 @@ def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim):
 
 def test_colliders_near_each_other_are_pressed_together(jelly_body, dim):
     """Two balls are one collider of two balls: energy, gradient and forces; alone, each would say something else."""
-    mechanics = doubled(compute_rest_mechanics(jelly_body, 400, internal=False))
+    mechanics = doubled(compute_mechanics(jelly_body, 400, internal=False))
     balls = [Sphere(0.015, dim, name) for name in ("left", "right", "away")]
     places = [np.append([x, 0.01][: dim - 1], z) for x, z in ((-0.017, 0.071), (0.017, 0.07), (0.0, 0.2))]
     poses = {ball.name: RigidPose(np.eye(dim), place) for ball, place in zip(balls, places, strict=True)}
@@ -243,7 +244,7 @@ def test_what_shares_no_compliance_is_left_alone(jelly_body, dim):
     potentials = {
         name: ContactPotential(
             LoadProbe(
-                jelly_body, Sphere(0.02, dim, name), compute_rest_mechanics(jelly_body, 50, False), STIFFNESS
+                jelly_body, Sphere(0.02, dim, name), compute_mechanics(jelly_body, 50, False), STIFFNESS
             )
         )
         for name in ("one", "other")

@@ -9,9 +9,9 @@ import pytest
 from runtime.body import ReducedBody
 from runtime.body.rotations import rotation_exponential
 from runtime.colliders import Box, RigidPose
-from runtime.corrections.descriptor_contact import BoundDescriptorContact, DescriptorContact
-from runtime.corrections.descriptor_model import DescriptorModel, DescriptorModelOptions
-from runtime.descriptors import DirectGeometry, GridGeometry
+from runtime.learned.thesis6.correction import BoundDescriptorCorrection, DescriptorCorrection
+from runtime.learned.thesis6.descriptors import DirectGeometry, GridGeometry
+from runtime.learned.thesis6.model import DescriptorModel, DescriptorModelOptions
 from runtime.rigid.twist import twist_size
 from tests.runtime.test_corrections import (
     DIFFERENCES,
@@ -53,7 +53,7 @@ def test_by_twist_is_the_derivative_by_the_pose(form, jelly_body):
     require_true_by_twist(bound, jelly_body, bent_rows(jelly_body), pressed_pose(jelly_body))
 
 
-def descriptor_of_a_box(body: ReducedBody, kind: str) -> BoundDescriptorContact:
+def descriptor_of_a_box(body: ReducedBody, kind: str) -> BoundDescriptorCorrection:
     """A box has an edge to turn the frames of a descriptor, and no axis of symmetry."""
     box = Box([0.02, 0.015, 0.01][: body.dim], 0.003, "box")
     model = DescriptorModel(
@@ -63,7 +63,7 @@ def descriptor_of_a_box(body: ReducedBody, kind: str) -> BoundDescriptorContact:
     model.scale.fill_(0.03)
     model.output_scale.fill_(1e-3)
     geometry = (DirectGeometry if kind == "direct" else GridGeometry)(box, RADIUS, SETS)
-    return DescriptorContact("x", model.double(), body, box, geometry).bind(body.node_points())
+    return DescriptorCorrection("x", model.double(), body, box, geometry).bind(body.node_points())
 
 
 @pytest.mark.parametrize("kind", ["direct", "grid"])

@@ -14,16 +14,16 @@ from scipy.optimize import brentq
 
 from runtime.body import ReducedBody
 from runtime.colliders import Box, RigidPose, Sphere
-from runtime.corrections.contact_centric import ContactCentric
-from runtime.corrections.contact_patch import ContactProbe
-from runtime.corrections.correction_file import load_correction, save_correction
-from runtime.corrections.descriptor_contact import DescriptorContact
-from runtime.corrections.descriptor_model import DescriptorModel, DescriptorModelOptions
-from runtime.corrections.elastic_contact import ElasticContact
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.model import ContactModel, ModelOptions
-from runtime.corrections.rest_mechanics import RestMechanics, compute_rest_mechanics
 from runtime.errors import SoftprintError
+from runtime.learned.contact_patch import ContactProbe
+from runtime.learned.correction_file import load_correction, save_correction
+from runtime.learned.force.correction import ForceCorrection
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.learned.thesis5.correction import ContactCentricCorrection
+from runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
+from runtime.learned.thesis6.correction import DescriptorCorrection
+from runtime.learned.thesis6.model import DescriptorModel, DescriptorModelOptions
+from runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 from tests.altered import alter_tensors
 
 STIFFNESS = 1e9
@@ -36,7 +36,7 @@ FIELDS = ("thesis", "geometry", "descriptor")
 
 
 @pytest.fixture(scope="module")
-def mechanics() -> dict[str, RestMechanics]:
+def mechanics() -> dict[str, BodyMechanics]:
     return {}
 
 
@@ -47,25 +47,25 @@ def random_weights(model: torch.nn.Module, seed: int) -> None:
 
 
 def make_correction(
-    form: str, body: ReducedBody, mechanics: dict[str, RestMechanics], double: bool = True
-) -> ContactCentric | ElasticContact | DescriptorContact:
+    form: str, body: ReducedBody, mechanics: dict[str, BodyMechanics], double: bool = True
+) -> ContactCentricCorrection | ForceCorrection | DescriptorCorrection:
     """A correction with random weights and a displacement of about a millimetre."""
     dim, collider = body.dim, Sphere(0.02, body.dim, name="ball")
     if form in ("loads", "internal"):
         if body.name not in mechanics:
-            mechanics[body.name] = compute_rest_mechanics(body, 200, internal=True)
+            mechanics[body.name] = compute_mechanics(body, 200, internal=True)
         compliance, internal = mechanics[body.name]
         if double:
             modes, weight = internal.modes.astype(np.float64), internal.weight.astype(np.float64)
             internal = replace(internal, modes=modes, weight=weight)
-        options = LoadModelOptions((16, 12), "silu", 5e-4, 4e-3, STIFFNESS)
-        load_model = LoadModel(options, dim, body.n_rows)
+        options = ForceModelOptions((16, 12), "silu", 5e-4, 4e-3, STIFFNESS)
+        load_model = ForceModel(options, dim, body.n_rows)
         random_weights(load_model, 1)
         load_model.local_scale.fill_(0.5)
         load_model.traction_scale.fill_(300.0)
         load_model = load_model.double() if double else load_model
-        own = RestMechanics(compliance, internal if form == "internal" else None)
-        return ElasticContact(form, load_model, body, collider, own)
+        own = BodyMechanics(compliance, internal if form == "internal" else None)
+        return ForceCorrection(form, load_model, body, collider, own)
     if form == "descriptor":
         descriptor_options = DescriptorModelOptions((16, 12), "elu", 0.03, 4, "all", 5e-4)
         descriptor_model = DescriptorModel(descriptor_options, dim, body.n_rows)
@@ -73,9 +73,9 @@ def make_correction(
         descriptor_model.scale.fill_(0.03)
         descriptor_model.output_scale.fill_(1e-3)
         descriptor_model = descriptor_model.double() if double else descriptor_model
-        return DescriptorContact(form, descriptor_model, body, collider)
+        return DescriptorCorrection(form, descriptor_model, body, collider)
     thesis = form == "thesis"
-    field_options = ModelOptions(
+    field_options = ContactCentricOptions(
         encoding="weighted_rows" if thesis else "local_geometry",
         patch_inputs=not thesis,
         widths=(16, 12),
@@ -83,12 +83,12 @@ def make_correction(
         fade="saturating" if thesis else "proportional",
         fade_depth=5e-4,
     )
-    model = ContactModel(field_options, dim, body.n_rows)
+    model = ContactCentricModel(field_options, dim, body.n_rows)
     random_weights(model, 2)
     model.local_scale.fill_(0.5)
     model.shared_scale.fill_(0.5)
     model.output_scale.fill_(1e-3 if thesis else 1e-4)
-    return ContactCentric(form, model.double() if double else model, body, collider)
+    return ContactCentricCorrection(form, model.double() if double else model, body, collider)
 
 
 def pressed_pose(body: ReducedBody, depth: float = 0.006) -> RigidPose:
@@ -192,10 +192,10 @@ def test_points_out_of_reach_are_inactive(jelly_body, mechanics):
     assert np.allclose(field.jacobian, everywhere.linearise(rows, pose).jacobian[field.index], atol=1e-13)
 
 
-def written(tmp_path: Path, form: str, body: ReducedBody, mechanics: dict[str, RestMechanics]) -> Path:
+def written(tmp_path: Path, form: str, body: ReducedBody, mechanics: dict[str, BodyMechanics]) -> Path:
     correction = make_correction(form, body, mechanics, double=False)
     path = tmp_path / f"{form}.safetensors"
-    own = correction.mechanics if isinstance(correction, ElasticContact) else None
+    own = correction.mechanics if isinstance(correction, ForceCorrection) else None
     save_correction(path, form, correction.model, body, "ball", "0" * 64, 0.5, {"seed": 1}, own)
     return path
 

@@ -7,8 +7,8 @@ import pytest
 
 from runtime.body.rotations import rotation_exponential
 from runtime.colliders import Box, Cone, Cylinder, Placed, RigidPose
-from runtime.corrections.contact_patch import ContactProbe
-from runtime.descriptors import (
+from runtime.learned.contact_patch import ContactProbe
+from runtime.learned.thesis6.descriptors import (
     DirectGeometry,
     GridGeometry,
     LocalDescriptor,

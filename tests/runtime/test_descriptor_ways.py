@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.descriptor_rivals import CornerDeformations, GridOfDescriptors, OneBias
 from runtime.colliders import Sphere
-from runtime.corrections.descriptor_contact import DescriptorContact
-from runtime.descriptors import DirectGeometry
+from runtime.learned.thesis6.correction import DescriptorCorrection
+from runtime.learned.thesis6.descriptors import DirectGeometry
 from tests.runtime.test_corrections import bent_rows, make_correction, pressed_pose
 
 # Odd, so that no node is in the middle of the ball, where no gradient tells a normal.
@@ -19,7 +19,7 @@ def test_deformations_of_corners_become_the_direct_ones_as_cells_shrink(jelly_bo
     body, ball = jelly_body, Sphere(0.02, jelly_body.dim, name="ball")
     model = make_correction("descriptor", body, {}).model
     geometry = DirectGeometry(ball, model.options.radius, model.options.sets)
-    correction = DescriptorContact("direct", model, body, ball, geometry)
+    correction = DescriptorCorrection("direct", model, body, ball, geometry)
     points, rows, pose = body.node_points(), bent_rows(body), pressed_pose(body)
     direct = OneBias(correction, points, np.inf).displacement(rows, pose)
     # t1 = n x e1 turns by up to 1 / sqrt(1 - n_1^2) of what n does: 1.7 here.

@@ -12,9 +12,9 @@ import torch
 from runtime.body import ReducedBody
 from runtime.colliders import Box, Plane, RigidPose, Sphere
 from runtime.colliders.combine import Placed
-from runtime.corrections.descriptor_contact import DescriptorContact
-from runtime.corrections.descriptor_model import DescriptorModel, DescriptorModelOptions
-from runtime.descriptors import (
+from runtime.errors import SoftprintError
+from runtime.learned.thesis6.correction import DescriptorCorrection
+from runtime.learned.thesis6.descriptors import (
     DirectGeometry,
     GridGeometry,
     LocalDescriptor,
@@ -26,8 +26,8 @@ from runtime.descriptors import (
     random_frames,
     sample_pattern,
 )
-from runtime.descriptors.attenuation import attenuation, attenuation_slope
-from runtime.errors import SoftprintError
+from runtime.learned.thesis6.descriptors.attenuation import attenuation, attenuation_slope
+from runtime.learned.thesis6.model import DescriptorModel, DescriptorModelOptions
 from tests.runtime.test_corrections import bent_rows, pressed_pose, random_weights
 
 RADIUS, SETS = 0.03, 8
@@ -219,13 +219,13 @@ def test_attenuation_is_continuous_at_d():
     assert np.abs(np.diff(a) / np.diff(s) - 0.5 * (slope[1:] + slope[:-1])).max() < 36e-6 * 6 / RADIUS**2
 
 
-def correction(body: ReducedBody, radius: float = RADIUS) -> DescriptorContact:
+def correction(body: ReducedBody, radius: float = RADIUS) -> DescriptorCorrection:
     options = DescriptorModelOptions((16, 12), "elu", radius, SETS, "all", 5e-4)
     model = DescriptorModel(options, body.dim, body.n_rows)
     random_weights(model, 3)
     model.scale.fill_(0.03)
     model.output_scale.fill_(1e-3)
-    return DescriptorContact("x", model.double(), body, box(body.dim))
+    return DescriptorCorrection("x", model.double(), body, box(body.dim))
 
 
 def test_displacement_ends_smoothly_at_d(jelly_body):
@@ -266,9 +266,9 @@ def test_colliders_without_bounds_are_refused(jelly3d_body):
     options = DescriptorModelOptions((4,), "elu", RADIUS, SETS, "all", 5e-4)
     model = DescriptorModel(options, 3, jelly3d_body.n_rows)
     with pytest.raises(SoftprintError, match="has no bounds"):
-        DescriptorContact("x", model, jelly3d_body, Plane([0, 0, 1], "ground"))
+        DescriptorCorrection("x", model, jelly3d_body, Plane([0, 0, 1], "ground"))
     with pytest.raises(SoftprintError, match="train it for this body"):
-        DescriptorContact("x", DescriptorModel(options, 2, 3), jelly3d_body, Sphere(0.02, 3))
+        DescriptorCorrection("x", DescriptorModel(options, 2, 3), jelly3d_body, Sphere(0.02, 3))
 
 
 def test_network_slope_of_elu_is_its_derivative():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from runtime.directions import between_directions, times_directions
+from runtime.linalg.sparse_directions import between_directions, times_directions
 
 
 def test_zeros_are_skipped_and_nothing_else():

@@ -10,15 +10,15 @@ import torch
 
 from runtime.colliders import KeyframedPath, Sphere
 from runtime.contact import PenaltyContact
-from runtime.corrections.elastic_contact import ElasticContact
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.near_loads import NearLoads
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
 from runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
-from runtime.dynamics.drawn_beside import DrawnBeside
-from runtime.dynamics.model import ReducedModel
-from runtime.dynamics.speed import measure, speed_table
 from runtime.errors import SoftprintError
+from runtime.learned.force.correction import ForceCorrection
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.mechanics.body_mechanics import compute_mechanics
+from runtime.mechanics.local_compliance import LocalCompliance
+from runtime.scenes.background_drawing import BackgroundDrawing
+from runtime.scenes.playing import ReducedModel
+from runtime.scenes.speed import measure, speed_table
 
 STIFFNESS = 1e10  # N/m^4
 
@@ -27,15 +27,15 @@ STIFFNESS = 1e10  # N/m^4
 def simulator(jelly_body, dim):
     """A ball that is led through the top of a block, with a correction of which something is seen."""
     torch.manual_seed(1)
-    model = LoadModel(LoadModelOptions((4, 4), "silu", 5e-4, 1e-2, STIFFNESS), dim, jelly_body.n_rows)
+    model = ForceModel(ForceModelOptions((4, 4), "silu", 5e-4, 1e-2, STIFFNESS), dim, jelly_body.n_rows)
     with torch.no_grad():
         model.network.head.bias.fill_(0.3)
     ball = Sphere(0.02, dim, "ball")
     ends = [np.append(np.full(dim - 1, aside), 0.06 + 0.02 - 0.006) for aside in (-0.015, 0.015)]
-    mechanics = compute_rest_mechanics(jelly_body, 400, True)
+    mechanics = compute_mechanics(jelly_body, 400, True)
     path = KeyframedPath([0.0, 0.2], ends)
     placed = PlacedCollider(
-        "ball", ball, path, correction=ElasticContact("x", model, jelly_body, ball, mechanics)
+        "ball", ball, path, correction=ForceCorrection("x", model, jelly_body, ball, mechanics)
     )
     held = [KinematicHandle(frame.name, None) for frame in jelly_body.handles.frames]
     return Simulator(jelly_body, [placed], contact=PenaltyContact(STIFFNESS), kinematic=held)
@@ -74,7 +74,7 @@ def test_drawn_on_another_thread_while_steps_go_on(simulator):
 
 def test_drawn_in_another_process_one_frame_late(simulator):
     alone = played(simulator, simulator.surface_positions)
-    with DrawnBeside(simulator) as drawer:
+    with BackgroundDrawing(simulator) as drawer:
         first, *beside = played(simulator, drawer.next)
         assert first is None
         np.testing.assert_array_equal([*beside, drawer.last()], alone)
@@ -83,7 +83,7 @@ def test_drawn_in_another_process_one_frame_late(simulator):
 
 def test_two_may_draw_and_end_in_any_order(simulator):
     state = simulator.step(simulator.rest_state()).state
-    drawers = [DrawnBeside(simulator) for _ in range(2)]
+    drawers = [BackgroundDrawing(simulator) for _ in range(2)]
     for drawer in drawers:
         drawer.next(state)
     for drawer in drawers:
@@ -94,7 +94,7 @@ def test_two_may_draw_and_end_in_any_order(simulator):
 
 def test_what_goes_wrong_in_the_other_process_is_told(simulator):
     state = simulator.step(simulator.rest_state()).state
-    with DrawnBeside(simulator) as drawer:
+    with BackgroundDrawing(simulator) as drawer:
         drawer.next(state)
         assert drawer.last() is not None
         drawer._ours.send(simulator.surface_snapshot(state)._replace(rows="no numbers"))
@@ -108,7 +108,7 @@ def test_what_goes_wrong_in_the_other_process_is_told(simulator):
 
 def test_a_process_that_was_killed_is_told(simulator):
     state = simulator.step(simulator.rest_state()).state
-    with DrawnBeside(simulator) as drawer:
+    with BackgroundDrawing(simulator) as drawer:
         drawer.next(state)
         drawer.last()
         drawer._process.kill()
@@ -131,7 +131,7 @@ def test_what_loads_were_given_stays_while_others_ask():
     """Room is made anew for loads that do not fit beside those that are kept."""
     rng = np.random.default_rng(3)
     among = rng.normal(size=(2000, 2000, 2, 2)).astype(np.float32)
-    near = NearLoads(among)
+    near = LocalCompliance(among)
     orders = [np.sort(rng.choice(2000, 150, replace=False)) for _ in range(40)]
     forces = rng.normal(size=(150, 2))
 

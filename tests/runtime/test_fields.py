@@ -14,14 +14,14 @@ from runtime.cli.fields_verb import VERB as FIELDS
 from runtime.colliders.analytic import Plane, Sphere
 from runtime.colliders.pose import RigidPose
 from runtime.contact import PenaltyContact
-from runtime.dynamics.motion_file import load_motion
-from runtime.dynamics.simulate import motion_path, simulate_scene
 from runtime.elasticity.materials import make_material
 from runtime.errors import SoftprintError
 from runtime.fields.deformed import Deformed, fields_of
 from runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
 from runtime.fields.vtu import write_collection, write_fields, write_surface
 from runtime.mesh import box_mesh, write_mesh
+from runtime.scenes.motion_file import load_motion
+from runtime.scenes.simulate import motion_path, simulate_scene
 from tests.toy_truth import PRESS
 
 CONTACT = PenaltyContact(1e10)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from runtime.errors import SoftprintError
-from runtime.files import (
+from runtime.io.files import (
     atomic_path,
     content_hash,
     create_softprint_h5,
@@ -112,7 +112,7 @@ def test_a_missing_dataset_is_named(tmp_path):
 
 def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path):
     code = (
-        "import os, signal, sys; from runtime.files import atomic_path\n"
+        "import os, signal, sys; from runtime.io.files import atomic_path\n"
         "with atomic_path(sys.argv[1]) as path:\n"
         "    path.write_text('half')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
@@ -133,7 +133,7 @@ def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path):
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
     code = (
         "import resource, sys; import numpy as np\n"
-        "from runtime.errors import SoftprintError; from runtime.files import create_softprint_h5\n"
+        "from runtime.errors import SoftprintError; from runtime.io.files import create_softprint_h5\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "try:\n"
         "    with create_softprint_h5(sys.argv[1], 'body', 1) as file:\n"

@@ -5,15 +5,15 @@ import pytest
 
 from runtime.colliders import Capsule, KeyframedPath, RigidPose, Sphere
 from runtime.contact import PenaltyContact
-from runtime.corrections.contact_loads import ContactLoadsProbe
-from runtime.corrections.contact_potential import ContactPotential
-from runtime.corrections.correction import FollowsContact
-from runtime.corrections.elastic_contact import ElasticContact
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.potential_group import JointPotential, SinglePotential
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.contact.condensed.contact_potential import ContactPotential
+from runtime.contact.condensed.equilibrium import LoadProbe
+from runtime.contact.condensed.potential_group import JointPotential, SinglePotential
 from runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
+from runtime.learned.correction import FollowsContact
+from runtime.learned.force.contact_state import ContactStateProbe
+from runtime.learned.force.correction import ForceCorrection
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.mechanics.body_mechanics import compute_mechanics
 
 TOP, RADIUS, DEPTH = 0.06, 0.004, 0.006
 STIFFNESS, BAND = 1e10, 0.004
@@ -27,7 +27,7 @@ def lying(depth):
 @pytest.fixture(scope="module")
 def pressed(jelly2d_body):
     rod = Capsule([-0.02, 0.0], [0.02, 0.0], RADIUS, "rod")
-    return rod, compute_rest_mechanics(jelly2d_body, 400, internal=False)
+    return rod, compute_mechanics(jelly2d_body, 400, internal=False)
 
 
 def heights(probe, rows, pose):
@@ -40,7 +40,7 @@ def test_a_thin_rod_that_is_followed_does_not_let_the_surface_through(jelly2d_bo
     """Deeper than its middle, the near way out of it is on the other side; that is where loads go that are put there at
     once, and where they are not carried."""
     rod, mechanics = pressed
-    probe = ContactLoadsProbe(jelly2d_body, rod, mechanics, STIFFNESS, BAND)
+    probe = ContactStateProbe(jelly2d_body, rod, mechanics, STIFFNESS, BAND)
     rows = jelly2d_body.rest_rows
     probe.begin()
     at_once = heights(probe, rows, lying(DEPTH))
@@ -102,7 +102,7 @@ def test_together_with_others_it_is_not_let_go_either(jelly2d_body, pressed):
     # What is drawn of it, too, knows of all loads that bear pressure.
     rod, mechanics = pressed
     joint = together.probe.press(rows, poses, rows)
-    measured = ContactLoadsProbe(jelly2d_body, rod, mechanics, STIFFNESS, BAND).measure(
+    measured = ContactStateProbe(jelly2d_body, rod, mechanics, STIFFNESS, BAND).measure(
         rows, poses["rod"], rows, joint
     )
     assert set(joint.press.pressed) <= set(measured.index)
@@ -165,9 +165,9 @@ def test_a_trial_elsewhere_changes_nothing(jelly2d_body, pressed):
 def test_a_motion_begins_anew(jelly2d_body, pressed):
     """The rod begins deep in the block, goes out and comes in again, in balance otherwise than it was at the start."""
     rod, mechanics = pressed
-    model = LoadModel(LoadModelOptions((8,), "silu", 1e-3, BAND, STIFFNESS), 2, jelly2d_body.n_rows)
+    model = ForceModel(ForceModelOptions((8,), "silu", 1e-3, BAND, STIFFNESS), 2, jelly2d_body.n_rows)
     path = KeyframedPath([0.0, 0.3, 0.6], [lying(depth).translation for depth in (DEPTH, -0.002, DEPTH)])
-    correction = ElasticContact("mechanics", model, jelly2d_body, rod, mechanics)
+    correction = ForceCorrection("mechanics", model, jelly2d_body, rod, mechanics)
     handles = jelly2d_body.handles
     held = [*(frame.name for frame in handles.frames), *range(handles.n_points)]
     simulator = Simulator(
@@ -192,8 +192,8 @@ def test_a_motion_begins_anew(jelly2d_body, pressed):
 
 def test_a_bound_correction_is_led_like_its_loads(jelly2d_body, pressed):
     rod, mechanics = pressed
-    model = LoadModel(LoadModelOptions((8,), "silu", 1e-3, BAND, STIFFNESS), 2, jelly2d_body.n_rows)
-    bound = ElasticContact("mechanics", model, jelly2d_body, rod, mechanics).bind(jelly2d_body.node_points())
+    model = ForceModel(ForceModelOptions((8,), "silu", 1e-3, BAND, STIFFNESS), 2, jelly2d_body.n_rows)
+    bound = ForceCorrection("mechanics", model, jelly2d_body, rod, mechanics).bind(jelly2d_body.node_points())
     assert isinstance(bound, FollowsContact)
     rows, under = jelly2d_body.rest_rows, np.abs(jelly2d_body.mesh.points - [0.003, TOP]).max(axis=1) < 0.01
     bound.begin()

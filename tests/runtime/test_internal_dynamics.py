@@ -10,18 +10,18 @@ from runtime.body.cubature import Cubature, elastic_cells
 from runtime.body.rotations import rotation_exponential
 from runtime.colliders import KeyframedPath, RigidPose, Sphere
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.elastic_contact import ElasticContact
-from runtime.corrections.internal_response import compute_internal_response
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
-from runtime.corrections.rest_response import RestResponse
-from runtime.corrections.turning import local_gradients, mean_gradients
 from runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider, Simulator
 from runtime.dynamics.state import ReducedState
-from runtime.dynamics.weight import Weight
+from runtime.dynamics.terms.weight import Weight
 from runtime.elasticity import make_material
 from runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient, element_hessians
 from runtime.errors import SoftprintError
+from runtime.learned.force.correction import ForceCorrection
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.mechanics.body_mechanics import compute_mechanics
+from runtime.mechanics.corotation import local_gradients, mean_gradients
+from runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from runtime.mechanics.static_condensation import compute_static_condensation
 from runtime.mesh import box_mesh
 
 TIGHT = NewtonSettings(max_iterations=50, tolerance=1e-9)
@@ -40,7 +40,7 @@ def down(dim):
 
 
 def respond(body, gravity):
-    return compute_internal_response(body, gravity, RestResponse(body))
+    return compute_static_condensation(body, gravity, NullSpaceCompliance(body))
 
 
 def respond_by_parts(body, gravity):
@@ -294,10 +294,10 @@ def test_another_gravity_or_body_is_refused():
 def test_a_correction_brings_its_internal_response(jelly_body, dim):
     """What was trained on a settled body is used on one, whether or not the caller thinks of it."""
     gravity = np.append(np.zeros(dim - 1), -9.81)
-    mechanics = compute_rest_mechanics(jelly_body, 200, internal=True, gravity=gravity)
+    mechanics = compute_mechanics(jelly_body, 200, internal=True, gravity=gravity)
     ball = Sphere(0.02, dim, "ball")
-    model = LoadModel(LoadModelOptions((8,), "silu", 5e-4, 2e-3, 1e9), dim, jelly_body.n_rows)
-    correction = ElasticContact("untrained", model, jelly_body, ball, mechanics)
+    model = ForceModel(ForceModelOptions((8,), "silu", 5e-4, 2e-3, 1e9), dim, jelly_body.n_rows)
+    correction = ForceCorrection("untrained", model, jelly_body, ball, mechanics)
     poses = {"ball": RigidPose(np.eye(dim), np.append(np.zeros(dim - 1), 0.06 + 0.02 - 0.003))}
 
     def settled(**given):

@@ -8,12 +8,16 @@ import scipy.linalg as sl
 
 from runtime.body import assemble_body, frame_in_box, place_handles
 from runtime.body.rotations import nearest_rotation, rotation_exponential
-from runtime.corrections.internal_reach import InternalReach
-from runtime.corrections.internal_response import compute_internal_response, internal_arrays, take_internal
-from runtime.corrections.rest_response import RestResponse
-from runtime.corrections.turning import local_gradients, mean_gradients
 from runtime.elasticity import make_material
 from runtime.elasticity.elastic_energy import elastic_gradient, element_hessians
+from runtime.mechanics.corotation import local_gradients, mean_gradients
+from runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from runtime.mechanics.position_bounds import PositionBounds
+from runtime.mechanics.static_condensation import (
+    compute_static_condensation,
+    condensation_arrays,
+    take_condensation,
+)
 from runtime.mesh import box_mesh
 
 
@@ -40,7 +44,7 @@ def gravity(dim):
 @pytest.fixture
 def response(body, dim):
     """Every part turned by itself; in float64, for differences and invariances to be seen to round-off."""
-    found = compute_internal_response(body, gravity(dim), RestResponse(body))
+    found = compute_static_condensation(body, gravity(dim), NullSpaceCompliance(body))
     return replace(
         found,
         modes=found.modes.astype(float),
@@ -108,7 +112,7 @@ def test_the_slightest_change_is_seen(body, response):
 
 def test_without_two_frames_it_turns_as_one(body, dim):
     """As if every node had the rotation of the mean deformation gradient."""
-    response = compute_internal_response(body, gravity(dim), RestResponse(body))
+    response = compute_static_condensation(body, gravity(dim), NullSpaceCompliance(body))
     rows = strained(body, 3e-3)
     assert response.turns_as_one
     volumes = body.mesh.cell_volumes
@@ -220,16 +224,16 @@ def test_it_is_the_internal_equilibrium_to_first_order(body, response, dim):
 
 
 def test_arrays_of_a_file_give_it_back(body, response):
-    arrays = {**internal_arrays(response), "other": np.zeros(1)}
-    again = take_internal(arrays)
+    arrays = {**condensation_arrays(response), "other": np.zeros(1)}
+    again = take_condensation(arrays)
     assert list(arrays) == ["other"]
     np.testing.assert_array_equal(again.modes, response.modes)
     np.testing.assert_array_equal(again.rest_rows, response.rest_rows)
-    assert take_internal(arrays) is None
+    assert take_condensation(arrays) is None
 
 
 def test_no_node_is_farther_away_than_the_bound(body, response, dim):
-    reach = InternalReach(body.basis, response, body.handles)
+    reach = PositionBounds(body.basis, response, body.handles)
     turn = strained(body, 3e-3)
     for scale in (0.0, 1e-4, 1e-3):
         rows = moved(body, turn, np.eye(dim), 0.3)

@@ -6,25 +6,25 @@ import numpy as np
 
 from runtime.colliders import KeyframedPath, Placed, RigidPose, SmoothUnion, Sphere
 from runtime.contact import PenaltyContact
-from runtime.corrections.elastic_contact import ElasticContact
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
-from runtime.dynamics.placed import PlacedCollider
+from runtime.dynamics.placed_collider import PlacedCollider
 from runtime.dynamics.simulator import Simulator
+from runtime.learned.force.correction import ForceCorrection
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.mechanics.body_mechanics import compute_mechanics
 
 STIFFNESS = 1e10  # N/m^4
-OPTIONS = LoadModelOptions((4, 4), "silu", 5e-4, 3e-3, STIFFNESS)
+OPTIONS = ForceModelOptions((4, 4), "silu", 5e-4, 3e-3, STIFFNESS)
 
 
 def simulator_of(body, mechanics, placed) -> Simulator:
     """With untrained corrections, whose dents are those of mechanics, on colliders held at poses."""
-    model = LoadModel(OPTIONS, body.dim, body.n_rows).double()
+    model = ForceModel(OPTIONS, body.dim, body.n_rows).double()
     colliders = [
         PlacedCollider(
             shape.name,
             shape,
             KeyframedPath([0.0], [pose.translation]),
-            correction=ElasticContact("x", model, body, shape, mechanics),
+            correction=ForceCorrection("x", model, body, shape, mechanics),
         )
         for shape, pose in placed
     ]
@@ -32,7 +32,7 @@ def simulator_of(body, mechanics, placed) -> Simulator:
 
 
 def test_dents_near_each_other_are_drawn_as_of_one_collider(jelly_body, dim):
-    mechanics = compute_rest_mechanics(jelly_body, 400, internal=False)
+    mechanics = compute_mechanics(jelly_body, 400, internal=False)
     balls = [Sphere(0.015, dim, name) for name in ("left", "right")]
     places = [np.append([x, 0.01][: dim - 1], z) for x, z in ((-0.017, 0.071), (0.017, 0.07))]
     poses = [RigidPose(np.eye(dim), place) for place in places]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from runtime.dynamics.corrected_points import CorrectedPoints
-from runtime.dynamics.elastic import ElasticEnergy
-from runtime.dynamics.kept_elastic import _SAME, KeptElastic, kept_if_dear
+from runtime.dynamics.terms.elastic import ElasticEnergy
+from runtime.dynamics.terms.kept_elastic_hessian import _SAME, KeptElasticHessian, kept_if_dear
 from runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 
@@ -13,7 +13,7 @@ from runtime.elasticity.reduced_elasticity import ReducedElasticity
 def both(jelly_body):
     """An elastic energy, and the same with its Hessian kept."""
     exact = ElasticEnergy(jelly_body, CorrectedPoints(jelly_body, []))
-    return exact, KeptElastic(exact, ReducedElasticity.of(jelly_body))
+    return exact, KeptElasticHessian(exact, ReducedElasticity.of(jelly_body))
 
 
 def bent(body, size, seed=1):

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from runtime.colliders import RigidPose, Sphere
-from runtime.corrections.contact_loads import ContactLoadsProbe
-from runtime.corrections.load_evaluation import LoadEvaluation
-from runtime.corrections.load_inputs import least_spread
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.learned.force.contact_state import ContactStateProbe
+from runtime.learned.force.evaluation import ForceEvaluation
+from runtime.learned.force.inputs import least_spread
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.mechanics.body_mechanics import compute_mechanics
 
 STIFFNESS, BAND = 1e10, 0.004
 
@@ -19,11 +19,11 @@ STIFFNESS, BAND = 1e10, 0.004
 @pytest.fixture
 def contact(jelly_body, dim):
     ball = Sphere(0.02, dim, "ball")
-    mechanics = compute_rest_mechanics(jelly_body, 400, False)
+    mechanics = compute_mechanics(jelly_body, 400, False)
     rows = jelly_body.rest_rows + 1e-3 * np.random.default_rng(5).normal(size=jelly_body.rest_rows.shape)
     turned = [0.3] if dim == 2 else [0.3, -0.2, 0.5]
     pose = RigidPose.from_rotation_vector(turned, np.append(np.full(dim - 1, 0.004), 0.06 + 0.02 - 0.006))
-    return ContactLoadsProbe(jelly_body, ball, mechanics, STIFFNESS, BAND).measure(rows, pose)
+    return ContactStateProbe(jelly_body, ball, mechanics, STIFFNESS, BAND).measure(rows, pose)
 
 
 @pytest.mark.parametrize("activation", ["tanh", "silu", "softplus"])
@@ -31,7 +31,9 @@ def contact(jelly_body, dim):
 @pytest.mark.parametrize(("kind", "tolerance"), [(torch.float32, 1e-5), (torch.float64, 1e-13)])
 def test_is_the_model(contact, jelly_body, dim, activation, kind, tolerance):
     torch.manual_seed(0)
-    model = LoadModel(LoadModelOptions((16, 12), activation, 0.001, BAND, STIFFNESS), dim, jelly_body.n_rows)
+    model = ForceModel(
+        ForceModelOptions((16, 12), activation, 0.001, BAND, STIFFNESS), dim, jelly_body.n_rows
+    )
     local, load, lever = (torch.from_numpy(part) for part in (contact.inputs, contact.load, contact.lever))
     with torch.no_grad():
         model.normalise(local, contact.depth * torch.tensor([0.8, 1.3]), load, lever)
@@ -40,7 +42,7 @@ def test_is_the_model(contact, jelly_body, dim, activation, kind, tolerance):
         model = model.to(kind)
         depth = torch.tensor(contact.depth, dtype=torch.float64)
         expected = model(*(part.to(kind) for part in (local, depth, load, lever))).numpy()
-    found = LoadEvaluation(model).loads(contact)
+    found = ForceEvaluation(model).loads(contact)
     assert found.dtype == expected.dtype
     assert np.abs(expected - contact.load).max() > 1e-3 * np.abs(expected).max()  # it does say something
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance * np.abs(expected).max())
@@ -49,7 +51,7 @@ def test_is_the_model(contact, jelly_body, dim, activation, kind, tolerance):
 def test_what_lies_far_from_all_samples_is_corrected_no_more_than_they_were(contact, jelly_body, dim):
     """A contact of another kind than all that was learned from: inputs far outside of what they were."""
     torch.manual_seed(0)
-    model = LoadModel(LoadModelOptions((16, 12), "silu", 0.001, BAND, STIFFNESS), dim, jelly_body.n_rows)
+    model = ForceModel(ForceModelOptions((16, 12), "silu", 0.001, BAND, STIFFNESS), dim, jelly_body.n_rows)
     with torch.no_grad():
         for parameter in model.parameters():
             parameter.copy_(torch.randn_like(parameter) / max(parameter.shape) ** 0.5)
@@ -57,7 +59,7 @@ def test_what_lies_far_from_all_samples_is_corrected_no_more_than_they_were(cont
 
     def correction(times):
         far = replace(contact, inputs=times * np.sign(contact.inputs))
-        phi = LoadEvaluation(model).loads(far)
+        phi = ForceEvaluation(model).loads(far)
         parts = (torch.from_numpy(part) for part in (far.inputs, np.array(far.depth), far.load, far.lever))
         with torch.no_grad():
             np.testing.assert_allclose(phi, model(*parts).numpy(), rtol=1e-12, atol=1e-15)
@@ -68,7 +70,7 @@ def test_what_lies_far_from_all_samples_is_corrected_no_more_than_they_were(cont
 
 
 def test_strains_count_as_spread_where_the_samples_have_none(contact, jelly_body, dim):
-    model = LoadModel(LoadModelOptions((16,), "silu", 0.001, BAND, STIFFNESS), dim, jelly_body.n_rows)
+    model = ForceModel(ForceModelOptions((16,), "silu", 0.001, BAND, STIFFNESS), dim, jelly_body.n_rows)
     local, load, lever = (torch.from_numpy(part) for part in (contact.inputs, contact.load, contact.lever))
     model.normalise(local[:1].repeat(8, 1) * (1 + 1e-4 * torch.rand(8, 1)), torch.ones(8), load, lever)
     assert model.local_scale.numpy()[least_spread(dim) > 0].min() == pytest.approx(0.1)

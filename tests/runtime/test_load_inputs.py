@@ -6,14 +6,14 @@ import torch
 
 from runtime.colliders import Box, Cone, RigidPose
 from runtime.colliders.pose import rotation_matrix
-from runtime.corrections.contact_loads import ContactLoads
-from runtime.corrections.elastic_contact import ElasticContact
-from runtime.corrections.load_evaluation import LoadEvaluation
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.learned.force.contact_state import ContactState
+from runtime.learned.force.correction import ForceCorrection
+from runtime.learned.force.evaluation import ForceEvaluation
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.mechanics.body_mechanics import compute_mechanics
 
 # The bodies are coarse: a collider and a band wide enough for some of their nodes.
-OPTIONS = LoadModelOptions((16, 12), "silu", 0.001, 0.01, 1e10)
+OPTIONS = ForceModelOptions((16, 12), "silu", 0.001, 0.01, 1e10)
 REACH = 0.05
 
 
@@ -24,7 +24,7 @@ def mechanics_of():
 
     def find(body):
         if body.content_hash not in kept:
-            kept[body.content_hash] = compute_rest_mechanics(body, 400, True)
+            kept[body.content_hash] = compute_mechanics(body, 400, True)
         return kept[body.content_hash]
 
     return find
@@ -33,7 +33,7 @@ def mechanics_of():
 def any_model(body, kind=torch.float64):
     """A network with weights of order one everywhere."""
     torch.manual_seed(1)
-    model = LoadModel(OPTIONS, body.dim, body.n_rows)
+    model = ForceModel(OPTIONS, body.dim, body.n_rows)
     with torch.no_grad():
         for parameter in model.parameters():
             parameter.copy_(torch.randn_like(parameter) / max(parameter.shape) ** 0.5)
@@ -69,7 +69,7 @@ SINGLE_STEPS = 1e-8
 def test_body_and_collider_turned_together_turn_the_field(jelly_body, mechanics_of, dim, kind, tolerance):
     # Each from nothing: from the balance of the other one it would come to the same, but by another number of steps.
     bound, other = (
-        ElasticContact(
+        ForceCorrection(
             "any", any_model(jelly_body, kind), jelly_body, cone(dim), mechanics_of(jelly_body)
         ).bind(jelly_body.node_points())
         for _ in range(2)
@@ -89,7 +89,7 @@ def test_the_axes_of_the_collider_do_not_count(jelly_body, mechanics_of, dim):
         [np.pi / 2] if dim == 2 else [0.0, 0.0, np.pi / 2], np.zeros(dim)
     )
     pose = RigidPose.from_rotation_vector(tilted(dim), above(jelly_body, 0.015))
-    correction = ElasticContact("any", any_model(jelly_body), jelly_body, box, mechanics_of(jelly_body))
+    correction = ForceCorrection("any", any_model(jelly_body), jelly_body, box, mechanics_of(jelly_body))
     bound, rows = correction.bind(jelly_body.node_points()), bumped(jelly_body)
     one, other = bound.displacement(rows, pose), bound.displacement(rows, pose.compose(quarter))
     assert np.abs(one).max() > 1e-5
@@ -100,8 +100,8 @@ def test_the_order_of_loads_does_not_count(jelly_body, mechanics_of, dim):
     contact = measured(jelly_body, mechanics_of, dim)
     order = np.random.default_rng(0).permutation(len(contact.index))
     columns = (contact.index, contact.load, contact.inputs, contact.lever)
-    shuffled = ContactLoads(*(column[order] for column in columns), contact.depth)
-    model = LoadEvaluation(any_model(jelly_body))
+    shuffled = ContactState(*(column[order] for column in columns), contact.depth)
+    model = ForceEvaluation(any_model(jelly_body))
     # The same numbers, but for the order in which matrix products sum.
     np.testing.assert_allclose(model.loads(shuffled), model.loads(contact)[order], rtol=1e-12, atol=1e-15)
 
@@ -127,14 +127,16 @@ def test_contacts_in_a_batch_are_answered_as_alone(jelly_body, mechanics_of, dim
     with torch.no_grad():
         batch = model(padded[0], depth, *padded[1:]).numpy()
     for found, contact in zip(batch, contacts, strict=True):
-        alone = LoadEvaluation(model).loads(contact)
+        alone = ForceEvaluation(model).loads(contact)
         np.testing.assert_allclose(found[: len(alone)], alone, rtol=0.0, atol=1e-12 * np.abs(alone).max())
 
 
 def test_loads_come_and_go_gently(jelly_body, mechanics_of, dim):
     """Slid along the surface: half the step, half the change. The field has no jump where loads enter the band or begin
     to bear pressure."""
-    correction = ElasticContact("any", any_model(jelly_body), jelly_body, cone(dim), mechanics_of(jelly_body))
+    correction = ForceCorrection(
+        "any", any_model(jelly_body), jelly_body, cone(dim), mechanics_of(jelly_body)
+    )
     bound, rows = correction.bind(jelly_body.node_points()), bumped(jelly_body)
 
     def changes(steps):
@@ -153,5 +155,5 @@ def test_loads_come_and_go_gently(jelly_body, mechanics_of, dim):
 
 
 def measured(body, mechanics_of, dim, aside=0.004):
-    probe = ElasticContact("any", any_model(body), body, cone(dim), mechanics_of(body)).probe
+    probe = ForceCorrection("any", any_model(body), body, cone(dim), mechanics_of(body)).probe
     return probe.measure(bumped(body), RigidPose.from_rotation_vector(tilted(dim), above(body, 0.012, aside)))

@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 
 from runtime.colliders import Box, RigidPose, Sphere
-from runtime.corrections.load_solve import LoadProblem
-from runtime.corrections.loads_around import PosedDistance
+from runtime.contact.condensed.candidates import ColliderDistance
+from runtime.contact.condensed.contact_solve import ContactProblem
 
 A, STIFFNESS, RADIUS = 2e-3, 5e5, 0.02
 
 
-def single(depth: float) -> LoadProblem:
+def single(depth: float) -> ContactProblem:
     """One load with the compliance A in all directions, `depth` inside a ball whose centre lies straight below."""
-    ball = PosedDistance(Sphere(RADIUS, 3, "ball"), RigidPose.identity(3))
+    ball = ColliderDistance(Sphere(RADIUS, 3, "ball"), RigidPose.identity(3))
     position = np.array([[0.0, 0.0, RADIUS - depth]])
-    return LoadProblem(A * np.eye(3), np.eye(3)[None], np.array([STIFFNESS]), position, depth, ball)
+    return ContactProblem(A * np.eye(3), np.eye(3)[None], np.array([STIFFNESS]), position, depth, ball)
 
 
-@pytest.mark.parametrize("solve", [LoadProblem.solve, LoadProblem._descend], ids=["newton", "descent"])
+@pytest.mark.parametrize("solve", [ContactProblem.solve, ContactProblem._descend], ids=["newton", "descent"])
 def test_penetration_left_by_one_load_is_the_known_root(solve):
     """e + A k a e^2 = d has the root e = (sqrt(1 + 4 A k a d) - 1) / (2 A k a)."""
     depth, product = 4e-3, A * STIFFNESS
@@ -32,19 +32,19 @@ def test_penetration_left_by_one_load_is_the_known_root(solve):
     assert solution.energy == pytest.approx(penalty + dent, rel=1e-6)
 
 
-def block(dim: int, seed: int = 0) -> LoadProblem:
+def block(dim: int, seed: int = 0) -> ContactProblem:
     """Fifteen loads of a strained body with a random symmetric compliance, pushed into a tilted ball."""
     rng = np.random.default_rng(seed)
     m = 15
     root = rng.normal(size=(m * dim, m * dim)) / np.sqrt(m * dim)
     G = 1e-3 * (root @ root.T + 0.1 * np.eye(m * dim))
     position = np.append(np.zeros(dim - 1), RADIUS) + 3e-3 * rng.uniform(-1, 1, size=(m, dim))
-    ball = PosedDistance(
+    ball = ColliderDistance(
         Sphere(RADIUS, dim, "ball"),
         RigidPose.from_rotation_vector([0.4] if dim == 2 else [0.4, 0.1, 0], np.zeros(dim)),
     )
     F = np.eye(dim) + 0.2 * rng.normal(size=(m, dim, dim))
-    return LoadProblem(G, F, np.full(m, STIFFNESS), position, -float(ball(position).value.min()), ball)
+    return ContactProblem(G, F, np.full(m, STIFFNESS), position, -float(ball(position).value.min()), ball)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -85,9 +85,9 @@ def test_starts_from_a_neighbour():
 
 def test_a_load_stays_on_the_side_that_it_came_from():
     """In a slab a load beyond the middle may leave on either side; the one next to the state before is a motion."""
-    slab = PosedDistance(Box([0.02, 0.02, 2e-3], name="slab"), RigidPose.identity(3))
+    slab = ColliderDistance(Box([0.02, 0.02, 2e-3], name="slab"), RigidPose.identity(3))
     past_the_middle = np.array([[0.0, 0.0, -4e-4]])
-    problem = LoadProblem(
+    problem = ContactProblem(
         A * np.eye(3), np.eye(3)[None], np.array([STIFFNESS]), past_the_middle, 1.6e-3, slab
     )
     up = np.array([1.4e-3]), np.array([[0.0, 0.0, 1.0]])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from runtime.corrections import load_step
-from runtime.corrections.load_factor import LoadFactor
-from runtime.corrections.load_solve import LoadProblem, LoadSolution
+from runtime.contact.condensed import contact_solve_kernels
+from runtime.contact.condensed.contact_solve import ContactProblem, ContactSolution
+from runtime.contact.condensed.woodbury import WoodburyFactor
 
 M = 9
 
@@ -26,8 +26,8 @@ def pressed(request):
     pressure = k * np.maximum(left, 0.0) ** 2
     given = 1e-3 * rng.normal(size=(M, dim))
     moved = np.einsum("jab,jb->ja", F, given)
-    problem = LoadProblem(G, F, k, rng.normal(size=(M, dim)), 1e-2, lambda x: None)
-    return problem, LoadSolution(left, normal, curvature, pressure, given, moved, 1.0, True, 1, 0.0)
+    problem = ContactProblem(G, F, k, rng.normal(size=(M, dim)), 1e-2, lambda x: None)
+    return problem, ContactSolution(left, normal, curvature, pressure, given, moved, 1.0, True, 1, 0.0)
 
 
 def dense(problem, solution):
@@ -49,7 +49,7 @@ def dense(problem, solution):
 
 def test_the_factor_is_the_inverse_of_the_dense_matrix(pressed):
     problem, solution = pressed
-    factor, (G, D) = LoadFactor(problem, solution), dense(problem, solution)
+    factor, (G, D) = WoodburyFactor(problem, solution), dense(problem, solution)
     c = np.random.default_rng(1).normal(size=(len(G), 4))
     softened = np.linalg.solve(np.eye(len(G)) + G @ D, c)
     # Directions of a share below 1e-9 are left out, of systems with condition numbers of a hundred.
@@ -67,7 +67,7 @@ def test_a_step_solves_the_linearised_balance(pressed, kind, monkeypatch):
     e, pressure, v = solution.left, solution.pressure, solution.given
     value, lag = -e + 1e-4, 1e-4 * np.random.default_rng(2).normal(size=(m, dim))
     at = value, solution.normal, solution.curvature
-    load, stiff, w, rest = load_step.directions(
+    load, stiff, w, rest = contact_solve_kernels.directions(
         G, problem.F, solution.bearing, k, e, pressure, *at[1:], 1e-12
     )
     for j in solution.bearing:
@@ -76,7 +76,7 @@ def test_a_step_solves_the_linearised_balance(pressed, kind, monkeypatch):
         expected = 2 * k[j] * e[j] * np.outer(at[1][j], at[1][j]) - pressure[j] * at[2][j]
         np.testing.assert_allclose(D, expected, atol=1e-9 * np.abs(expected).max())
         np.testing.assert_allclose(rest[mine], w[mine] @ problem.F[j], atol=1e-14)
-    found, left = load_step.step(G, problem.F, k, e, pressure, v, lag, *at)
+    found, left = contact_solve_kernels.step(G, problem.F, k, e, pressure, v, lag, *at)
     # What is left of dv + lag - G (S n de + p F^T H F dv), n = F^T g, e having changed by de.
     b, dv = solution.bearing, found - v
     moved = np.einsum("jab,jb->ja", problem.F, dv)
@@ -88,16 +88,20 @@ def test_a_step_solves_the_linearised_balance(pressed, kind, monkeypatch):
     pulled = np.einsum("jab,ja->jb", problem.F, force)
     missed = dv + lag - (G.astype(float) @ pulled.ravel()).reshape(m, dim)
     # Directions that change less than that share are left out of the system.
-    assert np.abs(missed).max() < load_step._SLIGHT * np.abs(dv).max()
+    assert np.abs(missed).max() < contact_solve_kernels._SLIGHT * np.abs(dv).max()
 
 
 def test_products(pressed):
     problem, solution = pressed
     phi = solution.given
     expected = (problem.compliance @ phi.ravel()).reshape(phi.shape)
-    np.testing.assert_allclose(load_step.product(problem.compliance, phi), expected, rtol=1e-10, atol=1e-20)
+    np.testing.assert_allclose(
+        contact_solve_kernels.product(problem.compliance, phi), expected, rtol=1e-10, atol=1e-20
+    )
     weight = np.arange(1.0, M + 1)
     expected = np.einsum("j,jab,ja->jb", weight, problem.F, phi)
-    np.testing.assert_allclose(load_step.pulled_back(problem.F, weight, phi), expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        contact_solve_kernels.pulled_back(problem.F, weight, phi), expected, rtol=1e-12
+    )
     expected = np.einsum("jab,jb->ja", problem.F, phi)
-    np.testing.assert_allclose(load_step.moved_by(problem.F, phi), expected, rtol=1e-12)
+    np.testing.assert_allclose(contact_solve_kernels.moved_by(problem.F, phi), expected, rtol=1e-12)

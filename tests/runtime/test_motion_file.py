@@ -13,18 +13,18 @@ from runtime.cli.fields_verb import VERB as FIELDS
 from runtime.cli.run_body import body_of_run
 from runtime.cli.simulate_verb import VERB as SIMULATE
 from runtime.colliders.build import build_collider
-from runtime.dynamics.model import bare_model, build_model, play
-from runtime.dynamics.motion_colliders import build_colliders
-from runtime.dynamics.motion_file import load_motion, side_file
-from runtime.dynamics.scene import find_scene, scene_parts, scene_steps
-from runtime.dynamics.simulate import motion_path, simulate_scene
-from runtime.dynamics.stand_in import with_stand_in
 from runtime.errors import SoftprintError
 from runtime.experiment.colliders_schema import DifferenceSpec, PolygonSpec, UnionSpec
 from runtime.experiment.sources import with_whole_paths
 from runtime.inspect.kinds import Part
 from runtime.inspect.picture import picture_of
 from runtime.mesh import box_mesh, write_mesh
+from runtime.scenes.motion_colliders import build_colliders
+from runtime.scenes.motion_file import load_motion, side_file
+from runtime.scenes.playing import bare_model, build_model, play
+from runtime.scenes.scene import find_scene, scene_parts, scene_steps
+from runtime.scenes.simulate import motion_path, simulate_scene
+from runtime.scenes.stand_in import with_stand_in
 from tests.altered import altered_h5
 
 EXPERIMENT = """
@@ -140,7 +140,7 @@ def test_an_interrupted_scene_leaves_no_file(context, monkeypatch):
         yield model.start()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("runtime.dynamics.simulate.play", interrupted)
+    monkeypatch.setattr("runtime.scenes.simulate.play", interrupted)
     with pytest.raises(KeyboardInterrupt):
         simulate_scene(context, body, scene, "bare")
     assert list((context.out_dir / "motions").iterdir()) == []

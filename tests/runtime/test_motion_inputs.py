@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from runtime.dynamics.scene import find_scene
-from runtime.dynamics.simulate import inputs_hash
 from runtime.experiment import load_experiment
+from runtime.scenes.scene import find_scene
+from runtime.scenes.simulate import inputs_hash
 from tests.toy_experiment import write_experiment
 
 MOTION = "frame,time,x,y,z,rx,ry,rz\nbase,0,0,0,{},0,0,0\n"

@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from runtime.body import assemble_body, frame_in_box, near_handles, place_handles
-from runtime.body.near_handles import CellGroup
+from runtime.body import assemble_body, frame_in_box, place_handles
+from runtime.body import handle_sparsity as near_handles
+from runtime.body.handle_sparsity import CellGroup
 from runtime.body.rotations import rotation_exponential
-from runtime.corrections.internal_response import compute_internal_response
-from runtime.corrections.rest_response import RestResponse
-from runtime.corrections.turning import local_gradients
 from runtime.dynamics.corrected_points import CorrectedPoints
-from runtime.dynamics.group_blocks import GroupBlocks
-from runtime.dynamics.internal_elastic import InternalElasticEnergy
+from runtime.dynamics.terms.cell_group_blocks import CellGroupBlocks
+from runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
 from runtime.elasticity import make_material
+from runtime.mechanics.corotation import local_gradients
+from runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from runtime.mechanics.static_condensation import compute_static_condensation
 from runtime.mesh import box_mesh
 
 BONES = 6
@@ -32,7 +33,7 @@ def chain(request):
     ]
     material = make_material("stable_neo_hookean", 2e4, 0.4)
     body = assemble_body(mesh, place_handles(mesh, 0, bones), material, 1000.0, name="chain")
-    internal = compute_internal_response(body, [0.0] * (dim - 1) + [-9.81], RestResponse(body))
+    internal = compute_static_condensation(body, [0.0] * (dim - 1) + [-9.81], NullSpaceCompliance(body))
     return body, replace(internal, turning=local_gradients(body))
 
 
@@ -46,7 +47,7 @@ def elastic_of(chain, monkeypatch):
         monkeypatch.setattr(near_handles, "_FELT_BY_PARTS", 0.03 * least)
         monkeypatch.setattr(near_handles, "_GROUP", 0.0)
         body, internal = chain
-        return InternalElasticEnergy(body, CorrectedPoints(body, []), internal)
+        return CondensedElasticEnergy(body, CorrectedPoints(body, []), internal)
 
     return make
 
@@ -70,7 +71,7 @@ def test_rigid_motions_strain_nothing_however_much_is_stood_in_for(chain, elasti
     rigid = rest @ R.T + np.outer(internal.positions, t)
     force = elastic.linearise(bend, bend, None)[1]
     turned = replace(internal, gravity=R @ internal.gravity)
-    elastic_turned = InternalElasticEnergy(body, CorrectedPoints(body, []), turned)
+    elastic_turned = CondensedElasticEnergy(body, CorrectedPoints(body, []), turned)
     before, after = elastic.linearise(rest, rest, None), elastic_turned.linearise(rigid, rigid, None)
     assert after[0] == pytest.approx(before[0], rel=1e-9)
     np.testing.assert_allclose(after[1], before[1] @ R.T, atol=1e-9 * np.abs(force).max())
@@ -120,7 +121,7 @@ def test_nodes_move_as_they_did_but_for_the_threshold(chain, monkeypatch):
     moved = internal.unturned().reshape(body.n_nodes, body.dim, -1)
     moved = moved + 1e-4 * rng.normal(size=moved.shape)  # every node feels every frame, if only a little
     monkeypatch.setattr(near_handles, "_MOVED", 0.01)
-    kept = near_handles.NearFrames(body).kept(moved)
+    kept = near_handles.HandleSparsity(body).kept(moved)
     feels = kept.reshape(body.n_nodes, body.dim, BONES, -1).any(axis=(1, 3))
     assert 1.0 < feels.sum(axis=1).mean() < 0.7 * BONES
     alike = np.tile(rng.normal(size=(1, body.dim + 1, body.dim)), (BONES, 1, 1)).ravel()
@@ -151,7 +152,7 @@ def test_blocks_do_what_the_whole_matrix_does(dim):
     for cells, rows in groups:
         B[cells[:, None], :, rows] = rng.normal(size=(len(cells), len(rows), dim * dim, dim))
     B = B.reshape(m, dim * dim, -1)
-    where = GroupBlocks(groups, n_rows, dim)
+    where = CellGroupBlocks(groups, n_rows, dim)
     blocks = where.packed(B)
     flat = where.dense(blocks)
     np.testing.assert_array_equal(flat, B.reshape(flat.shape))

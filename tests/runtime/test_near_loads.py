@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runtime.corrections.near_loads import NearLoads
+from runtime.mechanics.local_compliance import LocalCompliance
 
 N_LOADS = 600  # more than are kept at once
 
@@ -17,7 +17,7 @@ def among(request):
 
 
 def test_what_is_kept_is_what_was_asked_for(among):
-    near, dim = NearLoads(among), among.shape[2]
+    near, dim = LocalCompliance(among), among.shape[2]
     rng = np.random.default_rng(2)
     for count in (5, 100, 150, 200, 390, 40):
         loads = np.sort(rng.choice(N_LOADS, count, replace=False))

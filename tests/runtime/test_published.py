@@ -21,7 +21,7 @@ from runtime.published.adopt import adopted_poses, group_samples
 from runtime.published.export import export_published, published_collider, published_meshes
 from runtime.published.handles import find_handles
 from runtime.published.layout import PublishedMeshes, open_dataset, read_meshes, write_meshes
-from runtime.truth_file import load_truth
+from runtime.truth.truth_file import load_truth
 from tests.toy_truth import turned, write_truth
 
 F32 = 2e-7  # float32 rounds by 6e-8 of a number; sums of a few by three times that

@@ -5,8 +5,8 @@ import pytest
 import scipy.linalg as sl
 
 from runtime.body import assemble_body, frame_in_box, place_handles
-from runtime.corrections.rest_response import RestResponse, rest_stiffness
 from runtime.elasticity import make_material
+from runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
 from runtime.mesh import box_mesh
 
 
@@ -38,7 +38,7 @@ def check(body, tolerance):
     null = np.kron(among, np.eye(dim))
     forces = np.random.default_rng(0).normal(size=(body.n_nodes, dim, 4))
     expected = null @ np.linalg.solve(null.T @ stiffness @ null, null.T @ forces[free].reshape(-1, 4))
-    found = RestResponse(body).solve(forces)
+    found = NullSpaceCompliance(body).solve(forces)
     assert not found[body.handles.frame_nodes].any()
     error = np.abs(found[free].reshape(-1, 4) - expected).max()
     assert error < tolerance * np.abs(expected).max()

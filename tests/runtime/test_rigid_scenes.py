@@ -8,12 +8,12 @@ import pytest
 from runtime.body import assemble_body, place_handles
 from runtime.colliders import Box, KeyframedPath, Plane, RigidPose, Sphere
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.contact_potential import ContactPotential
-from runtime.corrections.internal_response import InternalResponse
-from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.contact.condensed.contact_potential import ContactPotential
+from runtime.contact.condensed.equilibrium import LoadProbe
 from runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider, Simulator
 from runtime.elasticity import make_material
+from runtime.mechanics.body_mechanics import compute_mechanics
+from runtime.mechanics.static_condensation import StaticCondensation
 from runtime.mesh import box_mesh
 from runtime.rigid import free_collider
 
@@ -27,7 +27,7 @@ class PotentialAlone:
 
     collider: str
     potential: ContactPotential
-    internal: InternalResponse | None
+    internal: StaticCondensation | None
     name, support = "potential", np.inf
 
 
@@ -93,7 +93,7 @@ def test_momentum_goes_from_one_to_the_other(dim, ours):
     late = Sphere(0.01, dim, "late")
     correct = dict.fromkeys((side, above, late))
     if ours:
-        mechanics = compute_rest_mechanics(body, 400, internal=False)
+        mechanics = compute_mechanics(body, 400, internal=False)
         correct = {
             shape: PotentialAlone(
                 shape.name, ContactPotential(LoadProbe(body, shape, mechanics, CONTACT.stiffness)), None
@@ -162,7 +162,7 @@ def settled_balls(jelly2d_body, jelly3d_body):
         for ours in (False, True):
             correction = None
             if ours:
-                mechanics = compute_rest_mechanics(body, 400, True, down(dim))
+                mechanics = compute_mechanics(body, 400, True, down(dim))
                 probe = LoadProbe(body, ball, mechanics, CONTACT.stiffness)
                 correction = PotentialAlone("ball", ContactPotential(probe), mechanics.internal)
             collider = placed(ball, at(dim, 0.0, 0.0, TOP + 0.03), 1500.0, correction)

@@ -8,14 +8,14 @@ import pytest
 from runtime.colliders import Capsule, Plane, RigidPose
 from runtime.colliders.path import KeyframedPath
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections import load_solve
-from runtime.corrections.contact_potential import ContactPotential
-from runtime.corrections.internal_response import InternalResponse
-from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.contact.condensed import contact_solve
+from runtime.contact.condensed.contact_potential import ContactPotential
+from runtime.contact.condensed.equilibrium import LoadProbe
 from runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
 from runtime.dynamics import simulator as simulator_module
 from runtime.errors import SoftprintError
+from runtime.mechanics.body_mechanics import compute_mechanics
+from runtime.mechanics.static_condensation import StaticCondensation
 from runtime.rigid import RigidMotion, free_collider
 
 STIFFNESS = 1e10  # N/m^4
@@ -29,13 +29,13 @@ class PotentialAlone:
 
     collider: str
     potential: ContactPotential | None
-    internal: InternalResponse | None
+    internal: StaticCondensation | None
     name, support = "potential", np.inf
 
 
 def mechanics_of(body, gravity):
     """In float64, so that finite differences see the derivatives and not the rounding of what is kept."""
-    mechanics = compute_rest_mechanics(body, 400, True, gravity)
+    mechanics = compute_mechanics(body, 400, True, gravity)
     found = mechanics.internal
     modes, weight = found.modes.astype(np.float64), found.weight.astype(np.float64)
     return mechanics._replace(internal=replace(found, modes=modes, weight=weight))
@@ -87,7 +87,7 @@ def scene(body, dim, mechanics):
 @pytest.fixture(params=["bare", "ours"])
 def step(jelly_body, dim, request, monkeypatch):
     """The energy of a step, a configuration near its end, and a generator."""
-    monkeypatch.setattr(load_solve, "_TOLERANCE", 1e-12)  # differences see what is left
+    monkeypatch.setattr(contact_solve, "_TOLERANCE", 1e-12)  # differences see what is left
     gravity = np.append(np.zeros(dim - 1), -9.81)
     mechanics = mechanics_of(jelly_body, gravity) if request.param == "ours" else None
     simulator = scene(jelly_body, dim, mechanics)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runtime.row_products import deformed, placed, placed_some
+from runtime.linalg.row_products import deformed, placed, placed_some
 
 # Sums of some tens of products of order one, in another order.
 ROUND_OFF = 1e-13

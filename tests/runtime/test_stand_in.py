@@ -7,10 +7,10 @@ import pytest
 import trimesh
 
 from runtime.colliders.build import build_collider
-from runtime.dynamics.scene import find_scene
-from runtime.dynamics.stand_in import with_stand_in
 from runtime.errors import SoftprintError
 from runtime.experiment import load_experiment
+from runtime.scenes.scene import find_scene
+from runtime.scenes.stand_in import with_stand_in
 from tests.toy_experiment import write_experiment
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from runtime.body import ReducedBody
 from runtime.colliders import RigidPose, Sphere
-from runtime.corrections.descriptor_contact import BoundDescriptorContact, DescriptorContact
-from runtime.descriptors import DirectGeometry, GridGeometry
-from runtime.descriptors.steadiness import FAINT, steadiness, steadiness_slope
+from runtime.learned.thesis6.correction import BoundDescriptorCorrection, DescriptorCorrection
+from runtime.learned.thesis6.descriptors import DirectGeometry, GridGeometry
+from runtime.learned.thesis6.descriptors.steadiness import FAINT, steadiness, steadiness_slope
 from tests.runtime.test_corrections import DIFFERENCES, make_correction, pressed_pose
 
 
@@ -40,7 +40,7 @@ def test_factor_has_its_derivative(dim):
     assert np.allclose(change / (2 * step), steadiness_slope(g, slope) @ along, atol=1e-5)
 
 
-def pressed_to_its_middle(body: ReducedBody, kind: str) -> tuple[BoundDescriptorContact, int, RigidPose]:
+def pressed_to_its_middle(body: ReducedBody, kind: str) -> tuple[BoundDescriptorCorrection, int, RigidPose]:
     """A ball with its centre, where its smoothed gradient is zero, at a node."""
     ball = Sphere(0.02, body.dim, name="ball")
     model = make_correction("descriptor", body, {}).model
@@ -48,7 +48,7 @@ def pressed_to_its_middle(body: ReducedBody, kind: str) -> tuple[BoundDescriptor
     geometry = make(ball, model.options.radius, model.options.sets)
     pose, points = pressed_pose(body), body.mesh.points
     node = int(np.linalg.norm(points - pose.translation, axis=1).argmin())
-    bound = DescriptorContact("x", model, body, ball, geometry).bind(body.node_points())
+    bound = DescriptorCorrection("x", model, body, ball, geometry).bind(body.node_points())
     return bound, node, RigidPose(pose.rotation, points[node])
 
 

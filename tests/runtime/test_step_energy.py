@@ -9,12 +9,12 @@ import pytest
 from runtime.body import assemble_body, frame_in_box, place_handles
 from runtime.colliders import KeyframedPath, RigidPose, Sphere
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.correction import CorrectionField
-from runtime.corrections.internal_response import compute_internal_response
-from runtime.corrections.rest_response import RestResponse
 from runtime.dynamics import DynamicsSettings, HandleSpring, KinematicHandle, PlacedCollider, Simulator
 from runtime.dynamics import simulator as simulator_module
 from runtime.elasticity import make_material
+from runtime.learned.correction import CorrectionField
+from runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from runtime.mechanics.static_condensation import compute_static_condensation
 from runtime.mesh import box_mesh
 
 TIME_STEP = 0.01
@@ -75,7 +75,7 @@ def make_body(dim):
 
 def internal_response(body, gravity):
     """In float64, for finite differences."""
-    found = compute_internal_response(body, gravity, RestResponse(body))
+    found = compute_static_condensation(body, gravity, NullSpaceCompliance(body))
     return replace(found, modes=found.modes.astype(float), weight=found.weight.astype(float))
 
 

@@ -18,14 +18,14 @@ from runtime.cli.touch_verb import VERB, configure
 from runtime.colliders import RigidPose, Sphere
 from runtime.colliders.analytic import Plane
 from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.corrections.contact_potential import ContactPotential
-from runtime.corrections.internal_response import InternalResponse
-from runtime.corrections.load_press import LoadProbe
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.contact.condensed.contact_potential import ContactPotential
+from runtime.contact.condensed.equilibrium import LoadProbe
 from runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from runtime.elasticity.materials import make_material
 from runtime.errors import SoftprintError
 from runtime.inspect.kinds import inspect_file
+from runtime.mechanics.body_mechanics import compute_mechanics
+from runtime.mechanics.static_condensation import StaticCondensation
 from runtime.mesh import box_mesh, write_mesh
 from runtime.touch import TouchSensor, point_places, surface_places
 from tests.toy_truth import PRESS
@@ -44,7 +44,7 @@ class PotentialAlone:
     """Contact condensed out by the body's compliance; of its displacement nobody asks but to look."""
 
     potential: ContactPotential
-    internal: InternalResponse | None
+    internal: StaticCondensation | None
     name, collider, support = "potential", "ball", np.inf
 
     def bind(self, points):
@@ -55,7 +55,7 @@ class PotentialAlone:
 
 
 def mechanics_of(body):
-    mechanics = compute_rest_mechanics(body, 200, True)
+    mechanics = compute_mechanics(body, 200, True)
     probe = LoadProbe(body, Sphere(RADIUS, body.dim, "ball"), mechanics, STIFFNESS)
     return PotentialAlone(ContactPotential(probe), mechanics.internal)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from runtime.corrections.trust import Trust, TrustEvaluation, squared_ratio
+from runtime.learned.force.confidence import Confidence, ConfidenceEvaluation, squared_ratio
 
 N_LOCAL, LOADS = 5, 7
 
@@ -21,7 +21,7 @@ def contact():
 @pytest.fixture
 def trust():
     """Inputs from -1 to 1, and corrections of a fifth of the loads."""
-    trust = Trust(N_LOCAL)
+    trust = Confidence(N_LOCAL)
     trust.span(torch.stack([torch.full((N_LOCAL,), -1.0), torch.full((N_LOCAL,), 1.0)]))
     trust.limit(torch.full((100,), 0.2))
     return trust
@@ -29,7 +29,7 @@ def trust():
 
 def test_all_is_believed_before_training(contact):
     z, load, correction = contact
-    assert float(Trust(N_LOCAL)(1e3 * z, load, 1e3 * correction)) == 1.0
+    assert float(Confidence(N_LOCAL)(1e3 * z, load, 1e3 * correction)) == 1.0
 
 
 def test_what_is_like_training_is_believed(contact, trust):
@@ -69,7 +69,7 @@ def test_a_load_that_bears_nothing_says_nothing(contact, trust):
 
 def test_an_input_that_never_varied_may_vary_by_its_least_spread(contact):
     _, load, correction = contact
-    trust = Trust(N_LOCAL)
+    trust = Confidence(N_LOCAL)
     trust.span(torch.zeros(4, N_LOCAL))
     one = torch.zeros(LOADS, N_LOCAL)
     one[:, 1] = 0.5
@@ -95,9 +95,9 @@ def test_is_the_same_in_numpy(contact, trust):
     z, load, correction = contact
     for k in (0.5, 1.3, 3.0):
         parts = (k * z, load, k * correction)
-        found = TrustEvaluation(trust).of(*(part.numpy() for part in parts))
+        found = ConfidenceEvaluation(trust).of(*(part.numpy() for part in parts))
         assert found == pytest.approx(float(trust(*parts)), rel=1e-5)  # single precision
-    assert TrustEvaluation(Trust(N_LOCAL)).of(*(part.numpy() for part in contact)) == 1.0
+    assert ConfidenceEvaluation(Confidence(N_LOCAL)).of(*(part.numpy() for part in contact)) == 1.0
 
 
 def test_batches_are_contacts_one_by_one(trust):

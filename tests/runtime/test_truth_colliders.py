@@ -12,7 +12,7 @@ from runtime.errors import SoftprintError
 from runtime.experiment import load_experiment
 from runtime.experiment.sources import formulas_hash
 from runtime.shapes import find_shape
-from runtime.truth_colliders import FORMULAS, flat_table, require_same_colliders, sampled_file_hashes
+from runtime.truth.truth_colliders import FORMULAS, flat_table, require_same_colliders, sampled_file_hashes
 from tests.toy_experiment import write_experiment, write_library_experiment
 
 

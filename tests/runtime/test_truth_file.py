@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from runtime.errors import SoftprintError
-from runtime.truth_file import TruthHeader, create_truth, load_truth
-from runtime.truth_schema import TABLES, UNREACHED
+from runtime.truth.truth_file import TruthHeader, create_truth, load_truth
+from runtime.truth.truth_schema import TABLES, UNREACHED
 from tests.altered import altered_h5, flipped
 
 

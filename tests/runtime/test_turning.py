@@ -8,12 +8,12 @@ import pytest
 from runtime.body import assemble_body, frame_in_box, place_handles
 from runtime.body.rotations import nearest_rotation, nearest_rotations, rotation_exponential
 from runtime.contact import PenaltyContact
-from runtime.corrections.internal_response import compute_internal_response
-from runtime.corrections.rest_response import RestResponse
-from runtime.corrections.turning import Turning, mean_gradients, turning_gradients
 from runtime.dynamics import Simulator
 from runtime.elasticity import make_material
 from runtime.elasticity.elastic_energy import elastic_gradient
+from runtime.mechanics.corotation import Corotation, corotation_gradients, mean_gradients
+from runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from runtime.mechanics.static_condensation import compute_static_condensation
 from runtime.mesh import box_mesh
 from tests.runtime.test_internal_response import internal_equilibrium
 
@@ -55,7 +55,7 @@ def bend(body, angle):
 def bent(request):
     """A finger, its response, and how its bones stand when it is bent."""
     body = finger(request.param)
-    return body, compute_internal_response(body, None, RestResponse(body)), bend(body, BEND)
+    return body, compute_static_condensation(body, None, NullSpaceCompliance(body)), bend(body, BEND)
 
 
 def test_nearest_rotations_are_those_of_singular_values(dim):
@@ -77,11 +77,11 @@ def test_an_affine_deformation_turns_every_part_alike(dim):
     body = finger(dim)
     A = np.eye(dim) + 0.3 * np.random.default_rng(1).normal(size=(dim, dim))
     rows = np.vstack([np.vstack([A.T, np.full(dim, 0.5)])] * BONES)
-    gradients = turning_gradients(body)
+    gradients = corotation_gradients(body)
     # float32; the smoothing keeps what is the same everywhere.
     np.testing.assert_allclose(gradients @ rows, np.broadcast_to(A.T, (body.n_nodes, dim, dim)), atol=1e-4)
     far = rows + np.outer(body.handles.affine_part, np.full(dim, 1e3))
-    rotations = Turning(gradients, body.handles.affine_part).rotations(far)
+    rotations = Corotation(gradients, body.handles.affine_part).rotations(far)
     np.testing.assert_allclose(rotations, np.broadcast_to(nearest_rotation(A), rotations.shape), atol=1e-5)
 
 

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from runtime.xdmf import Step, Values, write_xdmf
+from runtime.io.xdmf import Step, Values, write_xdmf
 
 pv = pytest.importorskip("pyvista")
 

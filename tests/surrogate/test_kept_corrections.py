@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from runtime.corrections.correction_file import save_correction
-from runtime.corrections.model import ContactModel, ModelOptions
+from runtime.learned.correction_file import save_correction
+from runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
 from surrogate import run_training
 
 RECIPE = {"truth": "abc", "settings": {"seed": 7}}
@@ -15,8 +15,8 @@ RECIPE = {"truth": "abc", "settings": {"seed": 7}}
 @pytest.fixture
 def trained(jelly2d_body, tmp_path):
     """Writes a correction that was learned by a program."""
-    options = ModelOptions("weighted_rows", False, (4,), "silu", "saturating", 1e-3)
-    model = ContactModel(options, 2, jelly2d_body.n_rows)
+    options = ContactCentricOptions("weighted_rows", False, (4,), "silu", "saturating", 1e-3)
+    model = ContactCentricModel(options, 2, jelly2d_body.n_rows)
 
     def write(program):
         path = tmp_path / "corrections" / "ours.safetensors"

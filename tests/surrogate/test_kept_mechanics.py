@@ -7,23 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.corrections.correction_file import as_saved, save_correction
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
+from runtime.learned.correction_file import as_saved, save_correction
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.mechanics.body_mechanics import compute_mechanics
 from surrogate.kept_mechanics import kept_mechanics
 
-OPTIONS = LoadModelOptions((4, 4), "silu", 5e-4, 3e-3, 1e9)
+OPTIONS = ForceModelOptions((4, 4), "silu", 5e-4, 3e-3, 1e9)
 GRAVITY = [0.0, -9.81]
 TRAINING = {"model": {"loads": 200}, "gravity": GRAVITY}
 
 
 @pytest.fixture(scope="module")
 def mechanics(jelly2d_body):
-    return compute_rest_mechanics(jelly2d_body, 200, internal=True, gravity=GRAVITY)
+    return compute_mechanics(jelly2d_body, 200, internal=True, gravity=GRAVITY)
 
 
 def write(path: Path, body, mechanics) -> Path:
-    model = LoadModel(OPTIONS, 2, body.n_rows)
+    model = ForceModel(OPTIONS, 2, body.n_rows)
     save_correction(path, path.stem, model, body, "any", "truth", 0.1, TRAINING, mechanics)
     return path
 

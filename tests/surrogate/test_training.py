@@ -11,37 +11,37 @@ import torch
 
 from runtime.body import ReducedBody
 from runtime.colliders import RigidPose, Sphere
-from runtime.corrections.contact_loads import ContactLoadsProbe
-from runtime.corrections.descriptor_contact import DescriptorContact
-from runtime.corrections.descriptor_model import DescriptorModelOptions
-from runtime.corrections.elastic_contact import ElasticContact
-from runtime.corrections.load_model import LoadModel, LoadModelOptions
-from runtime.corrections.model import ModelOptions
-from runtime.corrections.rest_mechanics import compute_rest_mechanics
-from runtime.descriptors import DirectGeometry
-from runtime.descriptors.attenuation import attenuation
 from runtime.errors import SoftprintError
-from runtime.truth_file import TruthData, TruthHeader, create_truth, load_truth
-from runtime.truth_schema import TABLES
+from runtime.learned.force.contact_state import ContactStateProbe
+from runtime.learned.force.correction import ForceCorrection
+from runtime.learned.force.model import ForceModel, ForceModelOptions
+from runtime.learned.thesis5.model import ContactCentricOptions
+from runtime.learned.thesis6.correction import DescriptorCorrection
+from runtime.learned.thesis6.descriptors import DirectGeometry
+from runtime.learned.thesis6.descriptors.attenuation import attenuation
+from runtime.learned.thesis6.model import DescriptorModelOptions
+from runtime.mechanics.body_mechanics import compute_mechanics
+from runtime.truth.truth_file import TruthData, TruthHeader, create_truth, load_truth
+from runtime.truth.truth_schema import TABLES
 from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from surrogate.dataset import PoolSize, load_dataset
 from surrogate.descriptor_data import Drawing, join_descriptor_data, load_descriptor_data
 from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
-from surrogate.load_task import LoadMetric, LoadTask, load_load_data, quadratic_form
+from surrogate.load_task import ForceMetric, ForceTask, quadratic_form, read_force_data
 from surrogate.splits import split_by_state
 from surrogate.tasks import FieldTask, InputGains
 from surrogate.train import TrainingSettings, train
 
 BALL = Sphere(0.02, 2, name="ball")
-OPTIONS = LoadModelOptions((12, 12), "silu", 5e-4, 3e-3, 1e9)
-FIELD = ModelOptions("local_geometry", True, (24, 24), "silu", "proportional", 5e-4)
+OPTIONS = ForceModelOptions((12, 12), "silu", 5e-4, 3e-3, 1e9)
+FIELD = ContactCentricOptions("local_geometry", True, (24, 24), "silu", "proportional", 5e-4)
 DESCRIPTOR = DescriptorModelOptions((24, 24), "elu", 0.02, 8, "all", 5e-4)
 STATES, CONTACTS, DEPTHS = 3, 8, 2
 
 
 @pytest.fixture(scope="module")
 def mechanics(jelly2d_body):
-    return compute_rest_mechanics(jelly2d_body, 200, internal=True, gravity=(0.0, -9.81))
+    return compute_mechanics(jelly2d_body, 200, internal=True, gravity=(0.0, -9.81))
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +50,8 @@ def truth_path(jelly2d_body: ReducedBody, mechanics, tmp_path_factory: pytest.Te
     large, and some more to the side. Sample 3 failed, and the last of contact 5 jumped."""
     body, rng = jelly2d_body, np.random.default_rng(0)
     top = float(body.mesh.points[:, -1].max())
-    probe = ContactLoadsProbe(body, BALL, mechanics, OPTIONS.stiffness, OPTIONS.band)
-    correction = ElasticContact("truth", LoadModel(OPTIONS, 2, body.n_rows), body, BALL, mechanics)
+    probe = ContactStateProbe(body, BALL, mechanics, OPTIONS.stiffness, OPTIONS.band)
+    correction = ForceCorrection("truth", ForceModel(OPTIONS, 2, body.n_rows), body, BALL, mechanics)
     teacher = correction.model
     teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0, 0.0])
     load_scale = 50.0
@@ -116,14 +116,14 @@ def truth(truth_path: Path, jelly2d_body: ReducedBody):
         yield data
 
 
-def load_task(truth: TruthData, body: ReducedBody, mechanics, edge_weight: float = 0.3) -> LoadTask:
+def load_task(truth: TruthData, body: ReducedBody, mechanics, edge_weight: float = 0.3) -> ForceTask:
     split = split_by_state(truth, "ball", 1)
-    metric = LoadMetric(body, mechanics.compliance, edge_weight)
+    metric = ForceMetric(body, mechanics.compliance, edge_weight)
     data = [
-        load_load_data(truth, body, BALL, mechanics, OPTIONS, metric, part)
+        read_force_data(truth, body, BALL, mechanics, OPTIONS, metric, part)
         for part in (split.train, split.validation)
     ]
-    return LoadTask(OPTIONS, metric, data[0], data[1], body.n_rows)
+    return ForceTask(OPTIONS, metric, data[0], data[1], body.n_rows)
 
 
 def field_task(truth: TruthData, body: ReducedBody, gains: InputGains | None = None) -> FieldTask:
@@ -162,7 +162,7 @@ def test_split_holds_out_states_and_counts_what_is_left_out(truth):
 def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
     """phi^T Gamma phi - 2 phi^T h + c against the fields themselves, at random loads."""
     body, edge_weight = jelly2d_body, 0.7
-    metric = LoadMetric(body, mechanics.compliance, edge_weight)
+    metric = ForceMetric(body, mechanics.compliance, edge_weight)
     rng = np.random.default_rng(1)
     loads = np.array([3, 7, 8])
     phi, w = rng.standard_normal((3, 2)), 1e-3 * rng.standard_normal((body.n_nodes, 2))
@@ -209,8 +209,8 @@ def test_training_tells_what_is_to_be_believed(truth, jelly2d_body, mechanics):
     task = load_task(truth, jelly2d_body, mechanics)
     model = train(task, TrainingSettings(60, 8, 3e-3, 0.0, 2, 0)).model
     split = split_by_state(truth, "ball", 1)
-    metric = LoadMetric(jelly2d_body, mechanics.compliance, 0.3)
-    data = load_load_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
+    metric = ForceMetric(jelly2d_body, mechanics.compliance, 0.3)
+    data = read_force_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
     z = model.normalised(data.local[data.present > 0])
     torch.testing.assert_close(model.trust.lowest, z.amin(0))
     torch.testing.assert_close(model.trust.highest, z.amax(0))
@@ -227,8 +227,8 @@ def test_shallow_contacts_count_in_the_loss_of_load_models(truth, jelly2d_body, 
     tenth of the mean displacement squared a half, where without the weights it would be a tenth."""
     task = load_task(truth, jelly2d_body, mechanics)
     split = split_by_state(truth, "ball", 1)
-    metric = LoadMetric(jelly2d_body, mechanics.compliance, 0.3)
-    data = load_load_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
+    metric = ForceMetric(jelly2d_body, mechanics.compliance, 0.3)
+    data = read_force_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
     c = data.squared.double()
     expected = c / (c + 0.1 * c.mean())
 
@@ -302,7 +302,7 @@ def test_trained_loads_err_alike_at_run_time(truth, jelly2d_body, mechanics):
     """The error in the metric of training is that of the correction itself, up to the stretch of F."""
     task = load_task(truth, jelly2d_body, mechanics)
     model = task.fresh_model(0)
-    bound = ElasticContact("x", model, jelly2d_body, BALL, mechanics).bind(jelly2d_body.node_points())
+    bound = ForceCorrection("x", model, jelly2d_body, BALL, mechanics).bind(jelly2d_body.node_points())
     missed = whole = 0.0
     volumes = jelly2d_body.mesh.node_volumes
     for sample in split_by_state(truth, "ball", 1).validation:
@@ -340,7 +340,7 @@ def test_trained_descriptors_err_alike_at_run_time(truth, jelly2d_body):
     body, task = jelly2d_body, descriptor_task(truth, jelly2d_body)
     model = train(task, TrainingSettings(50, 256, 6e-3, 0.0, 1, 0)).model
     geometry = DirectGeometry(BALL, DESCRIPTOR.radius, DESCRIPTOR.sets)
-    bound = DescriptorContact("x", model, body, BALL, geometry).bind(body.node_points())
+    bound = DescriptorCorrection("x", model, body, BALL, geometry).bind(body.node_points())
     missed = whole = 0.0
     volumes = body.mesh.node_volumes
     for sample in split_by_state(truth, "ball", 1).validation:

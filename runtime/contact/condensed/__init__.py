@@ -1,0 +1,1 @@
+"""Contact with the displacement that the subspace cannot show condensed out: solver, warm start, sensitivity."""

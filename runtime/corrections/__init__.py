@@ -1,1 +1,0 @@
-"""Corrections: displacement that a learned model adds to the reduced positions."""

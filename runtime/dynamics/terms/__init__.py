@@ -1,0 +1,1 @@
+"""The terms of the energy of a step: weight, springs, elasticity, contact at surface samples."""

@@ -1,0 +1,1 @@
+"""How files are written whole, checked when read, and protected from what is in them."""

@@ -1,0 +1,142 @@
+"""Tensors in a file: safetensors, with checksums of every byte among its texts. Never pickle.
+
+safetensors keeps no checksum, and takes no byte behind its tensors. So the checksums of the file's blocks
+(:mod:`runtime.io.seal`) are one of its texts, worked out with the room for them filled with noughts: any tool
+reads such a file, and no altered byte of it passes, be it in a tensor, in a text, or between them.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+
+from runtime.errors import SoftprintError
+from runtime.io.files import atomic_path
+from runtime.io.seal import BLOCK, checksums
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+_DIGITS = 8  # of a checksum
+_BEGINS = b'"checksums":"'
+_LENGTH_BYTES = 8  # safetensors: length of the header, header (JSON), tensors
+
+
+def save_tensors(
+    path: Path, kind: str, version: int, texts: Mapping[str, str], tensors: Mapping[str, Tensor]
+) -> None:
+    """Write tensors and texts, atomically, with the rights that the user's mask gives."""
+    texts = {"softprint_kind": kind, "softprint_version": str(version), **texts}
+    bare = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    blocks = len(save(bare, metadata=texts)) // BLOCK + 1
+    blocks += 1 + blocks * _DIGITS // BLOCK  # that the checksums themselves may need
+    content = save(bare, metadata={**texts, "checksums": "0" * (_DIGITS * blocks)})
+    start = content.index(_BEGINS) + len(_BEGINS)
+    stop = start + _DIGITS * blocks
+    text = _checksums(content, start, stop)
+    with atomic_path(path) as temporary:
+        # Not `save_file`, which makes files that no one else may read.
+        temporary.write_bytes(content[:start] + text + content[stop:])
+
+
+def load_tensors(
+    path: Path, kind: str, version: int, remedy: str
+) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Texts and tensors of a file. Raises SoftprintError, which ends in the remedy, where it is missing, damaged,
+    foreign or of another version."""
+    what = kind.replace("_", " ")
+    try:
+        content = path.read_bytes()
+        texts = _texts(content)
+    except FileNotFoundError as error:
+        raise SoftprintError(f"{path}: there is no such {what} file: {remedy}") from error
+    except (OSError, ValueError, RecursionError, MemoryError) as error:
+        raise SoftprintError(
+            f"{path}: not a readable {what} file (truncated, damaged, or not safetensors): {remedy}"
+        ) from error
+    sealed = _BEGINS in content
+    if sealed:
+        _refuse_damage(path, content, what, remedy)
+    if texts.get("softprint_kind") != kind:
+        raise SoftprintError(f"{path}: a safetensors file, but not a {what} of Softprint's: {remedy}")
+    if texts.get("softprint_version") != str(version):
+        raise SoftprintError(
+            f"{path}: {what} of version {texts.get('softprint_version')}, but this program reads version "
+            f"{version}: {remedy}"
+        )
+    if not sealed:
+        raise SoftprintError(f"{path}: the {what} file is damaged (its checksums are gone): {remedy}")
+    try:
+        tensors = load(content)
+    except (SafetensorError, ValueError, KeyError, RuntimeError, MemoryError) as error:
+        raise SoftprintError(f"{path}: not a readable {what} file ({error}): {remedy}") from error
+    return texts, tensors
+
+
+def _texts(content: bytes) -> dict[str, str]:
+    """Raises ValueError where there are none."""
+    texts = _header(content).get("__metadata__", {})
+    if not isinstance(texts, dict) or not all(isinstance(value, str) for value in texts.values()):
+        raise ValueError("no texts")
+    return texts
+
+
+def _header(content: bytes) -> dict[str, object]:
+    length = int.from_bytes(content[:_LENGTH_BYTES], "little")
+    if not 2 <= length <= len(content) - _LENGTH_BYTES:
+        raise ValueError("no header")
+    header = json.loads(content[_LENGTH_BYTES : _LENGTH_BYTES + length])
+    if not isinstance(header, dict):
+        raise ValueError("no header")
+    return header
+
+
+def _checksums(content: bytes, start: int, stop: int) -> bytes:
+    """Of all blocks, as hexadecimal digits, where bytes start to stop are noughts; noughts fill the rest of them."""
+    zeroed = io.BytesIO(content)
+    zeroed.getbuffer()[start:stop] = b"0" * (stop - start)
+    found = checksums(zeroed, len(content))
+    return b"".join(b"%08x" % crc for crc in found.tolist()).ljust(stop - start, b"0")
+
+
+def _refuse_damage(path: Path, content: bytes, what: str, remedy: str) -> None:
+    start = content.index(_BEGINS) + len(_BEGINS)
+    stop = content.find(b'"', start)
+    if stop - start < _DIGITS * (len(content) // BLOCK + 1):
+        raise SoftprintError(f"{path}: the {what} file is damaged (it has too few checksums): {remedy}")
+    kept, found = content[start:stop], _checksums(content, start, stop)
+    if kept == found:
+        return
+    differs = np.frombuffer(kept, np.uint8) != np.frombuffer(found, np.uint8)
+    block = int(np.flatnonzero(differs)[0]) // _DIGITS
+    first, last = block * BLOCK, min((block + 1) * BLOCK, len(content)) - 1
+    raise SoftprintError(
+        f"{path}: the {what} file is damaged: bytes within {first} to {last} are not those that were written "
+        f"({_in_bytes(content, first, last)}): {remedy}"
+    )
+
+
+def _in_bytes(content: bytes, first: int, last: int) -> str:
+    """What lies in a range of bytes, as the header has it."""
+    header = _header(content)
+    begin = _LENGTH_BYTES + int.from_bytes(content[:_LENGTH_BYTES], "little")
+    named = ["its header"] if first < begin else []
+    for name, entry in header.items():
+        offsets = entry.get("data_offsets") if isinstance(entry, dict) else None
+        if (
+            name != "__metadata__"
+            and isinstance(offsets, list)
+            and len(offsets) == 2
+            and all(isinstance(offset, int) for offset in offsets)
+            and begin + offsets[0] <= last
+            and begin + offsets[1] > first
+        ):
+            named.append(name)
+    return ", ".join(named[:3]) + (" and more" if len(named) > 3 else "")

@@ -1,0 +1,73 @@
+"""The load model of `model.py` for one contact, in numpy: some tens of rows, where what counts is the number of
+operations and not their size. Between a step's other work each of torch's costs several times one of numpy's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from runtime.learned.force.confidence import ConfidenceEvaluation
+from runtime.learned.force.contact_state import ContactState
+from runtime.learned.force.model import SATURATION, ForceModel
+
+Floats = NDArray[np.floating[Any]]
+
+_ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
+    "tanh": np.tanh,
+    "silu": lambda x: 0.5 * x * (1.0 + np.tanh(0.5 * x)),
+    "softplus": lambda x: np.logaddexp(0.0, x),
+}
+
+
+class ForceEvaluation:
+    """phi(loads) of a model on the CPU. Its parameters are shared, not copied."""
+
+    def __init__(self, model: ForceModel) -> None:
+        network = model.network
+        self._fade, self._scale = model.fade, float(model.traction_scale)
+        self._trust = ConfidenceEvaluation(model.trust)
+        self._mean, self._spread = _shared(model.local_mean), _shared(model.local_scale)
+        self._depth_mean, self._depth_spread = float(model.depth_mean), float(model.depth_scale)
+        assert network.shared is not None  # the depth of the contact
+        self._by_depth = _shared(network.shared.weight)[:, 0]
+        layers = (network.local, *network.hidden, network.head)
+        self._layers = [(_shared(layer.weight).T, _shared(layer.bias)) for layer in layers]
+        self._activation = _ACTIVATIONS[model.options.activation]
+
+    @property
+    def dtype(self) -> np.dtype[np.floating[Any]]:
+        """Of the model."""
+        return self._mean.dtype
+
+    def loads(self, contact: ContactState) -> Floats:
+        """phi (m, dim) [N], as `ForceModel`, in the precision of the model."""
+        kind, load, depth = self.dtype, contact.load, contact.depth
+        z = (contact.inputs.astype(kind) - self._mean) / self._spread
+        y = self._network(_saturated(z), depth)
+        traction = (y[:, None, 1:] @ contact.lever)[:, 0]
+        correction = self._fade.value(depth) * (load * y[:, :1] + self._scale * traction)
+        phi = load + self._trust.of(z, load, correction) * correction
+        return np.asarray(phi.astype(kind))
+
+    def _network(self, local: Floats, depth: float) -> Floats:
+        """y (m, 1 + DIRECTIONS)."""
+        (first, bias), *hidden, (head, last) = self._layers
+        shared = _saturated((depth - self._depth_mean) / self._depth_spread) * self._by_depth
+        h = self._activation(local @ first + (bias + shared.astype(local.dtype)))
+        for weight, offset in hidden:
+            h = self._activation(h @ weight + offset)
+        return h @ head + last
+
+
+def _saturated(z: Any) -> Any:
+    """`load_model.saturated`."""
+    return SATURATION * np.tanh(z / SATURATION)
+
+
+def _shared(parameter: Tensor) -> Floats:
+    return np.asarray(parameter.detach().numpy())

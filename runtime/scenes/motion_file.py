@@ -1,0 +1,226 @@
+"""The motion file (HDF5): a scene as one model played it, frame by frame. SI units.
+
+    times (F,) s, rows (F, n_rows, dim), positions (F, n_nodes, dim) float32 m       mesh/points, mesh/cells
+    status, iterations, residual, penetration (F,)       energies/<name> (F,) J, timings/<phase> (F,) s
+    colliders/<name>/{rotation (F, dim, dim), translation (F, dim), force (F, dim) N, torque N m, penetration
+    m}
+
+Frame 0 is where the scene starts; frame f is the end of step f, and what is said of it is said of that step.
+Attributes: softprint_kind "motion", softprint_version, provenance, model, scene, body_hash, inputs_hash,
+experiment (text), collider_tables (JSON, see `motion_colliders.py`), status_names (JSON: number -> name). A side file
+(.xdmf) opens the motion in ParaView.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from runtime.arrays import Array, BoolArray, IntArray
+from runtime.body.body import ReducedBody
+from runtime.colliders.pose import RigidPose
+from runtime.dynamics.state import StepResult
+from runtime.errors import SoftprintError
+from runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
+from runtime.io.xdmf import Step, Values, write_xdmf
+
+KIND = "motion"
+VERSION = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ColliderTrack:
+    """One collider over the F frames: poses, the force on it (F, dim) [N] and torque [N m], penetration (F,)
+    [m]."""
+
+    poses: tuple[RigidPose, ...]
+    force: Array
+    torque: Array
+    penetration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion as read back, all in memory but for the positions. See the module for shapes and units."""
+
+    path: Path
+    model: str
+    scene: str
+    body_hash: str
+    inputs_hash: str
+    times: Array
+    rows: Array
+    status: IntArray
+    status_names: Mapping[int, str]
+    iterations: IntArray
+    residual: Array
+    penetration: Array
+    energies: Mapping[str, Array]
+    timings: Mapping[str, Array]
+    colliders: Mapping[str, ColliderTrack]
+    collider_tables: str
+
+    @property
+    def n_frames(self) -> int:
+        return len(self.times)
+
+    @property
+    def converged(self) -> BoolArray:
+        """(F,)"""
+        return np.equal(self.status, 0)
+
+    def positions(self, frame: int) -> Array:
+        """(n_nodes, dim) [m] of one frame, read from the file when asked for."""
+        if not 0 <= frame < self.n_frames:
+            raise SoftprintError(f"{self.path}: no frame {frame}; they are numbered 0 to {self.n_frames - 1}")
+        with open_softprint_h5(self.path, KIND, VERSION) as file:
+            return np.asarray(file["positions"][frame], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class MotionHeader:
+    """What a motion is of; ``inputs_hash`` names everything that it was computed from."""
+
+    model: str
+    scene: str
+    inputs_hash: str
+    experiment: str
+    collider_tables: str
+
+
+@dataclass
+class _Column:
+    """The values of one dataset, frame after frame."""
+
+    values: list[Any] = field(default_factory=list)
+
+
+class MotionWriter:
+    """Takes frames one by one; positions go to the file at once, everything else when it is closed."""
+
+    def __init__(self, file: h5py.File, body: ReducedBody, n_frames: int) -> None:
+        self._file = file
+        self._columns: dict[str, _Column] = {}
+        self._status_names: dict[int, str] = {}
+        self._frames = 0
+        # One frame a chunk, for a reader takes a frame at a time; checksums tell damage.
+        shape = (n_frames, body.n_nodes, body.dim)
+        self._positions = file.create_dataset(
+            "positions", shape, dtype="f4", chunks=(1, *shape[1:]), fletcher32=True
+        )
+        file.create_dataset("mesh/points", data=body.mesh.points, fletcher32=True)
+        file.create_dataset("mesh/cells", data=body.mesh.cells, fletcher32=True)
+
+    def add(self, result: StepResult[Any], rows: Array, positions: Array) -> None:
+        """Append a frame: rows (n_rows, dim), positions (n_nodes, dim) at ``result.state``."""
+        self._positions[self._frames] = positions
+        self._frames += 1
+        self._note_status(result.status)
+        self._put("times", result.state.time)
+        self._put("rows", rows)
+        self._put("status", int(result.status))
+        for name in ("iterations", "residual", "penetration"):
+            self._put(name, getattr(result, name))
+        for group, values in (("energies", result.energies), ("timings", result.timings)):
+            for name, value in values.items():
+                self._put(f"{group}/{name}", value)
+        for name, contact in result.contacts.items():
+            pose = result.state.poses[name]
+            self._put(f"colliders/{name}/rotation", pose.rotation)
+            self._put(f"colliders/{name}/translation", pose.translation)
+            for key in ("force", "torque", "penetration"):
+                self._put(f"colliders/{name}/{key}", getattr(contact, key))
+
+    def _put(self, name: str, value: Any) -> None:
+        self._columns.setdefault(name, _Column()).values.append(value)
+
+    def _note_status(self, status: IntEnum) -> None:
+        self._status_names |= {int(member): member.name for member in type(status)}
+
+    def finish(self) -> None:
+        """Write the columns. Every frame must have had the same ones."""
+        for name, column in self._columns.items():
+            if len(column.values) != self._frames:
+                raise ValueError(f"{name} was given for {len(column.values)} of {self._frames} frames")
+            self._file.create_dataset(name, data=np.array(column.values), fletcher32=True)
+        self._file.attrs["status_names"] = fixed_text(json.dumps(self._status_names))
+
+
+@contextmanager
+def write_motion(
+    path: Path, header: MotionHeader, body: ReducedBody, n_frames: int
+) -> Iterator[MotionWriter]:
+    """Write a motion file and its side file, whole or not at all."""
+    with create_softprint_h5(path, KIND, VERSION) as file:
+        for name in ("model", "scene", "inputs_hash", "experiment", "collider_tables"):
+            file.attrs[name] = fixed_text(getattr(header, name))
+        file.attrs["body_hash"] = fixed_text(body.content_hash)
+        writer = MotionWriter(file, body, n_frames)
+        yield writer
+        writer.finish()
+    write_side_file(path)
+
+
+def side_file(path: Path) -> Path:
+    """The XDMF file beside a motion file."""
+    return path.with_suffix(".xdmf")
+
+
+def write_side_file(path: Path) -> None:
+    """Describe the motion to ParaView: the deformed mesh at every frame."""
+    with open_softprint_h5(path, KIND, VERSION) as file:
+        cells = Values.of(file["mesh/cells"])
+        steps = [
+            Step(float(time), Values(path.name, "/positions", *_layout(file["positions"]), frame), cells)
+            for frame, time in enumerate(file["times"][()])
+        ]
+    write_xdmf(side_file(path), steps)
+
+
+def _layout(dataset: h5py.Dataset) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    return tuple(dataset.shape), dataset.dtype
+
+
+def motion_inputs_hash(path: Path) -> str:
+    """What the motion in a file was computed from. SoftprintError where the file is missing or not whole."""
+    with open_softprint_h5(path, KIND, VERSION) as file:
+        return read_text(file.attrs, "inputs_hash")
+
+
+def load_motion(path: Path | str) -> Motion:
+    """Read a motion. Raises SoftprintError where the file is missing, foreign, truncated or incomplete."""
+    with open_softprint_h5(path, KIND, VERSION) as file:
+        colliders = {name: _track(group) for name, group in file.get("colliders", {}).items()}
+        return Motion(
+            path=Path(path),
+            model=read_text(file.attrs, "model"),
+            scene=read_text(file.attrs, "scene"),
+            body_hash=read_text(file.attrs, "body_hash"),
+            inputs_hash=read_text(file.attrs, "inputs_hash"),
+            times=file["times"][()],
+            rows=file["rows"][()],
+            status=file["status"][()],
+            status_names={int(key): name for key, name in json.loads(file.attrs["status_names"]).items()},
+            iterations=file["iterations"][()],
+            residual=file["residual"][()],
+            penetration=file["penetration"][()],
+            energies={name: values[()] for name, values in file["energies"].items()},
+            timings={name: values[()] for name, values in file["timings"].items()},
+            colliders=colliders,
+            collider_tables=read_text(file.attrs, "collider_tables"),
+        )
+
+
+def _track(group: h5py.Group) -> ColliderTrack:
+    poses = tuple(
+        RigidPose(R, t) for R, t in zip(group["rotation"][()], group["translation"][()], strict=True)
+    )
+    return ColliderTrack(poses, group["force"][()], group["torque"][()], group["penetration"][()])

@@ -1,0 +1,115 @@
+"""Play the scenes of an experiment and keep the motions: the work behind `softprint simulate`."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runtime.body.body import ReducedBody
+from runtime.errors import SoftprintError
+from runtime.experiment.sources import scene_files
+from runtime.io.files import content_hash, file_hash
+from runtime.scenes.motion_colliders import collider_tables
+from runtime.scenes.motion_file import (
+    MotionHeader,
+    motion_inputs_hash,
+    side_file,
+    write_motion,
+    write_side_file,
+)
+from runtime.scenes.playing import BARE, build_model, correction_path, play
+from runtime.scenes.scene import scene_steps
+
+if TYPE_CHECKING:
+    from runtime.cli.context import Context
+    from runtime.experiment import Experiment, SceneSpec
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Played:
+    """One finished motion: where it is, whether it was there already, frames a second, steps not
+    converged."""
+
+    path: Path
+    kept: bool
+    steps_per_second: float = 0.0
+    not_converged: int = 0
+
+
+def motion_path(out: Path, scene: str, model: str) -> Path:
+    """motions/<scene>_<model>.h5 in the run directory."""
+    return out / "motions" / f"{scene}_{model}.h5"
+
+
+def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, model: str) -> str:
+    """Everything that decides a motion: body, cubature, scene, colliders, all their files, dynamics, correction."""
+    content: dict[str, object] = {
+        "model": model,
+        "body": body.content_hash,
+        "cubature": body.cubature.weights,
+        "cubature_cells": body.cubature.cells,
+        "surface": body.surface.nodes,
+        "scene": scene.model_dump_json(exclude_none=True),
+        "contact": experiment.contact.model_dump_json(),
+        "dynamics": experiment.dynamics.model_dump_json(),
+    }
+    for entry in scene.colliders:
+        content[f"collider_{entry.name}"] = experiment.collider(entry.name).model_dump_json()
+    content |= scene_files(experiment, scene)
+    correction = correction_path(out, model)
+    if model != BARE and correction.is_file():
+        content["correction"] = file_hash(correction)
+    return content_hash(content)
+
+
+def simulate_scene(
+    context: Context, body: ReducedBody, scene: SceneSpec, model: str, experiment: Experiment | None = None
+) -> Played:
+    """Play one scene with one model into its motion file; an unchanged finished motion is kept with
+    --resume. experiment: where the scene's colliders are found, that of the context by default."""
+    experiment, out = experiment or context.experiment, context.out_dir
+    path = motion_path(out, scene.name, model)
+    digest = inputs_hash(experiment, body, scene, out, model)
+    if context.resume and _is_finished(path, digest):
+        return Played(path, kept=True)
+    player = build_model(experiment, body, scene, out, model)
+    n_steps = scene_steps(experiment, scene)
+    tables = collider_tables(experiment, scene)
+    header = MotionHeader(model, scene.name, digest, experiment.text, tables)
+    seconds, not_converged = 0.0, 0
+    with (
+        write_motion(path, header, body, n_steps + 1) as writer,
+        context.progress(n_steps, unit="steps", desc=f"{scene.name} ({model})") as progress,
+    ):
+        for frame, result in enumerate(play(player, n_steps)):
+            writer.add(result, player.rows(result.state), player.positions(result.state))
+            if not result.converged:
+                not_converged += 1
+                log.debug("%s (%s), frame %d: %s", scene.name, model, frame, result.reason)
+            if frame:
+                seconds += result.timings["total"]
+                progress.update()
+    if not_converged:
+        log.info(
+            "%s (%s): %d of %d steps did not converge; see `status` in %s",
+            *(scene.name, model, not_converged, n_steps, path),
+        )
+    return Played(path, False, n_steps / seconds, not_converged)
+
+
+def _is_finished(path: Path, digest: str) -> bool:
+    """Whether the file holds the motion of these very inputs. A file of others is replaced."""
+    if not path.is_file():
+        return False
+    try:
+        finished = motion_inputs_hash(path) == digest
+    except SoftprintError as error:
+        log.warning("%s; it is computed again", error)
+        return False
+    if finished and not side_file(path).is_file():
+        write_side_file(path)
+    return finished

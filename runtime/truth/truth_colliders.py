@@ -1,0 +1,75 @@
+"""Whether the colliders of an experiment are still those that a truth file was made with."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from runtime.errors import SoftprintError
+from runtime.experiment.sources import collider_files, formulas_hash
+
+if TYPE_CHECKING:
+    from runtime.experiment import Experiment
+    from runtime.truth.truth_file import TruthData
+
+
+FORMULAS = "library formulas hash"  # of `TruthHeader.made_from`
+
+
+def flat_table(value: Any, prefix: str) -> dict[str, str]:
+    """A table of tables as one: {"sampling.max_depth": "0.012", ...}."""
+    if not isinstance(value, dict):
+        return {prefix: json.dumps(value)}
+    flat: dict[str, str] = {}
+    for key, item in value.items():
+        flat |= flat_table(item, f"{prefix}.{key}" if prefix else key)
+    return flat
+
+
+def without_absent(flat: Mapping[str, str]) -> dict[str, str]:
+    """A flat table without what is null in it, so that keys that there were not yet do not count as changes."""
+    return {key: _without_nulls(text) for key, text in flat.items() if text != "null"}
+
+
+def _without_nulls(text: str) -> str:
+    if "null" not in text:
+        return text
+    return json.dumps(
+        json.loads(text, object_hook=lambda table: {k: v for k, v in table.items() if v is not None})
+    )
+
+
+def sampled_file_hashes(experiment: Experiment, name: str) -> dict[str, str]:
+    """The files of a collider that a truth is made with, as `TruthHeader.made_from` calls them."""
+    files = collider_files(experiment.collider(name), experiment.base_dir)
+    return {f"collider {where} file hash" if where else "collider file hash": files[where] for where in files}
+
+
+def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
+    """Raise SoftprintError where one of the truth's colliders has another shape or size in the experiment now: its
+    displacements would be taken for those under another collider."""
+    present: dict[str, str] = {}
+    own, known = {spec.name: spec for spec in experiment.colliders}, experiment.collider_names
+    for name in truth.header.colliders:
+        if name in own:
+            present |= flat_table(own[name].model_dump(mode="json"), f"colliders.{name}")
+            present |= sampled_file_hashes(experiment, name)
+        elif experiment.library is not None:
+            size = experiment.library.model_dump(mode="json", include={"size", "resolution"})
+            present |= flat_table(size, "library")
+    formulas = formulas_hash(experiment, [name for name in truth.header.colliders if name in known])
+    if formulas is not None:
+        present[FORMULAS] = formulas
+    before, present = without_absent(truth.header.made_from), without_absent(present)
+    changed = [
+        f"{key}: {before[key]} -> {now}"
+        for key, now in present.items()
+        # Of files only the content counts; keys that are not there were not made by `generate`, or by an older one.
+        if before.get(key, now) != now and not key.endswith(".file")
+    ]
+    if changed:
+        raise SoftprintError(
+            f"{truth.path}: was made with other colliders than the experiment's ({'; '.join(changed[:4])}): undo the "
+            "change, or make the truth again with `softprint generate --no-resume`"
+        )

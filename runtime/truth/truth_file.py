@@ -1,0 +1,360 @@
+"""The truth file: what the full-space solves found, for the surrogate to learn and the reports to judge.
+
+HDF5, one group for each table of :mod:`runtime.truth.truth_schema` (``states``, ``refused``, ``contacts``,
+``samples``, ``repeat``), the mesh in ``mesh``, and in the attributes the body's hash, the experiment (JSON),
+its seed, software versions, and whether every planned contact is in it. A small XDMF file beside it opens in
+ParaView: one step a sample, the body at its internal equilibrium with the contact displacement as a node
+field ("Warp By Vector" shows it).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.arrays import Array, BoolArray, IntArray
+from runtime.body.body import ReducedBody
+from runtime.colliders.pose import RigidPose
+from runtime.errors import SoftprintError
+from runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
+from runtime.io.xdmf import Step, Values, write_xdmf
+from runtime.truth.truth_schema import (
+    CONVERGED,
+    KIND,
+    STATUS_NAMES,
+    TABLES,
+    TEXT_BYTES,
+    VERSION,
+    checked_table,
+)
+
+# On the way to its deepest sample a contact is followed in so many steps: with eight no pressed load of the library's
+# contacts was seen to slip another way than in many more.
+_STEPS_IN = 8
+
+
+@dataclass(frozen=True)
+class TruthHeader:
+    """What a truth file says about itself.
+
+    colliders: names, in the order of ``contacts/collider``; planned_contacts: size of the whole plan, of
+    which a partial file holds the first finished ones; experiment: JSON text of the experiment as it was run;
+    made_from: a flat table of everything that decided the numbers, to tell whether another run would give the
+    same.
+    """
+
+    body_hash: str
+    experiment: str
+    seed: int
+    colliders: tuple[str, ...]
+    planned_contacts: int
+    made_from: Mapping[str, str] = field(default_factory=dict)
+
+
+class TruthWriter:
+    """Appends rows to the tables of a truth file that is being written; made by :func:`create_truth`."""
+
+    def __init__(self, file: h5py.File, header: TruthHeader, body: ReducedBody) -> None:
+        self._file = file
+        self._sizes = {"nodes": body.n_nodes, "rows": body.n_rows, "dim": body.dim}
+        self._body = body
+        self._header = header
+        self._digest = hashlib.sha256()
+        for name, columns in TABLES.items():
+            group = file.create_group(name)
+            for key, column in columns.items():
+                shape = column.row_shape(self._sizes)
+                # One row of a field is one chunk: a training batch reads the samples it wants and nothing
+                # else.
+                chunk = (1, *shape) if "nodes" in column.shape else (256, *shape)
+                dataset = group.create_dataset(
+                    key,
+                    (0, *shape),
+                    column.stored_dtype,
+                    maxshape=(None, *shape),
+                    chunks=chunk,
+                    fletcher32=True,
+                    compression="gzip" if column.dtype == "str" else None,
+                )
+                dataset.attrs["unit"] = fixed_text(column.unit)
+                dataset.attrs["meaning"] = fixed_text(column.meaning)
+        file.create_dataset("mesh/points", data=body.mesh.points, fletcher32=True)
+        file.create_dataset("mesh/cells", data=body.mesh.cells, fletcher32=True)
+
+    def length(self, table: str) -> int:
+        """Rows that the table has so far."""
+        return len(self._file[table][next(iter(TABLES[table]))])
+
+    def append(self, table: str, values: Mapping[str, object]) -> None:
+        """Append rows to a table; every column must be given, and indices must count rows of the whole
+        file."""
+        arrays = checked_table(table, values, self._sizes)
+        start = self.length(table)
+        for key, array in arrays.items():
+            dataset = self._file[table][key]
+            dataset.resize(start + len(array), axis=0)
+            dataset[start:] = _fixed(array, f"{table}/{key}") if array.dtype == object else array
+            if not TABLES[table][key].measured:
+                self._digest.update(f"{table}/{key}:{len(array)}:".encode())
+                data = "\0".join(array).encode() if array.dtype == object else array.tobytes()
+                self._digest.update(data)
+
+    def _finish(self) -> None:
+        attrs = self._file.attrs
+        attrs["body_hash"] = fixed_text(self._header.body_hash)
+        attrs["experiment"] = fixed_text(self._header.experiment)
+        attrs["seed"] = self._header.seed
+        attrs["colliders"] = fixed_text(json.dumps(self._header.colliders))
+        attrs["planned_contacts"] = self._header.planned_contacts
+        made_from = json.dumps(dict(self._header.made_from), sort_keys=True)
+        attrs["made_from"] = fixed_text(made_from)
+        attrs["status_codes"] = fixed_text(json.dumps(STATUS_NAMES))
+        attrs["complete"] = self.length("contacts") == self._header.planned_contacts
+        attrs["content_hash"] = fixed_text(self._digest.hexdigest())
+        # ParaView wants points as whole datasets: one for each state.
+        basis = self._body.basis
+        for state, rows in enumerate(self._file["states/rows"][()]):
+            points = basis @ rows + self._file["states/internal"][state]
+            self._file.create_dataset(f"view/points_{state}", data=points, fletcher32=True)
+
+
+def _fixed(texts: NDArray[Any], column: str) -> NDArray[np.bytes_]:
+    """Text in the fixed length of its column: of variable length it would have no checksum."""
+    encoded = [str(text).encode() for text in texts]
+    longest = max(map(len, encoded), default=0)
+    if longest > TEXT_BYTES:
+        raise ValueError(f"{column}: a text of {longest} bytes; a truth file holds at most {TEXT_BYTES}")
+    return np.array(encoded, dtype=f"S{TEXT_BYTES}")
+
+
+@contextmanager
+def create_truth(path: Path, header: TruthHeader, body: ReducedBody) -> Iterator[TruthWriter]:
+    """Write a whole truth file and its XDMF side file: ``with create_truth(...) as truth:
+    truth.append(...)``.
+
+    Nothing appears under ``path`` unless the block ends without an exception. ``complete`` is set when the
+    file has as many contacts as were planned; ``content_hash`` covers every column that does not measure the
+    machine.
+    """
+    if header.body_hash != body.content_hash:
+        raise SoftprintError(f"{path}: the header names another body than {body.name!r}")
+    with create_softprint_h5(path, KIND, VERSION) as file:
+        writer = TruthWriter(file, header, body)
+        yield writer
+        writer._finish()
+    write_side_file(Path(path))
+
+
+def side_file(path: Path) -> Path:
+    """The XDMF file beside a truth file."""
+    return path.with_suffix(".xdmf")
+
+
+def write_side_file(path: Path) -> None:
+    """Describe the truth to ParaView: one step a sample."""
+    with open_softprint_h5(path, KIND, VERSION) as file:
+        state_of = file["contacts/state"][()]
+        cells, displacement = Values.of(file["mesh/cells"]), file["samples/displacement"]
+        steps = [
+            Step(
+                time=float(sample),
+                points=Values.of(file[f"view/points_{state_of[contact]}"]),
+                cells=cells,
+                node_fields={"contact_displacement": Values.of(displacement, sample)},
+                name=f"sample_{sample}",
+            )
+            for sample, contact in enumerate(file["samples/contact"][()])
+        ]
+    write_xdmf(side_file(path), steps)
+
+
+class Table:
+    """The columns of one table by name; small ones are read once and kept, fields are read row by row on
+    demand."""
+
+    def __init__(self, group: h5py.Group, name: str) -> None:
+        self._group = group
+        self._columns = TABLES[name]
+        self._kept: dict[str, NDArray[Any]] = {}
+
+    def __len__(self) -> int:
+        return len(self._group[next(iter(self._columns))])
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """The whole column as an array (text columns: an object array of str)."""
+        if column not in self._kept:
+            dataset = self._group[column]
+            with self._damage_is_told(column):
+                values = dataset.asstr("utf-8")[()] if self._columns[column].dtype == "str" else dataset[()]
+            if "nodes" in self._columns[column].shape:
+                return values
+            self._kept[column] = values
+        return self._kept[column]
+
+    def field(self, column: str, rows: int | Sequence[int] | IntArray) -> NDArray[Any]:
+        """Only the given rows of a column, in the order given: (n, ...), or (...) for one number."""
+        dataset = self._group[column]
+        with self._damage_is_told(column):
+            if isinstance(rows, int | np.integer):
+                return dataset[int(rows)]
+            wanted = np.asarray(rows, dtype=np.int64)
+            values = np.empty((len(wanted), *dataset.shape[1:]), dataset.dtype)
+            for place, row in enumerate(wanted):
+                dataset.read_direct(values, np.s_[int(row)], np.s_[place])
+            return values
+
+    @contextmanager
+    def _damage_is_told(self, column: str) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, ValueError) as error:
+            name = Path(self._group.file.filename)
+            raise SoftprintError(
+                f"{name}: column {column!r} is damaged ({error}): make the file again"
+            ) from error
+
+
+class TruthData:
+    """A truth file open for reading; use it as a context manager, or close it. Fields stay on disk until
+    asked for.
+
+    ``states``, ``refused``, ``contacts``, ``samples``, ``repeat`` are :class:`Table` objects with the columns
+    of :mod:`runtime.truth.truth_schema`.
+    """
+
+    def __init__(self, path: Path | str, body: ReducedBody | None = None) -> None:
+        self.path = Path(path)
+        self._stack = ExitStack()
+        with ExitStack() as stack:
+            file = stack.enter_context(open_softprint_h5(self.path, KIND, VERSION))
+            attrs = file.attrs
+            self.header = TruthHeader(
+                body_hash=read_text(attrs, "body_hash"),
+                experiment=read_text(attrs, "experiment"),
+                seed=int(attrs["seed"]),
+                colliders=tuple(json.loads(attrs["colliders"])),
+                planned_contacts=int(attrs["planned_contacts"]),
+                made_from=json.loads(attrs["made_from"]),
+            )
+            self.complete = bool(attrs["complete"])
+            self.content_hash = read_text(attrs, "content_hash")
+            self.provenance: dict[str, str] = json.loads(attrs["provenance"])
+            self._check_tables(file)
+            self._check_body(file, body)
+            self.states, self.refused, self.contacts, self.samples, self.repeat = (
+                Table(file[name], name) for name in TABLES
+            )
+            self.dim = int(file["mesh/points"].shape[1])
+            self.n_nodes = int(file["mesh/points"].shape[0])
+            self._stack = stack.pop_all()  # all is well: keep the file open
+
+    def _check_tables(self, file: h5py.File) -> None:
+        basis_rows = file["states/rows"].shape[1:2]
+        sizes = dict(zip(("nodes", "dim", "rows"), (*file["mesh/points"].shape, *basis_rows), strict=True))
+        for name, columns in TABLES.items():
+            lengths = {}
+            for key, column in columns.items():
+                found = file[name][key]
+                wanted, dtype = column.row_shape(sizes), column.stored_dtype
+                if found.shape[1:] != wanted or found.dtype != dtype:
+                    raise SoftprintError(
+                        f"{self.path}: column {name}/{key} holds {found.dtype} of shape {found.shape[1:]}, not "
+                        f"{dtype} of shape {wanted}: make the file again"
+                    )
+                lengths[key] = len(found)
+            if len(set(lengths.values())) != 1:
+                raise SoftprintError(
+                    f"{self.path}: columns of {name!r} differ in length ({lengths}): make it again"
+                )
+
+    def _check_body(self, file: h5py.File, body: ReducedBody | None) -> None:
+        if body is not None and body.content_hash != self.header.body_hash:
+            raise SoftprintError(
+                f"{self.path}: made for another body (hash {self.header.body_hash[:12]}) than {body.name!r} "
+                f"({body.content_hash[:12]}): generate it again for this body, or give the right body"
+            )
+
+    def close(self) -> None:
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def n_samples(self) -> int:
+        return len(self.samples)
+
+    @property
+    def usable(self) -> BoolArray:
+        """(n_samples,) which samples may be learned from: converged, and not after a jump to another
+        branch."""
+        flagged = self.samples["branch_flag"]
+        contact, depth = self.samples["contact"], self.samples["depth_index"]
+        jumped = np.zeros(len(flagged), dtype=bool)
+        for sample in np.flatnonzero(flagged):
+            jumped |= (contact == contact[sample]) & (depth >= depth[sample])
+        return (self.samples["status"] == CONVERGED) & ~jumped
+
+    @property
+    def sample_state(self) -> IntArray:
+        """(n_samples,) row of states/ of every sample."""
+        return self.contacts["state"][self.samples["contact"]]
+
+    def displacement(self, samples: int | Sequence[int] | IntArray) -> NDArray[np.float32]:
+        """Contact displacement of one sample (n_nodes, dim) or of several (n, n_nodes, dim) [m]; read now."""
+        return self.samples.field("displacement", samples)
+
+    def internal(self, state: int) -> Array:
+        """(n_nodes, dim) internal correction of a state: internal equilibrium minus U rows [m]."""
+        return self.states.field("internal", state)
+
+    def pose(self, sample: int) -> RigidPose:
+        """Where the collider is in a sample."""
+        return RigidPose(self.samples["pose_rotation"][sample], self.samples["pose_translation"][sample])
+
+    def way(self, sample: int) -> list[RigidPose]:
+        """Poses of the collider from where it first touches to where it is in a sample, as it was pressed there: in
+        steps of an eighth of the contact's deepest, at most. Where there are several equilibria, the sample is of the
+        one that such a press comes to. The sample alone, where its contact has no direction of approach or no depth."""
+        contact, end = self.samples["contact"][sample], self.pose(sample)
+        direction = self.contacts["direction"][contact]
+        if not np.isfinite(direction).all() or self.samples["depth"][sample] <= 0.0:
+            return [end]
+        pressed = np.flatnonzero(self.samples["contact"] == contact)
+        depths = self.samples["depth"][pressed]
+        before = pressed[depths <= self.samples["depth"][sample]]
+        before = before[np.argsort(self.samples["depth"][before])]
+        advanced = (self.samples["pose_translation"][before] - end.translation) @ direction
+        reached = np.concatenate([[0.0], self.samples["depth"][before]])
+        advanced = np.concatenate([[advanced[0] - reached[1]], advanced])
+        steps = max(1, int(np.ceil(_STEPS_IN * reached[-1] / depths.max())))
+        short = np.interp(reached[-1] * np.arange(1, steps) / steps, reached, advanced)
+        return [RigidPose(end.rotation, end.translation + s * direction) for s in short] + [end]
+
+    @property
+    def noise_floor(self) -> float:
+        """Median label noise |u2 - u1| / |u1| of the samples solved twice; NaN where none was."""
+        spread = self.repeat["spread"]
+        finite = spread[np.isfinite(spread)]
+        return float(np.median(finite)) if len(finite) else float("nan")
+
+
+def load_truth(path: Path | str, body: ReducedBody | None = None) -> TruthData:
+    """Open a truth file; raises SoftprintError if it is missing, damaged, of another version or of another
+    body."""
+    return TruthData(path, body)
