@@ -1,37 +1,45 @@
 # make demo: the whole way from mesh to report, on a fresh Debian 12 or 13.   make test: the test suite.
-# Both install first what is missing, and both are quick when all is there.
+# make docs: the documentation.   make figures: the numbers of the documentation, in hours.   All install first what is missing, and are quick when all is there.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help install demo test lint
+.PHONY: help install docs-tools demo test lint docs figures
 
 PYTHON := .venv/bin/python
 SOFTPRINT := .venv/bin/softprint
 RANKS ?= 2
 EXPERIMENT ?= examples/jelly3d_small.toml
 OUT ?= runs/$(basename $(notdir $(EXPERIMENT)))
-# Further options for every verb of the demo, such as: make demo OPTIONS="--set sampling.places=8"
+# Options for every verb of the demo, such as: make demo OPTIONS="--set sampling.places=8"
 OPTIONS ?=
 VERB_OPTIONS = $(EXPERIMENT) --out $(OUT) $(OPTIONS)
+# Of `make figures`: names (see tools/figures.py --list), all where none is given.
+FIGURES ?=
 MODELS := full bare thesis5 mechanics ours
 
-# One thread for each rank, and one for steps of simulations: small matrices gain nothing from more. Training does.
+# One thread for each rank and for simulations: small matrices do not gain from more. Training does.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
-# Open MPI refuses to run as root, as in a container, unless it is told twice that this is meant.
+# Open MPI runs as root, for instance in a container, only with both of these variables set.
 MPIRUN := $(if $(filter 0,$(shell id -u)),OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1) mpirun --oversubscribe
 
 help:
 	@echo "make demo      mesh, truth on $(RANKS) ranks, training, simulation and report of $(EXPERIMENT)"
 	@echo "make test      the test suite"
 	@echo "make lint      ruff and mypy"
+	@echo "make docs      the documentation as a site in site/, with no link to fetch anything from the network"
+	@echo "make figures   every number and picture of README.md and docs/results.md, hours; a stopped run continues"
 	@echo "make install   Debian packages and .venv; the others do this by themselves"
 
 install:
 	@tools/install.sh
 
-# Every verb keeps what an earlier run finished, so a demo that was killed goes on where it was.
+# What builds the documentation has an environment of its own.
+docs-tools:
+	@tools/install.sh --docs
+
+# Every verb keeps finished results of an earlier run, so an interrupted demo continues where it stopped.
 demo: install
 	$(SOFTPRINT) body $(VERB_OPTIONS)
 	$(MPIRUN) -n $(RANKS) $(SOFTPRINT) generate $(VERB_OPTIONS)
@@ -39,10 +47,19 @@ demo: install
 	$(SOFTPRINT) simulate $(VERB_OPTIONS) $(foreach model,$(MODELS),--model $(model))
 	$(SOFTPRINT) report $(VERB_OPTIONS)
 
-# Two at a time: each worker has a cache of compiled forms of its own, see tests/conftest.py.
-test: install
+# Two workers, each with its own cache of compiled forms, see tests/conftest.py.
+test: install docs-tools
 	$(PYTHON) -m pytest -n 2 --dist loadfile
 
 lint: install
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m mypy
+
+# --strict: broken links between pages, and pages in no menu, fail the build.
+docs: docs-tools
+	NO_MKDOCS_2_WARNING=1 .venv.docs/bin/python -m mkdocs build --strict --quiet
+	@echo "Open site/index.html"
+
+# Each into runs/figures/NAME.txt; what is there and newer than its inputs is skipped.
+figures: install
+	$(PYTHON) -m tools.figures --ranks $(RANKS) $(FIGURES)

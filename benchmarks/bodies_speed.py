@@ -3,8 +3,8 @@
     python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--cores 2] [--tolerance T] [--no-full]
 
 Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
-correction of form loads, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
-Its linear mechanics are computed once and kept in the run directory as speed_stand_in_LOADS_VERSION.safetensors. A
+correction of form force, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
+It is kept in the run directory as speed_stand_in_NODES_VERSION.safetensors, and the mechanics as in training. A
 body whose run is elsewhere is given as EXPERIMENT=DIRECTORY. On two cores the surface of a step is drawn beside the
 next step, by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says.
 Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4
@@ -20,55 +20,63 @@ from pathlib import Path
 
 import torch
 
-from runtime.body import ReducedBody
-from runtime.cli.bench_verb import all_or_count
-from runtime.cli.context import Context
-from runtime.cli.run_body import body_of_run
-from runtime.errors import SoftprintError
-from runtime.experiment import Experiment, ModelSpec
-from runtime.experiment.experiment import ANY_COLLIDER
-from runtime.learned.correction_file import VERSION, save_correction
-from runtime.learned.force.model import ForceModel
-from runtime.learned.options import force_model_options
-from runtime.mechanics.body_mechanics import compute_mechanics
-from runtime.scenes.playing import SceneModel, bare_model, build_model, correction_path, model_of_file
-from runtime.scenes.scene import scene_steps
-from runtime.scenes.speed import Speed, machine, measure, with_newton
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.cli.bench_verb import all_or_count
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.run_mechanics import RunMechanics
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import ModelSpec
+from softprint.runtime.experiment.experiment import ANY_COLLIDER
+from softprint.runtime.learned.correction_file import VERSION, save_correction
+from softprint.runtime.learned.force.entry import options as force_options
+from softprint.runtime.learned.force.model import ForceModel
+from softprint.runtime.learned.form import find_form
+from softprint.runtime.scenes.playing import (
+    SceneModel,
+    bare_model,
+    build_model,
+    correction_path,
+    model_of_file,
+)
+from softprint.runtime.scenes.scene import scene_steps
+from softprint.runtime.scenes.speed import Speed, machine, measure, with_newton
 
 # Of the table: heading and width of what is counted.
 _COLUMNS = (("tets", 8), ("points", 8), ("frames", 8), ("dofs", 6))
 _MODELS = ("bare", "ours", "full")
 
 
-def stand_in(experiment: Experiment, spec: ModelSpec, body: ReducedBody, loads: int, path: Path) -> None:
+def stand_in(context: Context, spec: ModelSpec, body: ReducedBody, contact_nodes: int, path: Path) -> None:
     """Write an untrained correction for any collider, which costs what a trained one does."""
     torch.manual_seed(0)
-    model = ForceModel(force_model_options(spec, experiment.contact.stiffness), body.dim, body.n_rows)
-    mechanics = compute_mechanics(body, loads, spec.internal, experiment.dynamics.gravity)
+    own = force_options(spec, body, context.experiment.contact.stiffness)
+    model = ForceModel(own, body.dim, body.n_rows)
+    header, _ = RunMechanics(context, body).get(contact_nodes)
     told = {"untrained": "a stand-in for measurements of speed"}
-    save_correction(path, spec.name, model, body, ANY_COLLIDER, "", 0.0, told, mechanics)
+    save_correction(path, spec.name, model, body, ANY_COLLIDER, "", 0.0, told, header.content_hash)
 
 
-def correction_file(context: Context, body: ReducedBody, loads: int | None) -> tuple[Path, bool]:
-    """That of ours in the run directory, and whether it is a trained one. loads: of a stand-in, so many at most."""
+def correction_file(context: Context, body: ReducedBody, contact_nodes: int | None) -> tuple[Path, bool]:
+    """That of ours in the run directory, and whether it is a trained one. contact_nodes: of a stand-in, at most."""
     experiment, out = context.experiment, context.out_dir
-    specs = [spec for spec in experiment.training.models if spec.form == "loads"]
+    specs = [spec for spec in experiment.training.models if find_form(spec.form).needs_mechanics]
     if not specs:
-        raise SoftprintError(f"{experiment.path}: no model of form loads among [[training.models]]")
+        raise SoftprintError(f"{experiment.path}: no model of form force among [[training.models]]")
     trained = correction_path(out, specs[-1].name)
-    if loads is None and trained.is_file():
+    if contact_nodes is None and trained.is_file():
         return trained, True
-    count = loads or specs[-1].loads
+    count = contact_nodes or specs[-1].contact_nodes
     path = out / f"speed_stand_in_{count}_{VERSION}.safetensors"
     if not path.is_file():
-        stand_in(experiment, specs[-1], body, count, path)
+        stand_in(context, specs[-1], body, count, path)
     return path, False
 
 
 def measured(context: Context, options: argparse.Namespace) -> str:
     """One body's line of the table."""
     body = body_of_run(context)
-    path, trained = correction_file(context, body, options.loads)
+    path, trained = correction_file(context, body, options.contact_nodes)
     experiment = with_newton(context.experiment, options.iterations, options.tolerance)
     scene = experiment.scenes_of_role("test")[0]
     models: dict[str, SceneModel] = {
@@ -91,28 +99,28 @@ def table_head() -> str:
     """What the columns are."""
     heads = [f"{head:>{width}}" for head, width in _COLUMNS]
     heads += [
-        f"{name + ' ms':>9}{'mean':>8}{'95 %':>8}{'CPU ms':>8}{'1/s':>8}{'Newton':>8}{'conv.':>7}"
+        f"{name + ' ms':>9}{'95 %':>8}{'median':>8}{'CPU ms':>8}{'1/s':>8}{'Newton':>8}{'conv.':>7}"
         for name in _MODELS
     ]
     return f"{'body':<16}{''.join(heads)}{'of bare':>9}{'full is':>9}"
 
 
 def table_line(name: str, counts: Sequence[int], speeds: Mapping[str, Speed | None]) -> str:
-    """Of the steps in contact: median, mean and 95th percentile of the time, median CPU time, frames a second by the
-    median, Newton iterations, share that converged."""
+    """Of the steps in contact: mean, 95th percentile and median of the time, mean CPU time, frames a second by the
+    mean, Newton iterations, share that converged."""
     cells = [f"{count:>{width}}" for count, (_, width) in zip(counts, _COLUMNS, strict=True)]
     for model in _MODELS:
         speed = speeds.get(model)
         cells.append(
             f"{'-':>9}{'-':>8}{'-':>8}{'-':>8}{'-':>8}{'-':>8}{'-':>7}"
             if speed is None
-            else f"{1e3 * speed.step:>9.2f}{1e3 * speed.mean:>8.2f}{1e3 * speed.slow:>8.2f}"
+            else f"{1e3 * speed.mean:>9.2f}{1e3 * speed.p95:>8.2f}{1e3 * speed.median:>8.2f}"
             f"{1e3 * speed.cpu:>8.2f}{speed.frames_per_second:>8.1f}"
             f"{speed.iterations:>8.1f}{speed.converged:>7.0%}"
         )
     bare, own, full = (speeds.get(model) for model in _MODELS)
-    cells.append(f"{own.step / bare.step:>8.2f}x" if own and bare else f"{'-':>9}")
-    cells.append(f"{full.step / own.step:>8.1f}x" if full and own else f"{'-':>9}")
+    cells.append(f"{own.mean / bare.mean:>8.2f}x" if own and bare else f"{'-':>9}")
+    cells.append(f"{full.mean / own.mean:>8.1f}x" if full and own else f"{'-':>9}")
     return f"{name:<16}{''.join(cells)}"
 
 
@@ -127,7 +135,9 @@ def main() -> None:
     )
     parser.add_argument("--iterations", type=int, help="of Newton a step at most (default: to convergence)")
     parser.add_argument("--tolerance", type=float, help="of a step's residual (default: the experiment's)")
-    parser.add_argument("--loads", type=int, help="of an untrained stand-in (default: the experiment's)")
+    parser.add_argument(
+        "--contact-nodes", type=int, help="of an untrained stand-in (default: the experiment's)"
+    )
     parser.add_argument("--no-full", action="store_true", help="leave full space out")
     parser.add_argument("--cores", type=int, choices=(1, 2), default=1, help="(default: 1)")
     options = parser.parse_args()
@@ -142,7 +152,7 @@ def main() -> None:
         context = Context(experiment_path=Path(file), out=Path(out) if out else None)
         print(measured(context, options), flush=True)
     print(
-        "ms: median of steps in contact, the surface's positions included, their mean and their 95th percentile; "
+        "ms: mean of steps in contact, the surface's positions included, then their 95th percentile and their median; "
         "* untrained, of the same architecture"
     )
 

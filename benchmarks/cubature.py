@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.body import frame_in_box, place_handles
-from runtime.body.basis import biharmonic_basis
-from runtime.body.cubature import (
+from softprint.runtime.body import frame_in_box, place_handles
+from softprint.runtime.body.basis import biharmonic_basis
+from softprint.runtime.body.cubature import (
     choose_cubature,
     cubature_error,
     elastic_cells,
@@ -24,8 +24,8 @@ from runtime.body.cubature import (
     nearest_volumes,
     random_states,
 )
-from runtime.elasticity import make_material
-from runtime.mesh import read_mesh
+from softprint.runtime.elasticity import make_material
+from softprint.runtime.mesh import read_mesh
 
 DEFAULT_MESH = Path(__file__).parent.parent / "meshes" / "jelly3d_small.vtu"
 

@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from runtime.scenes.speed import machine
+from softprint.runtime.scenes.speed import machine
 
 SUMMARY = re.compile(r"this run: (\d+) contacts in ([\d.]+) s on (\d+) rank\(s\), at most (\d+) MiB a rank")
 COST = re.compile(r"([\d.]+) core-seconds a sample")
@@ -53,7 +53,7 @@ def generate(experiment: Path, out: Path, ranks: int, contacts: int) -> Run:
         str(ranks),
         sys.executable,
         "-m",
-        "runtime.cli.main",
+        "softprint.runtime.cli.main",
         "generate",
         str(experiment),
     ]

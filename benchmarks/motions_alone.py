@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
-from runtime.scenes.motion_file import Motion, load_motion
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.scenes.motion_file import Motion, load_motion
 
 
 def rms(vectors: Array) -> float:

@@ -34,15 +34,15 @@ from scipy.optimize import nnls
 from benchmarks.stopwatch import Stopwatch
 from benchmarks.truth_scale import body_of_size
 from benchmarks.truth_speed import DEFAULT, random_approach, recorded_states
-from fem_truth.constrained import ConstrainedProblem
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.parts.body_part import part_of_body
-from runtime.arrays import Array
-from runtime.body.body_file import load_body
-from runtime.colliders.build import build_collider
-from runtime.colliders.pose import RigidPose
-from runtime.contact import PenaltyContact
-from runtime.experiment import load_experiment
+from softprint.fem_truth.constrained import ConstrainedProblem
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.parts.body_part import part_of_body
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body_file import load_body
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.experiment import load_experiment
 
 SUMS = ("total", "smallest", "largest", "stacked", "assemble", "gather")
 

@@ -17,13 +17,13 @@ from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 
 from benchmarks.stopwatch import Stopwatch
-from fem_truth.form_elasticity import FormElasticity
-from fem_truth.newton import NewtonSettings
-from runtime.arrays import Array
-from runtime.body import ReducedBody
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.contact import PenaltyContact
+from softprint.fem_truth.form_elasticity import FormElasticity
+from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import PenaltyContact
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Rival:
         self.gram = cho_factor(self.basis.T @ self.basis)
 
     def press(
-        self, collider: Collider, poses: list[RigidPose], internal: Array, settings: NewtonSettings
+        self, collider: Collider, poses: list[RigidPose], internal: Array, settings: FullSpaceSettings
     ) -> list[Outcome]:
         """From shallow to deep, up to the first depth that fails."""
         outcomes: list[Outcome] = []
@@ -63,12 +63,12 @@ class Rival:
         return outcomes
 
     def solve(
-        self, collider: Collider, pose: RigidPose, x: Array, internal: Array, settings: NewtonSettings
+        self, collider: Collider, pose: RigidPose, x: Array, internal: Array, settings: FullSpaceSettings
     ) -> Outcome:
         """To the same residual, relative to the contact force, and the same decrement as `fem_truth.newton`."""
         start, cg_total, converged, iteration = time.process_time(), 0, False, 0
         energy, gradient, scales, hessian = self._evaluate(collider, pose, x, internal)
-        while iteration < settings.max_iterations:
+        while iteration < settings.newton.max_iterations:
             iteration += 1
             step, cg = self._step(hessian(), gradient)
             cg_total += cg
@@ -85,7 +85,7 @@ class Rival:
             decrement = abs(0.5 * slope) / scales[1]
             if not np.isfinite(residual):
                 break
-            if residual <= settings.gradient_tolerance and decrement <= settings.decrement_tolerance:
+            if residual <= settings.newton.tolerance and decrement <= settings.decrement_tolerance:
                 converged = True
                 break
         return Outcome(x, converged, iteration, cg_total, time.process_time() - start)

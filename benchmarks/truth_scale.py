@@ -22,26 +22,26 @@ import numpy as np
 from benchmarks.stopwatch import Stopwatch
 from benchmarks.truth_rivals import NaiveSolver, Outcome, Rival, ThesisSolver
 from benchmarks.truth_speed import DEFAULT, TIGHT, random_approach, recorded_states
-from fem_truth import projected_cg as cg
-from fem_truth.block_kernels import BlockKernels
-from fem_truth.constrained import CONTACT_SETTINGS, ConstrainedProblem
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.potentials import SurfaceContact
-from runtime.arrays import Array
-from runtime.body import ReducedBody
-from runtime.body.body_file import load_body, save_body
-from runtime.body.build import build_body
-from runtime.colliders.build import build_collider
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.contact import PenaltyContact
-from runtime.experiment import Experiment, load_experiment
-from runtime.mesh import write_mesh
+from softprint.fem_truth.block_kernels import BlockKernels
+from softprint.fem_truth.constrained import CONTACT_SETTINGS, ConstrainedProblem
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.potentials import SurfaceContact
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.body.body_file import load_body, save_body
+from softprint.runtime.body.build import build_body
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.experiment import Experiment, load_experiment
+from softprint.runtime.mesh import write_mesh
 
 # A uniform Jelly of this edge length [m] has so many cells; the number goes with the cube of the length.
 EDGE_LENGTH, CELLS = 0.0029, 61_199
 # A rival that has not converged after so many iterations is not going to.
-RIVAL_SETTINGS = replace(CONTACT_SETTINGS, max_iterations=25)
+RIVAL_SETTINGS = replace(CONTACT_SETTINGS, newton=replace(CONTACT_SETTINGS.newton, max_iterations=25))
 WAYS = {
     "naive": "DOLFINx assembles, MUMPS factorises the saddle-point matrix in every Newton iteration",
     "thesis": "CG projected onto the null space of U, diagonal preconditioner, matrix assembled in every iteration",
@@ -178,7 +178,7 @@ def watched_ours(problem: ConstrainedProblem, collider: Collider, contact: Conta
         (BlockKernels, "product", "CG product"),
         (BlockKernels, "coordinates", "projection"),
         (BlockKernels, "deflate", "projection"),
-        (cg.NullSpace, "project", "projection"),
+        (NullSpace, "project", "projection"),
         (BlockKernels, "descend", "preconditioner"),
         (BlockKernels, "inverses", "preconditioner"),
     ):

@@ -23,22 +23,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.stopwatch import Stopwatch
-from fem_truth.constrained import ConstrainedProblem, Solution
-from fem_truth.dynamics import FullSpaceSimulator
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.newton import NewtonSettings
-from fem_truth.null_space import NullSpace
-from fem_truth.sampling.approach import Approach
-from runtime.arrays import Array
-from runtime.body.build import build_body
-from runtime.colliders.build import build_collider
-from runtime.contact import PenaltyContact
-from runtime.experiment import load_experiment
-from runtime.scenes.playing import bare_model
-from runtime.scenes.scene import scene_parts
+from softprint.fem_truth.constrained import ConstrainedProblem, Solution
+from softprint.fem_truth.dynamics import FullSpaceSimulator
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.sampling.approach import Approach
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.build import build_body
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.experiment import load_experiment
+from softprint.runtime.optimise import NewtonSettings
+from softprint.runtime.scenes.playing import bare_model
+from softprint.runtime.scenes.scene import scene_parts
 
 DEFAULT = Path(__file__).parent.parent / "examples" / "jelly3d.toml"
-TIGHT = NewtonSettings(1e-8, 1e-13, cg_tolerance_min=1e-5)
+TIGHT = FullSpaceSettings(NewtonSettings(60, 1e-8), 1e-13, cg_tolerance_min=1e-5)
 
 
 def main() -> None:

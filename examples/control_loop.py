@@ -1,52 +1,55 @@
-"""A control loop of one's own: press the jelly until it pushes back with 2 N, then hold that force.
+# %% [markdown]
+# # A control loop: hold a force
+#
+# A ball is pressed into the jelly until the jelly pushes back with 2 N. The loop decides where the ball goes; the
+# simulator only takes steps.
+#
+#     softprint body examples/jelly3d_small.toml && python examples/control_loop.py
 
-    softprint body examples/jelly3d_small.toml && python examples/control_loop.py
-
-The loop owns time and the collider's pose; the simulator only takes steps. Pass a trained correction as
-`PlacedCollider(..., correction=load_correction(path, body, pointy))` for detail under the tip.
-"""
-
-import sys
-
+# %%
 import numpy as np
 
-from runtime.body import load_body
-from runtime.colliders import RigidPose, Sphere
-from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider, Simulator
+import softprint
 
-WANTED = 2.0  # N
-GAIN = 2e-4  # m/N a step
+body = softprint.load_body("runs/jelly3d_small/body.h5")
+up = np.eye(body.dim)[-1]
+top = body.mesh.points[:, -1].max()
 
+# %% [markdown]
+# The frame `base` at the bottom is held. The ball has no path, so each step is told where it is. For real time a step
+# takes two Newton iterations at most: what is left over is corrected by the next step.
 
-def press(body_file: str, steps: int = 240) -> float:
-    """Runs the loop; returns the force [N] with which the body pushes back in the end."""
-    body = load_body(body_file)
-    ball = PlacedCollider("ball", Sphere(0.02, body.dim, "ball"))
-    simulator = Simulator(
-        body,
-        [ball],
-        contact=PenaltyContact(1e10),
-        friction=CoulombFriction(0.3),
-        gravity=[0.0] * (body.dim - 1) + [-9.81],
-        kinematic=[KinematicHandle("base")],
-        settings=DynamicsSettings(1 / 120, NewtonSettings(max_iterations=2)),
-    )
-    up = np.eye(body.dim)[-1]
-    height = body.mesh.points[:, -1].max() + 0.021
+# %%
+ball = softprint.PlacedCollider("ball", softprint.colliders.Sphere(0.02, body.dim, "ball"))
+simulator = softprint.Simulator(
+    body,
+    [ball],
+    contact=softprint.PenaltyContact(1e10),
+    friction=softprint.CoulombFriction(0.3),
+    gravity=-9.81 * up,
+    kinematic=[softprint.KinematicHandle("base")],
+    settings=softprint.DynamicsSettings(1 / 120, softprint.NewtonSettings(max_iterations=2)),
+)
 
-    # The ten lines that matter.
-    state = simulator.rest_state(poses={"ball": RigidPose(np.eye(body.dim), height * up)})
-    force = 0.0
-    for step in range(steps):
-        height -= np.clip(GAIN * (WANTED - force), -1e-3, 1e-3)
-        result = simulator.step(state, {"ball": RigidPose(np.eye(body.dim), height * up)})
-        state = result.state
-        force = result.contacts["ball"].force @ up
-        if step % 24 == 0:
-            print(f"{state.time:5.2f} s  {force:6.3f} N  {1e3 * result.penetration:5.2f} mm  {result.reason}")
-    return float(force)
+# %% [markdown]
+# An integral controller: as long as the force is too small, the ball goes down, by 1 mm a step at most.
+
+# %%
+target = 2.0  # N
+gain = 2e-4  # m/N a step
 
 
-if __name__ == "__main__":
-    press(sys.argv[1] if len(sys.argv) > 1 else "runs/jelly3d_small/body.h5")
+def pose(height):
+    return softprint.RigidPose(np.eye(body.dim), height * up)
+
+
+height, force = top + 0.021, 0.0
+state = simulator.rest_state(poses={"ball": pose(height)})
+for step in range(160):
+    height -= np.clip(gain * (target - force), -1e-3, 1e-3)
+    result = simulator.step(state, {"ball": pose(height)})
+    state = result.state
+    force = result.contacts["ball"].force @ up
+    if step % 16 == 15:
+        depth = 1e3 * result.penetration
+        print(f"{state.time:5.2f} s  {force:6.3f} N  {depth:5.2f} mm deep  converged: {result.converged}")

@@ -1,23 +1,20 @@
-"""`native/blocks.c` for one dimension and one precision, called with numpy arrays.
+"""Python interface to `native/blocks.c` for one dimension and one precision, called with numpy arrays.
 
-Node vectors are (n, width) here, width being 4 in 3D; a basis Q of a null space is (tiles, n, tile), `tile` of its
-columns being read together: see the C source. Every sum over all nodes that a solve needs is returned by one of
-`product`, `coordinates`, `descend` and `deflate`.
+Node vectors are (n, width) here, with width 4 in 3D; the orthonormal basis Q of the constraints is (tiles, n, tile),
+where `tile` columns are read together: see the C source. Every sum over all nodes that a solve needs is returned by one
+of `product`, `coordinates`, `descend` and `deflate`.
 """
 
 from __future__ import annotations
 
 import ctypes
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from fem_truth.native.library import load_library
-from fem_truth.small_blocks import absolute_inverses
-from runtime.arrays import Array, IntArray
-
-if TYPE_CHECKING:
-    from fem_truth.block_matrix import BlockPattern
+from softprint.fem_truth.native.library import load_library
+from softprint.fem_truth.small_blocks import absolute_inverses
+from softprint.runtime.arrays import Array, IntArray
 
 Real = type[np.float32] | type[np.float64]
 
@@ -48,7 +45,7 @@ class BlockKernels:
 
     @classmethod
     def of(cls, dim: int, real: Real, tile: int = 8) -> BlockKernels:
-        """The same ones every time."""
+        """The kernels for these arguments, cached."""
         if (dim, real, tile) not in cls._made:
             cls._made[dim, real, tile] = cls(dim, real, tile)
         return cls._made[dim, real, tile]
@@ -60,17 +57,20 @@ class BlockKernels:
         return padded
 
     def tiled(self, basis: Array) -> Array:
-        """Q (n, rank) in tiles (tiles, n, tile), filled up with zeros."""
+        """Q (n, rank) in tiles (tiles, n, tile), padded with zeros."""
         n, rank = basis.shape
         tiles = -(-rank // self.tile)
         filled: Array = np.zeros((n, tiles * self.tile), dtype=self.real)
         filled[:, :rank] = basis
         return np.ascontiguousarray(filled.reshape(n, tiles, self.tile).transpose(1, 0, 2))
 
-    def product(self, pattern: BlockPattern, diagonal: Array, upper: Array, x: Array, y: Array) -> float:
-        """y = A x; returns x . y. diagonal (n, dim, dim); upper (n_blocks + 1, dim, dim)."""
-        starts, columns = _at(pattern.row_starts), _at(pattern.columns)
-        return float(self._product(len(x), starts, columns, _at(diagonal), _at(upper), _at(x), _at(y)))
+    def product(
+        self, row_starts: IntArray, columns: IntArray, diagonal: Array, upper: Array, x: Array, y: Array
+    ) -> float:
+        """y = A x; returns x . y. row_starts (n + 1,), columns (n_blocks,): pattern of the blocks above the diagonal,
+        int32; diagonal (n, dim, dim); upper (n_blocks + 1, dim, dim)."""
+        arrays = _at(row_starts), _at(columns), _at(diagonal), _at(upper), _at(x), _at(y)
+        return float(self._product(len(x), *arrays))
 
     def coordinates(self, Q: Array, v: Array) -> Array:
         """Q^T v, (tiles * tile, width), summed in double precision."""
@@ -81,7 +81,7 @@ class BlockKernels:
     def descend(
         self, Q: Array, c: Array, free: Array, inverse: Array, alpha: float, y: Array, r: Array, z: Array
     ) -> float:
-        """r -= alpha (y - Q c) and z = D^-1 r, both where free (n, width) is 1; returns |r|^2."""
+        """r -= alpha (y - Q c) and z = D^-1 r, for entries where free (n, width) is 1; returns |r|^2."""
         arrays = _at(y), _at(r), _at(z)
         return float(self._descend(len(r), len(Q), _at(Q), _at(c), _at(free), _at(inverse), alpha, *arrays))
 
@@ -94,7 +94,7 @@ class BlockKernels:
         self._advance(len(x), alpha, beta, _at(z), _at(x), _at(p))
 
     def inverses(self, blocks: Array) -> Array:
-        """Inverses (n, dim, dim) of float64 symmetric blocks, those that are not positive definite made so."""
+        """Inverses (n, dim, dim) of float64 symmetric blocks; indefinite blocks are made positive definite first."""
         inverse: Array = np.empty(blocks.shape, dtype=self.real)
         left = np.empty(len(blocks), dtype=np.int64)
         count = self._invert(len(blocks), _at(blocks), _at(inverse), _at(left))
@@ -104,10 +104,10 @@ class BlockKernels:
 
 
 def fitting_tile(rank: int) -> int:
-    """The width of tiles, of 5 to 8 columns, that fills up `rank` columns with the fewest zeros."""
+    """The tile width, from 5 to 8 columns, that needs the least zero padding for `rank` columns."""
     return min((8, 7, 6, 5), key=lambda tile: -rank % tile)
 
 
 def _at(array: Array | IntArray) -> int:
-    """Where its numbers lie: the caller keeps the array alive."""
+    """Address of the array's data; the caller keeps the array alive."""
     return int(array.ctypes.data)

@@ -1,8 +1,8 @@
-"""Sparse symmetric matrices of dim x dim blocks, and the two cheap things Newton's method adds to them.
+"""Sparse symmetric matrices of dim x dim blocks, with the two cheap updates that Newton's method needs.
 
-The blocks above the diagonal come from elasticity alone. All that Newton's method adds goes to the diagonal, so that
-matrices share the former and have a diagonal of their own. Half of the memory of a matrix is half of the time of its
-product: 0.3 ms where scipy's BSR product of both triangles takes 1 to 2 ms (12,400 nodes, 77,000 blocks above the
+The blocks above the diagonal come from elasticity alone. The other terms only change diagonal blocks (or are low-rank),
+so matrices share the upper blocks and each has its own diagonal. Storing one triangle halves the memory and the time of
+a product: 0.3 ms, where scipy's BSR product of both triangles takes 1 to 2 ms (12,400 nodes, 77,000 blocks above the
 diagonal, one core).
 """
 
@@ -14,14 +14,14 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from fem_truth.block_kernels import BlockKernels, Real
-from fem_truth.small_blocks import block_diagonal
-from runtime.arrays import Array, IntArray
+from softprint.fem_truth.block_kernels import BlockKernels, Real
+from softprint.fem_truth.small_blocks import block_diagonal
+from softprint.runtime.arrays import Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Where the blocks above the diagonal are: row_starts (n+1,), columns (n_blocks,), in CSR order, int32."""
+    """Positions of the blocks above the diagonal: row_starts (n+1,), columns (n_blocks,), in CSR order, int32."""
 
     row_starts: IntArray
     columns: IntArray
@@ -37,8 +37,8 @@ class BlockPattern:
 
     @classmethod
     def from_pairs(cls, pairs: IntArray, n_nodes: int) -> tuple[BlockPattern, IntArray]:
-        """The pattern of node pairs (..., 2), lower node first, each any number of times; and the block of each
-        pair (...)."""
+        """The pattern of node pairs (..., 2), lower node first, repetitions allowed; and the block index (...) of each
+        pair."""
         key = pairs[..., 0].astype(np.int64) * n_nodes + pairs[..., 1]
         present, block = np.unique(key, return_inverse=True)
         starts = np.searchsorted(present, np.arange(n_nodes + 1, dtype=np.int64) * n_nodes)
@@ -47,9 +47,9 @@ class BlockPattern:
 
 
 class UpperBlocks:
-    """The blocks above the diagonal on a pattern, never written to once they are here.
+    """The blocks above the diagonal on a pattern; read-only.
 
-    storage: (n_blocks + 1, dim, dim) [N/m]; what the last one holds does not matter, see `native/blocks.c`.
+    storage: (n_blocks + 1, dim, dim) [N/m]; the value of the last block is irrelevant, see `native/blocks.c`.
     """
 
     def __init__(self, pattern: BlockPattern, storage: Array) -> None:
@@ -67,8 +67,8 @@ class UpperBlocks:
 @dataclass(eq=False)
 class BlockMatrix:
     """A symmetric matrix over node vectors (n, dim): blocks above the diagonal, those on it (n, dim, dim), plus for
-    each entry (w, k) of `low_rank` the rank-dim term k (w w^T) (x) I with w (n,): a spring that holds the w-weighted
-    mean of the nodes."""
+    each entry (w, k) of `low_rank` the rank-dim term k (w w^T) (x) I with w (n,): a spring on the w-weighted mean of
+    the nodes."""
 
     upper: UpperBlocks
     diagonal: Array
@@ -95,7 +95,8 @@ class BlockMatrix:
         """The product with a node vector v (n, dim)."""
         kernels = BlockKernels.of(self.dim, np.float64)
         product = np.empty_like(padded := kernels.vector(v))
-        kernels.product(self.upper.pattern, self.diagonal, self.upper.storage, padded, product)
+        pattern, upper = self.upper.pattern, self.upper.storage
+        kernels.product(pattern.row_starts, pattern.columns, self.diagonal, upper, padded, product)
         product = product[:, : self.dim]
         for weights, stiffness in self.low_rank:
             product += stiffness * weights[:, None] * (weights @ v)

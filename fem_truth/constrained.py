@@ -1,13 +1,13 @@
-"""Full-space equilibria that have a given reduced state (thesis 5.3.3): the ground truth of contact
+"""Full-space equilibria with a given reduced state (thesis 5.3.3): the ground truth of contact
 displacements.
 
     x = argmin W_elastic(x) + W_gravity(x) + W_contact(x)   subject to   C^T (x - U q) = 0,
 
-C the columns of U that belong to point handles (`ReducedBody.constraint_basis`), the nodes of rigid frames sitting at
-(U q)_i. The unknowns live in the null space of C on the free nodes.
+with C the columns of U that belong to point handles (`ReducedBody.constraint_basis`), and the nodes of rigid frames
+fixed at (U q)_i. The unknowns are in the null space of C^T on the free nodes.
 
-Where several ranks hold a part of the body each, all of them call the same methods with the same arguments and get the
-same answers: positions of all nodes, in the body's order. Within, positions are those of the nodes on this rank.
+When a body is partitioned over several ranks, all ranks call the same methods with the same arguments and get the same
+results: positions of all nodes, in the body's order. Internally, positions are those of the nodes on this rank.
 """
 
 from __future__ import annotations
@@ -18,31 +18,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.linear_response import QuadraticElasticity
-from fem_truth.newton import NewtonResult, NewtonSettings, Status, minimise
-from fem_truth.null_space import NullSpace
-from fem_truth.parts.body_part import whole_body
-from fem_truth.potentials import Gravity, Potential, SurfaceContact
-from fem_truth.stability import smallest_ritz_value
-from fem_truth.total_energy import Elastic, ElasticTangent, Gradient, TotalEnergy
-from runtime.arrays import Array
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.contact import PenaltyContact
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.linear_response import QuadraticElasticity
+from softprint.fem_truth.newton import FullSpaceSettings, NewtonResult, minimise
+from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.parts.body_part import whole_body
+from softprint.fem_truth.potentials import Gravity, Potential, SurfaceContact
+from softprint.fem_truth.stability import smallest_ritz_value
+from softprint.fem_truth.total_energy import Elastic, ElasticTangent, Gradient, TotalEnergy
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.optimise import NewtonSettings, Status
 
 if TYPE_CHECKING:
-    from runtime.body import ReducedBody
+    from softprint.runtime.body import ReducedBody
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A full-space equilibrium and how well it is known.
+    """A full-space equilibrium and its quality.
 
     x: (n_nodes, dim) [m]; residual, decrement: relative, see `fem_truth.newton`; min_det_F: smallest volume
     ratio of a cell; max_depth: deepest penetration [m]; energy: total [J]; stable: no negative curvature was
     seen; min_eigenvalue: lowest Ritz value relative to the block diagonal (`fem_truth.stability`; internal
-    equilibria only, NaN otherwise); seconds: of processors, all ranks together; `reason` says in a sentence how
+    equilibria only, NaN otherwise); seconds: processor time, summed over all ranks; `reason` says in a sentence how
     the solve ended.
     """
 
@@ -69,24 +70,25 @@ class Solution:
 
 
 #: A contact sample: an error of about 1 % in the energy norm before the last Newton step, much less after it.
-CONTACT_SETTINGS = NewtonSettings()
+CONTACT_SETTINGS = FullSpaceSettings()
 
-#: An internal equilibrium is the zero from which contact displacement is measured: it is worth six more
+#: Contact displacement is measured from the internal equilibrium, which is therefore solved to six more
 #: digits.
-INTERNAL_SETTINGS = NewtonSettings(gradient_tolerance=1e-7, decrement_tolerance=1e-12, cg_tolerance_min=1e-4)
+INTERNAL_SETTINGS = FullSpaceSettings(
+    NewtonSettings(max_iterations=60, tolerance=1e-7), decrement_tolerance=1e-12, cg_tolerance_min=1e-4
+)
 
-# Contact forces below this share of the elastic forces are not resolved relative to themselves, but to this
-# floor: without one, a body that is hardly touched would have to be solved to round-off.
+# Lower bound of the contact force scale, as a share of the elastic forces. Without it, a body that is hardly touched
+# would have to be solved to round-off.
 _FORCE_FLOOR = 1e-3
 
 
-# How many times the last step of a press is extrapolated at most.
+# Largest extrapolation along a sequence of contact solves, as a multiple of the last step.
 _FARTHEST = 2.0
 
 
 class InternalEnergy(TotalEnergy):
-    """Elasticity and gravity: forces are measured against the elastic forces, unprojected, energies against
-    W."""
+    """Elasticity and gravity. Force scale: the unprojected elastic forces; energy scale: W."""
 
     def __init__(
         self, elasticity: FullSpaceElasticity, terms: Sequence[Potential], null_space: NullSpace
@@ -104,8 +106,8 @@ class InternalEnergy(TotalEnergy):
 
 
 class ContactEnergy(TotalEnergy):
-    """Elasticity, gravity and contact. Forces are measured against the contact force, projected; energies
-    against the work of the contact force over the displacement it caused, f . (x - reference) ~ u^T K u."""
+    """Elasticity, gravity and contact. Force scale: the projected contact force; energy scale: the work of the
+    contact force over the displacement it caused, f . (x - reference) ~ u^T K u."""
 
     def __init__(
         self,
@@ -155,18 +157,18 @@ class ConstrainedProblem:
         return self.part.whole(self.constrained_part(rows, x))
 
     def constrained_part(self, rows: Array, x: Array) -> Array:
-        """As `constrained`, of the nodes on this rank only."""
+        """As `constrained`, for the nodes on this rank only."""
         reduced = self.part.reduced_positions(rows)
         return reduced + self.null_space.project(self.part.take(x) - reduced)
 
     def violation(self, rows: Array, x: Array) -> float:
-        """How far x is from the constraint [m]: the largest component in an orthonormal basis of C."""
+        """Constraint violation of x [m]: the largest component in an orthonormal basis of C."""
         return self.null_space.violation(self.part.take(x - self.body.reduced_positions(rows)))
 
     def internal_equilibrium(
-        self, rows: Array, settings: NewtonSettings = INTERNAL_SETTINGS, x0: Array | None = None
+        self, rows: Array, settings: FullSpaceSettings = INTERNAL_SETTINGS, x0: Array | None = None
     ) -> Solution:
-        """The equilibrium without contact, from x0 or the reduced positions. A saddle gets the status
+        """The equilibrium without contact, started from x0 or the reduced positions. A saddle point gets the status
         UNSTABLE."""
         start = self.constrained_part(rows, self.body.reduced_positions(rows) if x0 is None else x0)
         result = minimise(InternalEnergy(self.elasticity, self.terms, self.null_space), start, settings)
@@ -177,7 +179,7 @@ class ConstrainedProblem:
         return _solution(self, result, status, 0.0, lowest)
 
     def press(self, rows: Array, collider: Collider, internal: Array) -> Press:
-        """One contact, to be approached from shallow to deep; internal: the state's internal equilibrium."""
+        """A contact to be solved from shallow to deep; internal: the state's internal equilibrium."""
         return Press(self, self.elasticity, ElasticTangent(self.elasticity), rows, collider, internal)
 
     def solve(
@@ -186,14 +188,14 @@ class ConstrainedProblem:
         collider: Collider,
         pose: RigidPose,
         x0: Array,
-        settings: NewtonSettings = CONTACT_SETTINGS,
+        settings: FullSpaceSettings = CONTACT_SETTINGS,
         internal: Array | None = None,
     ) -> Solution:
-        """A single equilibrium with the collider at `pose`, from x0: the internal equilibrium, or a shallower
-        depth.
+        """A single equilibrium with the collider at `pose`, started from x0: the internal equilibrium, or the
+        solution at a smaller depth.
 
         internal: the internal equilibrium (n_nodes, dim), from which the scale of the decrement is measured;
-        x0 if it is not given, which is stricter. `press` is faster where several depths follow each other.
+        by default x0, which is stricter. `press` is faster for a sequence of depths.
         """
         press = self.press(rows, collider, x0 if internal is None else internal)
         return press.solve(pose, settings, x0)
@@ -204,23 +206,23 @@ class ConstrainedProblem:
         collider: Collider,
         pose: RigidPose,
         x_internal: Array,
-        settings: NewtonSettings = CONTACT_SETTINGS,
+        settings: FullSpaceSettings = CONTACT_SETTINGS,
         x0: Array | None = None,
     ) -> Solution:
-        """Baseline: elasticity linearised about x_internal, contact as it is."""
+        """Baseline: elasticity linearised about x_internal, with the full contact model."""
         return self.linear_press(rows, collider, x_internal).solve(pose, settings, x0)
 
     def linear_press(self, rows: Array, collider: Collider, internal: Array) -> Press:
-        """As `press`, with elasticity linearised about the internal equilibrium."""
+        """Same as `press`, with elasticity linearised about the internal equilibrium."""
         linear = QuadraticElasticity(self.elasticity, self.part.take(internal))
         return Press(self, linear, ElasticTangent(linear), rows, collider, internal)
 
 
 class Press:
-    """One contact of one state, solved at one pose after another; each solve starts from those before it.
+    """The contact solves of one collider at one state, for a sequence of poses; each solve starts from those before it.
 
-    The answers depend on nothing but the arguments and the poses solved so far, so a press is the unit of
-    work that ranks may share out.
+    Results depend only on the arguments and the poses solved so far, so a press is the unit of work that is
+    distributed over ranks.
     """
 
     def __init__(
@@ -235,7 +237,7 @@ class Press:
         self._problem, self._elastic, self._tangent = problem, elastic, tangent
         self._rows, self._collider = rows, collider
         self._internal = problem.constrained_part(rows, internal)
-        #: Depths and positions of the last two solves: the secant on which the next one starts.
+        #: Depths and positions of the last two solves: the next one starts on their secant.
         self._path = [(0.0, self._internal)]
         elasticity, share = problem.elasticity, problem.part.share
         energy, gradient = elastic.energy_gradient(self._internal)
@@ -245,10 +247,10 @@ class Press:
         )
 
     def solve(
-        self, pose: RigidPose, settings: NewtonSettings = CONTACT_SETTINGS, x0: Array | None = None
+        self, pose: RigidPose, settings: FullSpaceSettings = CONTACT_SETTINGS, x0: Array | None = None
     ) -> Solution:
-        """The equilibrium with the collider at `pose`; from x0 (n_nodes, dim), or on the secant through the
-        last two that converged."""
+        """The equilibrium with the collider at `pose`; started from x0 (n_nodes, dim), or by default on the secant
+        through the last two converged solutions."""
         problem = self._problem
         contact = SurfaceContact(
             problem.contact,
@@ -274,7 +276,7 @@ class Press:
         return _solution(problem, result, result.status, contact.max_depth(result.x), np.nan)
 
     def _depth(self, pose: RigidPose) -> float:
-        """How deep the collider is below the surface at the internal equilibrium [m]."""
+        """Penetration depth of the collider at the internal equilibrium [m]."""
         part = self._problem.part
         local = pose.apply_inverse(self._internal[part.surface_nodes])
         _, inside = self._collider.closer(local, 0.0)
@@ -282,7 +284,8 @@ class Press:
         return -part.share.smallest(float(distance.min(initial=np.inf)))
 
     def _extrapolated(self, depth: float) -> Array:
-        """Where the last two solves point to: or else the collider would overrun the nodes it pushes."""
+        """Linear extrapolation of the last two solutions. Without it, the collider would move past the nodes that it
+        pushes."""
         last_depth, last = self._path[-1]
         if len(self._path) == 1:
             return last

@@ -1,6 +1,6 @@
-"""The only module that knows which DOLFINx is installed: 0.5 (Debian 12) or 0.9 (Debian 13).
+"""The only module that depends on the installed DOLFINx version: 0.5 (Debian 12) or 0.9 (Debian 13).
 
-Everything else asks for meshes, spaces, compiled forms and assembled arrays through these functions.
+All other code gets meshes, spaces, compiled forms and assembled arrays from these functions.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from dolfinx.mesh import create_mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fem_truth.form_cache import form_cache
-from runtime.arrays import Array, IntArray
-from runtime.mesh import Mesh
+from softprint.fem_truth.form_cache import form_cache
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.mesh import Mesh
 
-# Untyped: each release has names that the other lacks.
+# Untyped, because each release has names that the other lacks.
 dfx: Any = dolfinx
 fem: Any = dolfinx.fem
 fem_petsc: Any = dolfinx.fem.petsc
 
-NEW_NAMES = not hasattr(fem, "VectorFunctionSpace")  # they left in 0.8; 0.9 has basix.ufl and `functionspace`
+NEW_NAMES = not hasattr(fem, "VectorFunctionSpace")  # removed in 0.8; 0.9 has basix.ufl and `functionspace`
 JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-g0"]}
 _CELL_NAMES = {2: "triangle", 3: "tetrahedron"}
 
 
 def make_mesh(mesh: Mesh) -> Any:
-    """A serial DOLFINx mesh of the same cells; it renumbers cells and nodes, see `orderings`."""
+    """A serial DOLFINx mesh of the same cells; DOLFINx renumbers cells and nodes, see `orderings`."""
     cell, cells = _CELL_NAMES[mesh.dim], np.asarray(mesh.cells, dtype=np.int64)
     points = np.ascontiguousarray(mesh.points, dtype=float)
     if NEW_NAMES:
@@ -48,30 +48,30 @@ def make_mesh(mesh: Mesh) -> Any:
 
 
 def vector_space(domain: Any, dim: int, degree: int = 1) -> Any:
-    """Continuous displacements, piecewise polynomials of the degree."""
+    """Space of continuous displacements, piecewise polynomials of this degree."""
     if NEW_NAMES:
         return fem.functionspace(domain, ("Lagrange", degree, (dim,)))
     return _compiled_space(domain, ufl.VectorElement("Lagrange", domain.ufl_cell(), degree))
 
 
 def cell_space(domain: Any) -> Any:
-    """One number a cell."""
+    """Space of functions that are constant in each cell."""
     if NEW_NAMES:
         return fem.functionspace(domain, ("DG", 0))
     return _compiled_space(domain, ufl.FiniteElement("DG", domain.ufl_cell(), 0))
 
 
 def _compiled_space(domain: Any, element: Any) -> Any:
-    """DOLFINx 0.5 compiles elements too."""
+    """The space; DOLFINx 0.5 compiles its element too."""
     with form_cache() as folder:
         return fem.FunctionSpace(domain, element, jit_params={"cache_dir": str(folder)})
 
 
 def orderings(domain: Any, space: Any, cell_values: Any, mesh: Mesh) -> tuple[IntArray, IntArray]:
-    """How DOLFINx numbered what `mesh` numbers.
+    """Maps from DOLFINx's numbering to that of `mesh`.
 
     Returns node_of_dof (n_nodes,): the node of `mesh` at each block of unknowns of the P1 `space`; and
-    cell_of_dof (n_cells,): the cell of `mesh` behind each unknown of the cell space `cell_values`.
+    cell_of_dof (n_cells,): the cell of `mesh` at each unknown of the cell space `cell_values`.
     """
     original_cell = np.asarray(domain.topology.original_cell_index)
     cell_dofs = _dof_table(cell_values, mesh.n_cells)[:, 0]
@@ -99,9 +99,9 @@ def _geometry_table(domain: Any, n_cells: int) -> IntArray:
 
 
 def compile_form(form: ufl.Form) -> Any:
-    """Compile a UFL form to native code, from the cache where it was compiled before.
+    """Compile a UFL form to native code, or load it from the cache.
 
-    The first compilation takes a second or two; other processes that want a form meanwhile wait their turn.
+    A compilation takes a second or two; other processes that need a form meanwhile wait.
     """
     with form_cache() as folder:
         options = {**JIT_OPTIONS, "cache_dir": str(folder)}
@@ -110,8 +110,7 @@ def compile_form(form: ufl.Form) -> Any:
 
 @contextmanager
 def quiet_compiler() -> Iterator[None]:
-    """Keeps distutils from reporting every call of the C compiler, and from setting up the root logger to do
-    so."""
+    """Keep distutils from logging every call of the C compiler, and from configuring the root logger for it."""
     root = logging.getLogger()
     level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
     logging.disable(logging.INFO)
@@ -128,14 +127,14 @@ def assemble_scalar(form: Any) -> float:
 
 
 class VectorAssembler:
-    """Assembles one compiled linear form again and again into the same array of unknowns."""
+    """Assembles one compiled linear form repeatedly into the same array of unknowns."""
 
     def __init__(self, form: Any) -> None:
         self._form = form
         self._vector = fem_petsc.create_vector(form)
 
     def __call__(self) -> Array:
-        """The assembled unknowns (n_unknowns,): a view that the next call overwrites."""
+        """The assembled vector (n_unknowns,): a view that the next call overwrites."""
         with self._vector.localForm() as local:
             local.set(0.0)
         fem_petsc.assemble_vector(self._vector, self._form)
@@ -143,7 +142,7 @@ class VectorAssembler:
 
 
 class BlockMatrixAssembler:
-    """Assembles one compiled bilinear form into a PETSc BAIJ matrix and shows its blocks without a copy.
+    """Assembles one compiled bilinear form into a PETSc BAIJ matrix and gives access to its blocks without a copy.
 
     row_starts (n+1,), columns (n_blocks,): the block pattern, in the order of the blocks.
     """
@@ -152,7 +151,7 @@ class BlockMatrixAssembler:
         self._form = form
         self.matrix = fem_petsc.create_matrix(form, "baij")
         self.assemble()
-        # The two arrays belong to PETSc: keep copies.
+        # PETSc owns the two arrays: keep copies.
         starts, columns = self.matrix.getRowIJ(compressed=True)
         self.row_starts, self.columns = starts.copy(), columns.copy()
         self.block_size = int(self.matrix.getBlockSize())

@@ -1,11 +1,11 @@
 """Full-space dynamics: backward Euler as minimisation (thesis eq. 5.5), with the runtime's potentials and
-words.
+terms.
 
     x_new = argmin  1/(2 h^2) |x - x_old - h v_old|_M^2 + W_elastic + W_gravity + W_springs
                    + W_contact + W_friction
 
-over all nodes but those of kinematic handles, which are placed. M is the lumped mass. This is the reference
-that every reduced motion is compared with, and the rival that its speed is measured against.
+over all nodes except those of kinematic handles, whose positions are prescribed. M is the lumped mass. This is the
+reference for the accuracy and for the speed of every reduced motion.
 """
 
 from __future__ import annotations
@@ -17,37 +17,38 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.full_space_springs import linear_springs
-from fem_truth.newton import NewtonResult, Status, minimise
-from fem_truth.newton import NewtonSettings as FullNewtonSettings
-from fem_truth.null_space import NullSpace
-from fem_truth.potentials import Gravity, Inertia, LaggedFriction, Potential, SurfaceContact
-from fem_truth.total_energy import ElasticTangent, Gradient, TotalEnergy
-from runtime.arrays import Array, IntArray
-from runtime.colliders.pose import Poses, RigidPose
-from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.contact.contact_force import SurfaceForces, resultant
-from runtime.dynamics import (
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.full_space_springs import linear_springs
+from softprint.fem_truth.newton import FullSpaceSettings, NewtonResult, minimise
+from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.potentials import Gravity, Inertia, LaggedFriction, Potential, SurfaceContact
+from softprint.fem_truth.total_energy import ElasticTangent, Gradient, TotalEnergy
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.contact.contact_force import SurfaceForces, resultant
+from softprint.runtime.dynamics import (
     ContactForce,
     DynamicsSettings,
     HandleSpring,
     KinematicHandle,
     NewtonSettings,
     PlacedCollider,
+    Status,
     StepResult,
 )
-from runtime.dynamics.kinematic import place_kinematic
-from runtime.errors import SoftprintError
+from softprint.runtime.dynamics.kinematic import place_kinematic
+from softprint.runtime.dynamics.placed_collider import poses_at
+from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
-    from runtime.body import ReducedBody
+    from softprint.runtime.body import ReducedBody
 
 
 @dataclass(frozen=True, eq=False)
 class FullSpaceState:
-    """time [s]; x (n_nodes, dim) positions [m]; velocity (n_nodes, dim) [m/s]; poses: of the colliders at
-    this time."""
+    """time [s]; x (n_nodes, dim) positions [m]; velocity (n_nodes, dim) [m/s]; poses: collider poses at this
+    time."""
 
     time: float
     x: Array
@@ -56,7 +57,7 @@ class FullSpaceState:
 
 
 class StepParts(NamedTuple):
-    """The potentials of a step besides elasticity: smooth ones by name; contact and friction by collider."""
+    """The potentials of a step other than elasticity: smooth ones by name; contact and friction by collider."""
 
     smooth: Mapping[str, Sequence[Potential]]
     contacts: Mapping[str, SurfaceContact]
@@ -64,8 +65,7 @@ class StepParts(NamedTuple):
 
 
 class StepEnergy(TotalEnergy):
-    """The energy of one step. Residuals are measured against the largest of the forces that balance one
-    another."""
+    """The energy of one step. Force scale: the largest of the forces that balance each other."""
 
     def __init__(
         self,
@@ -81,12 +81,12 @@ class StepEnergy(TotalEnergy):
             elastic, (*smooth, *parts.contacts.values(), *parts.friction.values()), null_space, tangent
         )
         self._contacts, self._friction = parts.contacts, parts.friction
-        # `lag_friction` at the start is the first update.
+        # The call of `lag_friction` at the start counts as the first update.
         self._updates_left = friction_updates - 1 if parts.friction else 0
         self._floor = force_floor
 
     def lag_friction(self, x: Array) -> None:
-        """Let friction take up the normal forces at x."""
+        """Update the normal forces of friction to those at x."""
         for name, friction in self._friction.items():
             friction.lag(self._contacts[name].terms(x))
 
@@ -104,18 +104,18 @@ class StepEnergy(TotalEnergy):
         return max(elastic, float(np.linalg.norm(self.null_space.project(contact))), self._floor)
 
     def energy_scale(self, x: Array) -> float:
-        """1 J: a step is accepted on its residual alone, for inertia leaves no soft modes."""
+        """1 J: a step is accepted on its residual alone, because inertia leaves no soft modes."""
         return 1.0
 
 
 class FullSpaceSimulator:
-    """Steps one body in full space; constructor words, methods and results are those of
+    """Steps one body in full space; constructor arguments, methods and results are those of
     `runtime.dynamics.Simulator`.
 
-    Kinematic handles are placed (the region of a frame rigidly); all other nodes are free, those of frames
-    that are not kinematic too. Corrections of the colliders are of no concern here. The elastic Hessian is
-    kept between steps while it serves: a step repeats to the last bit only after the same steps before it,
-    and within the tolerance otherwise.
+    Kinematic handles have prescribed positions (the region of a frame moves rigidly); all other nodes are free,
+    including those of non-kinematic frames. Corrections of the colliders are ignored. The elastic Hessian is reused
+    between steps while it converges fast enough: a step is bitwise reproducible only after the same previous steps,
+    otherwise within the tolerance.
     """
 
     def __init__(
@@ -134,12 +134,16 @@ class FullSpaceSimulator:
         for placed in colliders:
             if placed.free is not None:
                 raise SoftprintError(
-                    f"collider {placed.name!r} moves freely, which full space cannot play: give it keyframes, or play "
-                    "the scene with a reduced model"
+                    f"collider {placed.name!r} moves freely, which full space cannot simulate: give it keyframes, or "
+                    "simulate the scene with a reduced model"
                 )
         self.body = body
         self.colliders = tuple(colliders)
         self.settings = settings or DynamicsSettings()
+        if self.settings.optimiser is not None:
+            raise SoftprintError(
+                "full space is solved by its own Newton's method: give it settings without an optimiser"
+            )
         self.elasticity = FullSpaceElasticity(body) if elasticity is None else elasticity
         self._contact = contact
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
@@ -151,32 +155,31 @@ class FullSpaceSimulator:
         self._force_floor = max(1e-9 * self.elasticity.unit_force, weight)
 
     def rest_state(self, time: float = 0.0, poses: Poses | None = None) -> FullSpaceState:
-        """The undeformed body, not moving; kinematic handles where they are at ``time`` [s]."""
+        """The undeformed body at rest, with kinematic handles at their positions at ``time`` [s]."""
         x = self._place(self.body.mesh.points, time)
-        return FullSpaceState(time, x, np.zeros_like(x), self._poses_at(time, poses))
+        return FullSpaceState(time, x, np.zeros_like(x), poses_at(self.colliders, time, poses))
 
     def step(self, state: FullSpaceState, poses: Poses | None = None) -> StepResult[FullSpaceState]:
-        """One time step. ``poses``: of colliders at the *end* of the step, in place of their paths."""
+        """One time step. ``poses``: collider poses at the *end* of the step, which replace those of their paths."""
         h = self.settings.time_step
         end = state.time + h
         inertia = Inertia(self.body.node_mass, state.x + h * state.velocity, h)
         newton = self.settings.newton
-        # A single iteration (linearly implicit Euler) must get its linear solve right; more may start loose.
+        # A single iteration (linearly implicit Euler) needs an accurate linear solve; several may start loosely.
         loosest = 1e-3 if newton.max_iterations == 1 else 0.1
-        settings = FullNewtonSettings(newton.tolerance, np.inf, newton.max_iterations, cg_tolerance=loosest)
-        return self._solve(state, end, self._poses_at(end, poses), inertia, settings)
+        settings = FullSpaceSettings(newton, np.inf, cg_tolerance=loosest)
+        return self._solve(state, end, poses_at(self.colliders, end, poses), inertia, settings)
 
     def settle(
         self, state: FullSpaceState | None = None, newton: NewtonSettings | None = None
     ) -> StepResult[FullSpaceState]:
-        """Static equilibrium near ``state`` (the rest state by default) at its time, without friction."""
-        newton = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
-        settings = FullNewtonSettings(newton.tolerance, np.inf, newton.max_iterations)
+        """Static equilibrium, started from ``state`` (default: the rest state), at its time, without friction."""
+        settings = FullSpaceSettings(newton or NewtonSettings(max_iterations=100, tolerance=1e-6), np.inf)
         state = state or self.rest_state()
         return self._solve(state, state.time, state.poses, None, settings)
 
     def at_rest(self) -> StepResult[FullSpaceState]:
-        """The rest state as the result of no step at all: its energies and contact forces."""
+        """The rest state as a result without a step: its energies and contact forces."""
         started, state = time.perf_counter(), self.rest_state()
         parts = self._parts(state, state.time, state.poses, None)
         nothing = NewtonResult(state.x, Status.CONVERGED, 0.0, 0.0, 0, 0, 0.0, 0.0, None)
@@ -186,17 +189,12 @@ class FullSpaceSimulator:
         """(n_nodes, dim) [m]."""
         return state.x
 
-    def reduced_rows(self, state: FullSpaceState) -> Array:
-        """(n_rows, dim) nearest handle rows (thesis 4.3.2); frames come out affine where their regions are
-        strained."""
-        return self.body.project(state.x)
-
     def deformation_gradients(self, state: FullSpaceState, cells: IntArray | None = None) -> Array:
-        """(n, dim, dim) F of the given cells of the mesh (all by default)."""
+        """(n, dim, dim) F of the given cells of the mesh (default: all)."""
         return self.body.mesh.deformation_gradients(state.x, slice(None) if cells is None else cells)
 
     def contact_forces(self, state: FullSpaceState) -> dict[str, ContactForce]:
-        """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
+        """The normal forces on every collider at a state; those in a `StepResult` include friction."""
         contacts = self._parts(state, state.time, state.poses, None).contacts
         return {name: _contact_force(contact, None, state.x) for name, contact in contacts.items()}
 
@@ -206,7 +204,7 @@ class FullSpaceSimulator:
         end: float,
         poses: Poses,
         inertia: Inertia | None,
-        settings: FullNewtonSettings,
+        settings: FullSpaceSettings,
     ) -> StepResult[FullSpaceState]:
         started = time.perf_counter()
         parts = self._parts(state, end, poses, inertia)
@@ -221,7 +219,7 @@ class FullSpaceSimulator:
         x0 = self._place(state.x, end)
         energy.lag_friction(x0)
         if inertia is not None:
-            # Free motion is a better start than none (a third of the iterations less), but where it meets a collider.
+            # Starting from free motion saves a third of the iterations, except where it runs into a collider.
             moved = self._place(inertia.predicted, end)
             if energy.evaluate(moved)[0] < energy.evaluate(x0)[0]:
                 x0 = moved
@@ -232,7 +230,7 @@ class FullSpaceSimulator:
         return self._report(FullSpaceState(end, result.x, velocity, poses), parts, result, started)
 
     def _parts(self, state: FullSpaceState, end: float, poses: Poses, inertia: Inertia | None) -> StepParts:
-        """The potentials of a step from ``state`` to the time ``end`` [s]; without inertia a static solve, no
+        """The potentials of a step from ``state`` to the time ``end`` [s]; a static solve has no inertia and no
         friction."""
         mesh = self.body.mesh
         contacts = {
@@ -278,19 +276,8 @@ class FullSpaceSimulator:
             contacts={name: _contact_force(contacts[name], friction.get(name), x) for name in contacts},
         )
 
-    def _poses_at(self, at: float, given: Poses | None) -> dict[str, RigidPose]:
-        poses = dict(given or {})
-        for placed in self.colliders:
-            if placed.name not in poses:
-                if placed.path is None:
-                    raise SoftprintError(
-                        f"collider {placed.name!r} has no path: give its pose with every step"
-                    )
-                poses[placed.name] = placed.path.pose(at)
-        return poses
-
     def _place(self, x: Array, at: float) -> Array:
-        """x with the nodes of kinematic handles where they have to be at time ``at`` [s]; a copy."""
+        """A copy of x with the nodes of kinematic handles at their prescribed positions at time ``at`` [s]."""
         rest, handles = self.body.rest_rows, self.body.handles
         rows = place_kinematic(rest, rest, handles, self._kinematic, at)
         x = x.copy()
@@ -319,7 +306,7 @@ def _kinematic_nodes(body: ReducedBody, kinematic: Sequence[KinematicHandle]) ->
 
 
 def _contact_force(contact: SurfaceContact, friction: LaggedFriction | None, x: Array) -> ContactForce:
-    """What the body does to the collider: the gradient at a node of the body is the force that the body
+    """The force of the body on the collider: the gradient at a node of the body is the force that the body
     exerts."""
     parts = [(contact.gradient(x), False)]
     if friction is not None:

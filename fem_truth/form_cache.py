@@ -1,9 +1,9 @@
-"""The folder of compiled forms. One process at a time compiles; what a killed one left half made is removed.
+"""The cache folder of compiled forms. One process at a time compiles; unfinished files of killed processes are removed.
 
-FFCx takes `NAME.c` for a form that is compiled or being compiled, and waits for `NAME.c.cached` to appear.
-After a kill between the two it would wait for a process that is no more. So the folder is Softprint's own,
-whoever compiles holds a lock that the system takes back from the dead, and its holder knows every unfinished
-form for a left-over.
+FFCx takes the existence of `NAME.c` to mean that a form is compiled or being compiled, and waits for `NAME.c.cached`.
+If a process is killed between the two, others would wait for ever. Therefore Softprint has its own folder, and the
+compiling process holds a lock that the operating system releases when a process ends: the holder knows that
+every unfinished form is left over from a killed process.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
 
 
 def cache_folder() -> Path:
-    """$XDG_CACHE_HOME/softprint/forms, in ~/.cache without that variable."""
+    """$XDG_CACHE_HOME/softprint/forms; under ~/.cache if that variable is not set."""
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(home) / "softprint" / "forms"
 
 
 @contextmanager
 def form_cache() -> Iterator[Path]:
-    """The folder, locked for this process, with nothing half made in it."""
+    """The folder, locked for this process, without unfinished files."""
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)

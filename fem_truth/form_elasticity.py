@@ -1,7 +1,7 @@
-"""The elastic energy of a whole body from its UFL form, assembled by DOLFINx (P1, one point): for every material, and
-the witness of the compiled kernels.
+"""The elastic energy of a whole body from its UFL form, assembled by DOLFINx (P1, one quadrature point): for every
+material, and as the reference for the compiled kernels.
 
-Node order is always that of the mesh; DOLFINx's own numbering never leaves this module.
+Node order is always that of the mesh; DOLFINx's numbering is used inside this module only.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import scipy.sparse as sp
 import ufl
 from dolfinx import fem
 
-from fem_truth import dolfinx_version as dfx
-from fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
-from fem_truth.elasticity_form import energy_density
-from runtime.arrays import Array, IntArray
-from runtime.elasticity.invariants import determinant
-from runtime.elasticity.materials import Material
-from runtime.mesh import Mesh
+from softprint.fem_truth import dolfinx_version as dfx
+from softprint.fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
+from softprint.fem_truth.energy_densities import energy_density
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.elasticity.invariants import determinant
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.mesh import Mesh
 
 
 class FormElasticity:
@@ -46,7 +46,7 @@ class FormElasticity:
         self._pattern, self._above, self._diagonal = self._node_ordered_pattern()
 
     def energy(self, x: Array) -> float:
-        """W(x) [J]; not finite where the material has no energy (neo-Hookean, inverted)."""
+        """W(x) [J]; not finite where the energy is undefined (neo-Hookean with inverted cells)."""
         self._set(x)
         return dfx.assemble_scalar(self._energy)
 
@@ -62,7 +62,7 @@ class FormElasticity:
         return dfx.assemble_scalar(self._energy), gradient
 
     def hessian(self, x: Array) -> BlockMatrix:
-        """d2W/dx2 as blocks [N/m], assembled into BAIJ and handed over in node order."""
+        """d2W/dx2 as blocks [N/m] in node order, assembled into a BAIJ matrix."""
         self._set(x)
         self._hessian.assemble()
         blocks = self._hessian.blocks()
@@ -74,11 +74,12 @@ class FormElasticity:
         self._u.x.array[:] = (x - self._mesh.points)[self._node_of_dof].ravel()
 
     def _node_ordered_pattern(self) -> tuple[BlockPattern, IntArray, IntArray]:
-        """The pattern in the mesh's node order; where its blocks, and those on the diagonal, lie among DOLFINx's."""
+        """The pattern in the mesh's node order, and the indices of its blocks and of the diagonal blocks in DOLFINx's
+        matrix."""
         starts, columns = self._hessian.row_starts, self._hessian.columns
         n = self._mesh.n_nodes
         rows = np.repeat(self._node_of_dof, np.diff(starts))
-        # One more than the position, for scipy drops explicit zeros in some conversions.
+        # Position + 1, because scipy drops explicit zeros in some conversions.
         positions = np.arange(1, len(columns) + 1, dtype=np.int64)
         ordered = sp.csr_matrix((positions, (rows, self._node_of_dof[columns])), shape=(n, n))
         above = sp.triu(ordered, 1, format="csr")

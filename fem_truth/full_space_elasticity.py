@@ -12,18 +12,18 @@ from typing import Protocol
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix
-from fem_truth.form_elasticity import FormElasticity
-from fem_truth.native.memory import keep_freed_memory
-from fem_truth.native_elasticity import KERNELS, NativeElasticity
-from fem_truth.parts.body_part import BodyPart
-from runtime.arrays import Array
-from runtime.elasticity.materials import Material
-from runtime.mesh import Mesh
+from softprint.fem_truth.block_matrix import BlockMatrix
+from softprint.fem_truth.form_elasticity import FormElasticity
+from softprint.fem_truth.native.memory import keep_freed_memory
+from softprint.fem_truth.native_elasticity import KERNELS, NativeElasticity
+from softprint.fem_truth.parts.body_part import BodyPart
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.mesh import Mesh
 
 
 class ElasticBody(Protocol):
-    """What elasticity needs of a body: a mesh, and a material with one value for all cells or one for each."""
+    """What elasticity needs from a body: a mesh, and a material with one value for all cells or one per cell."""
 
     @property
     def mesh(self) -> Mesh: ...
@@ -34,9 +34,9 @@ class ElasticBody(Protocol):
 class FullSpaceElasticity:
     """W(x) [J] and its derivatives at node positions x (n_nodes, dim) [m], in the node order of `body.mesh`.
 
-    forms: from the UFL form even where there is a compiled kernel; both give the same numbers to round-off. part: the
-    cells and nodes of the body that are on this rank, if others hold the rest; then x are the positions of these
-    nodes, and what is returned are the rank's shares (`fem_truth.parts.share`).
+    forms: use the UFL form even if there is a compiled kernel; both agree to round-off. part: the cells and nodes of
+    the body on this rank, if the body is partitioned over ranks; x are then the positions of these nodes, and the
+    results are the rank's shares (`fem_truth.parts.share`).
     """
 
     def __init__(self, body: ElasticBody, forms: bool = False, part: BodyPart | None = None) -> None:
@@ -48,13 +48,13 @@ class FullSpaceElasticity:
         law = NativeElasticity if material.model in KERNELS and not forms else FormElasticity
         self._law: NativeElasticity | FormElasticity = law(mesh, material)
         moduli = 2 * np.broadcast_to(body.material.mu, body.mesh.n_cells) + np.abs(body.material.lam)
-        #: Energy of a strain of one everywhere in the body [J] and the matching force [N]: the scales of "nothing at
-        #: all".
+        #: Energy of a strain of one everywhere in the body [J] and the matching force [N]: energies and forces that are
+        #: tiny relative to these count as zero.
         self.unit_energy = float(body.mesh.cell_volumes @ moduli)
         self.unit_force = self.unit_energy / body.mesh.size
 
     def energy(self, x: Array) -> float:
-        """W(x) [J]; not finite where the material has no energy (neo-Hookean, inverted)."""
+        """W(x) [J]; not finite where the energy is undefined (neo-Hookean with inverted cells)."""
         return self._law.energy(x)
 
     def gradient(self, x: Array) -> Array:
@@ -62,7 +62,7 @@ class FullSpaceElasticity:
         return self._law.energy_gradient(x)[1]
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
-        """Both at once, in hardly more time than one of them."""
+        """Both at once, at hardly more cost than one of them."""
         return self._law.energy_gradient(x)
 
     def hessian(self, x: Array) -> BlockMatrix:

@@ -1,4 +1,4 @@
-"""The model `full` of `softprint simulate`: a scene played in full space (entry point group
+"""The model `full` of `softprint simulate`: a scene simulated in full space (entry point group
 ``softprint.models``)."""
 
 from __future__ import annotations
@@ -7,14 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fem_truth.dynamics import FullSpaceSimulator, FullSpaceState
-from runtime.arrays import Array, IntArray
-from runtime.body import ReducedBody
-from runtime.dynamics.state import StepResult
-from runtime.scenes.scene import scene_parts
+from softprint.fem_truth.dynamics import FullSpaceSimulator, FullSpaceState
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.dynamics.state import StepResult
+from softprint.runtime.scenes.scene import scene_parts
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.experiment import Experiment, SceneSpec
 
 
 class FullSpaceModel:
@@ -25,7 +25,7 @@ class FullSpaceModel:
         self._held = held
 
     def start(self) -> StepResult[FullSpaceState]:
-        """Frame 0: static equilibrium, or at rest where nothing holds the body."""
+        """Frame 0: static equilibrium, or the rest state if nothing fixes the body."""
         return self._simulator.settle() if self._held else self._simulator.at_rest()
 
     def step(self, state: FullSpaceState) -> StepResult[FullSpaceState]:
@@ -41,12 +41,12 @@ class FullSpaceModel:
         return state.x[self._simulator.body.mesh.surface_nodes]
 
     def follow(self, nodes: IntArray) -> Callable[[FullSpaceState], Array]:
-        """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state."""
+        """A function from a state to the positions (n, dim) [m] of some nodes (n,) of the mesh."""
         return lambda state: state.x[nodes]
 
     def rows(self, state: FullSpaceState) -> Array:
-        """(n_rows, dim) of the nearest reduced state; its frames are affine where the full body strains their
-        regions."""
+        """(n_rows, dim) handle rows of the nearest reduced state; its frames are affine if the full body strains
+        their regions."""
         return self._simulator.body.project(state.x)
 
 

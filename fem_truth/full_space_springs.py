@@ -1,5 +1,4 @@
-"""Springs on handles as a full-space body feels them: on the node of a point handle, on the region of a
-frame.
+"""Springs on handles in full space: they act on the node of a point handle and on the region of a frame.
 
 A frame's region is elastic here. Its position is the mean of its nodes; its orientation is the least-squares
 linear fit A of x_i - mean(x) = A (X_i - mean(X)), so that  k_r/4 |A - R_target|^2  is a sum of dim linear
@@ -14,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_truth.potentials import LinearSpring
-from runtime.arrays import Array
-from runtime.dynamics.terms.springs import HandleSpring
+from softprint.fem_truth.potentials import LinearSpring
+from softprint.runtime.arrays import Array
+from softprint.runtime.dynamics.terms.springs import HandleSpring
 
 if TYPE_CHECKING:
-    from runtime.body import ReducedBody
+    from softprint.runtime.body import ReducedBody
 
 
 def linear_springs(springs: Sequence[HandleSpring], body: ReducedBody, time: float) -> list[LinearSpring]:
@@ -36,14 +35,14 @@ def linear_springs(springs: Sequence[HandleSpring], body: ReducedBody, time: flo
         pulled = mean if spring.anchor is None else mean + (spring.anchor - mean @ body.mesh.points) @ fit
         result.append(LinearSpring(pulled, spring.stiffness, pose.translation))
         if spring.rotation_stiffness:
-            # row j of A^T is fit[j] @ x; it is pulled to row j of R_target^T
+            # row j of A^T is fit[j] @ x; its target is row j of R_target^T
             half = 0.5 * spring.rotation_stiffness
             result += [LinearSpring(fit[j], half, pose.rotation[:, j]) for j in range(body.dim)]
     return result
 
 
 def _region_weights(body: ReducedBody, name: str) -> tuple[Array, Array]:
-    """Weights over all nodes: mean (n_nodes,) of the region; fit (dim, n_nodes) with A^T = fit @ x."""
+    """Node weights: mean (n_nodes,) of the region; fit (dim, n_nodes) with A^T = fit @ x."""
     frame = next(frame for frame in body.handles.frames if frame.name == name)
     mean = np.zeros(body.n_nodes)
     mean[frame.nodes] = 1.0 / len(frame.nodes)

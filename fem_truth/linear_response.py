@@ -1,4 +1,4 @@
-"""Elasticity linearised about an internal equilibrium: the baseline a learned correction has to beat.
+"""Elasticity linearised about an internal equilibrium: the baseline for learned corrections.
 
 W(x) ~ W(x0) + g^T u + 1/2 u^T H u,   u = x - x0,   g = W'(x0),  H = W''(x0).
 """
@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from runtime.arrays import Array
+from softprint.fem_truth.block_matrix import BlockMatrix
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.runtime.arrays import Array
 
 
 class QuadraticElasticity:
-    """The second-order model of the elastic energy about x0 (n_nodes, dim); assembled once."""
+    """The second-order model of the elastic energy about x0 (n_nodes, dim), assembled once."""
 
     def __init__(self, elasticity: FullSpaceElasticity, x0: Array) -> None:
         self._x0 = x0

@@ -1,27 +1,28 @@
 """The elastic energy of a whole body in compiled loops over its cells (`native/elastic.c`): ten times faster than
-assembled forms, with the same numbers to round-off. For materials that are functions of I_C and J."""
+assembled forms, and equal to round-off. For materials that are functions of I_C and J."""
 
 from __future__ import annotations
 
 import ctypes
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
-from fem_truth.native.library import load_library
-from runtime.arrays import Array
-from runtime.elasticity.materials import Material
-from runtime.mesh import Mesh
+from softprint.fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
+from softprint.fem_truth.native.library import load_library
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.mesh import Mesh
 
-#: Their numbers in `native/elastic.c`.
-KERNELS = {"stable_neo_hookean": 1, "neo_hookean": 2}
+#: Material models and their headers, with which `native/elastic.c` is compiled.
+KERNELS = frozenset(header.stem for header in (Path(__file__).parent / "native").glob("*.h"))
 
-_LANES = 8  # cells that are worked on together, as in elastic.c
+_LANES = 8  # cells processed together, as in elastic.c
 
 
 class _Cells(ctypes.Structure):
-    """`Cells` of elastic.c."""
+    """The struct `Cells` of elastic.c."""
 
     _fields_ = (
         ("groups", ctypes.c_int64),
@@ -34,7 +35,7 @@ class NativeElasticity:
 
     def __init__(self, mesh: Mesh, material: Material) -> None:
         self._n_nodes, self._dim = mesh.n_nodes, mesh.dim
-        # With corners in ascending order, the block of corners a < b lies above the diagonal as it is.
+        # With corners in ascending order, the block of corners a < b is above the diagonal.
         order = np.argsort(mesh.cells, axis=1)
         corners = np.take_along_axis(mesh.cells, order, axis=1)
         gradients = np.take_along_axis(mesh.cell_gradients, order[:, :, None], axis=1)
@@ -45,11 +46,11 @@ class NativeElasticity:
         self._arrays = [
             *(_in_groups(values.astype(np.int32)) for values in (corners, blocks)),
             _in_groups(gradients[:, 1:]),
-            # Cells that only fill up the last group weigh nothing.
+            # Padding cells in the last group have no weight.
             *(_in_groups(values, 0.0) for values in moduli),
         ]
         self._cells = _Cells(len(self._arrays[0]), *(array.ctypes.data for array in self._arrays))
-        library = load_library("elastic.c", DIM=mesh.dim, MODEL=KERNELS[material.model])
+        library = load_library("elastic.c", DIM=mesh.dim, DENSITY=f'"{material.model}.h"')
         address = ctypes.c_void_p
         self._energy_gradient, self._hessian = library.energy_gradient, library.hessian
         self._energy_gradient.argtypes = self._hessian.argtypes = [address] * 4
@@ -88,8 +89,8 @@ class NativeElasticity:
 
 
 def _in_groups(values: Any, filler: Any = None) -> Any:
-    """Values of cells (n_cells, ...) as (groups, number, lanes). The last group is filled up with the first cell's, or
-    with the filler."""
+    """Values of cells (n_cells, ...) as (groups, number, lanes). The last group is padded with the first cell's
+    values, or with the filler."""
     numbers = values.reshape(len(values), -1)
     missing = -len(values) % _LANES
     more = (

@@ -1,68 +1,39 @@
-"""Newton's method with truncated projected CG and a line search: every full-space solve, static or dynamic.
+"""Newton's method with truncated projected CG and a line search: used by every full-space solve, static or dynamic.
 
 Minimises E(x) over x0 + (null space). A solve counts as converged only if BOTH measures are below tolerance:
 
     residual   = |P E'(x)| / force scale                        (how well forces balance)
     decrement  = 1/2 d^T H d / energy scale ~ 1/2 (|error| / |displacement|)^2 in the energy norm
 
-with d the Newton step. The residual alone does not bound the error of the displacement (DESIGN.md, part 5):
-soft, smooth modes carry much displacement and hardly any force. A decrement of 1e-4 means an error of about 1
-%. The decrement is that of the last full step taken, so what is returned is better than its figure by that
-step.
+with d the Newton step. The residual alone does not bound the error of the displacement:
+soft, smooth modes have large displacements and small forces. A decrement of 1e-4 means an error of about 1 %.
+The decrement is that of the last full step taken, so the returned solution is one Newton step better than it says.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from enum import IntEnum
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from fem_truth.projected_cg import projected_cg
-from fem_truth.total_energy import Gradient, TotalEnergy
-from runtime.arrays import Array
-
-
-class Status(IntEnum):
-    """How a solve ended. The numbers go into truth files: never renumber."""
-
-    CONVERGED = 0
-    MAX_ITERATIONS = 1
-    LINE_SEARCH_FAILED = 2
-    UNSTABLE = 3
-    NOT_FINITE = 4
-
-    @property
-    def sentence(self) -> str:
-        return _SENTENCES[self]
-
-
-_SENTENCES = {
-    Status.CONVERGED: "Forces balance and the Newton decrement is below tolerance.",
-    Status.MAX_ITERATIONS: "The iterations ran out before both tolerances were met: allow more, or start "
-    "nearer (approach a deep contact in smaller steps).",
-    Status.LINE_SEARCH_FAILED: "No step along the Newton direction lowers the energy: the tolerances may be "
-    "below round-off, or the start has inverted cells.",
-    Status.UNSTABLE: "Forces balance, but the energy has negative curvature there: a saddle, from which the "
-    "body would snap away.",
-    Status.NOT_FINITE: "The energy or its gradient is not finite at the start: inverted cells in a material "
-    "that resists inversion with infinite energy, or positions that are not numbers.",
-}
+from softprint.fem_truth.projected_cg import projected_cg
+from softprint.fem_truth.total_energy import Gradient, TotalEnergy
+from softprint.runtime.arrays import Array
+from softprint.runtime.optimise import NewtonSettings, Status
 
 
 @dataclass(frozen=True)
-class NewtonSettings:
-    """gradient_tolerance, decrement_tolerance: see the module; max_iterations: of Newton.
+class FullSpaceSettings:
+    """newton: its tolerance is that of the residual; decrement_tolerance: see the module.
 
-    cg_tolerance: loosest relative residual asked of the linear solver; it tightens as the square of the fall
-    of the nonlinear residual (Eisenstat and Walker 1996, choice 2), not below cg_tolerance_min.
-    cg_max_iterations: of CG in one Newton iteration. line_search_halvings: how often a step may be halved.
+    cg_tolerance: loosest relative tolerance of the linear solver; it tightens with the square of the decrease of
+    the nonlinear residual (Eisenstat and Walker 1996, choice 2), not below cg_tolerance_min.
+    cg_max_iterations: of CG in one Newton iteration. line_search_halvings: largest number of halvings of a step.
     """
 
-    gradient_tolerance: float = 3e-4
+    newton: NewtonSettings = field(default_factory=lambda: NewtonSettings(max_iterations=60, tolerance=3e-4))
     decrement_tolerance: float = 1e-4
-    max_iterations: int = 60
     cg_tolerance: float = 0.1
     cg_tolerance_min: float = 1e-3
     cg_max_iterations: int = 2000
@@ -86,8 +57,8 @@ class NewtonResult:
         return self.status is Status.CONVERGED
 
 
-def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> NewtonResult:
-    """Minimise from x0 (n, dim), which has to satisfy the constraint already."""
+def minimise(problem: TotalEnergy, x0: Array, settings: FullSpaceSettings) -> NewtonResult:
+    """Minimise from x0 (n, dim), which must satisfy the constraint."""
     start = time.process_time()
     x = x0
     energy, gradient = problem.evaluate(x)
@@ -97,7 +68,7 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
     finite = bool(np.isfinite(energy) and np.isfinite(gradient.norm))
     if not finite:
         status = Status.NOT_FINITE
-    while finite and iteration < settings.max_iterations:
+    while finite and iteration < settings.newton.max_iterations:
         iteration += 1
         cg = projected_cg(
             problem.hessian(x), gradient.projected, problem.null_space, eta, settings.cg_max_iterations
@@ -105,7 +76,7 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
         cg_total += cg.iterations
         direction = cg.direction
         if direction is not None:
-            if residual <= settings.gradient_tolerance:
+            if residual <= settings.newton.tolerance:
                 status = Status.UNSTABLE
                 break
             convex = problem.hessian(x, convex=True)
@@ -113,9 +84,9 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
             cg_total += cg.iterations
         found = _line_search(problem, x, energy, cg.step, cg.slope, settings.line_search_halvings)
         if found is None:
-            # A step too small for round-off to see is no failure if the balance it should improve is there.
+            # A step below round-off is no failure if the residual is already below tolerance.
             decrement = -0.5 * cg.slope / problem.energy_scale(x)
-            met = residual <= settings.gradient_tolerance and decrement <= settings.decrement_tolerance
+            met = residual <= settings.newton.tolerance and decrement <= settings.decrement_tolerance
             status = Status.CONVERGED if met else Status.LINE_SEARCH_FAILED
             break
         previous = gradient
@@ -125,13 +96,13 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
             energy, gradient = problem.evaluate(x)
         residual = gradient.norm / problem.force_scale(x, gradient)
         decrement = -0.5 * cg.slope / problem.energy_scale(x)
-        # The length of a step whose gain drowns in round-off says nothing.
+        # The length of a step is meaningless if its energy decrease is below round-off.
         full_step = length == 1.0 or -cg.slope <= _round_off(problem, energy)
         if (
             full_step
             and direction is None
             and not changed
-            and residual <= settings.gradient_tolerance
+            and residual <= settings.newton.tolerance
             and decrement <= settings.decrement_tolerance
         ):
             status = Status.CONVERGED
@@ -142,19 +113,19 @@ def minimise(problem: TotalEnergy, x0: Array, settings: NewtonSettings) -> Newto
     )
 
 
-def _forcing(fall: float, eta: float, residual: float, settings: NewtonSettings) -> float:
-    """Eisenstat and Walker's choice 2 for the next linear solve, safeguarded against a sudden fall of the
-    residual, and against solving more than the last step needs: to half of what would just meet the
+def _forcing(fall: float, eta: float, residual: float, settings: FullSpaceSettings) -> float:
+    """Tolerance of the next linear solve by Eisenstat and Walker's choice 2, safeguarded against a sudden drop of the
+    residual, and against oversolving in the last step: it is at least half of what just meets the nonlinear
     tolerance."""
     proposed = 0.9 * fall**2
     if 0.9 * eta**2 > 0.1:
         proposed = max(proposed, 0.9 * eta**2)
-    enough = 0.5 * settings.gradient_tolerance / residual if residual > 0 else settings.cg_tolerance
+    enough = 0.5 * settings.newton.tolerance / residual if residual > 0 else settings.cg_tolerance
     return float(np.clip(max(proposed, enough), settings.cg_tolerance_min, settings.cg_tolerance))
 
 
 def _round_off(problem: TotalEnergy, energy: float) -> float:
-    """Differences of energy below this say nothing [J]."""
+    """Energy differences below this are round-off [J]."""
     return max(1e-12 * abs(energy), problem.noise)
 
 
@@ -163,14 +134,16 @@ def _line_search(
 ) -> tuple[float, Array, float, Gradient] | None:
     """Backtrack until Armijo's condition holds: (length, x, energy, gradient), or None.
 
-    Where the predicted change drowns in the round-off of the energy, the slope at the end of the step decides
+    If the predicted change is below the round-off of the energy, the slope at the end of the step decides
     instead (the approximate Wolfe condition of Hager and Zhang 2005).
     """
     noise = _round_off(problem, energy)
     length = 1.0
     for _ in range(halvings + 1):
         trial = x + length * step
-        value, gradient = problem.evaluate(trial)  # most trials are taken, and both cost hardly more than one
+        value, gradient = problem.evaluate(
+            trial
+        )  # most trials are accepted, and both cost hardly more than one
         if np.isfinite(value):
             if value <= energy + 1e-4 * length * slope:
                 return length, trial, value, gradient

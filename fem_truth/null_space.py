@@ -1,9 +1,10 @@
-"""The null space of columns U of the reduced basis: displacements that leave the reduced state as it is (thesis 5.3.3).
+"""The null space of U^T, for columns U of the reduced basis: displacements that do not change the reduced state
+(thesis 5.3.3).
 
     P = I - U_f (U_f^T U_f)^-1 U_f^T   on the free nodes f, the same for each coordinate;  P = 0 on the fixed
     nodes.
 
-U has one column for a handle row, so P acts on the (n_nodes, dim) array as it is: the Kronecker form P (x) I.
+U has one column per handle row, so P acts on the (n_nodes, dim) array directly: the Kronecker form P (x) I.
 """
 
 from __future__ import annotations
@@ -13,18 +14,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from fem_truth.block_kernels import BlockKernels, Real, fitting_tile
-from fem_truth.parts.share import WHOLE, Share
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
+from softprint.fem_truth.block_kernels import BlockKernels, Real, fitting_tile
+from softprint.fem_truth.parts.share import WHOLE, Share
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.errors import SoftprintError
 
-# Beyond this condition number of U_f the Gram matrix loses all digits and the constraint cannot be kept to
+# Beyond this condition number of U_f, the Gram matrix loses all digits and the constraint cannot be satisfied to
 # 1e-10.
 MAX_CONDITION = 1e7
 
 
 class KernelBasis(NamedTuple):
-    """A run of nodes as the kernels want them: rows of a node vector; Q in tiles; mask of what may move (n, width)."""
+    """A range of nodes in the layout of the kernels: rows of a node vector; Q in tiles; mask of free entries (n,
+    width)."""
 
     rows: slice
     Q: Array
@@ -34,9 +36,9 @@ class KernelBasis(NamedTuple):
 class NullSpace:
     """Projector onto {v: v_fixed = 0, U^T v = 0} for node vectors v (n_nodes, dim).
 
-    basis: U (n_nodes, n_rows), possibly with no columns; fixed: indices of nodes that do not move at all; share: of the
-    nodes, where several ranks have a part of them each. Raises SoftprintError if the columns of U are linearly
-    dependent on the free nodes.
+    basis: U (n_nodes, n_rows), possibly with no columns; fixed: indices of fixed nodes; share: this rank's share of the
+    nodes, if the body is partitioned over ranks. Raises SoftprintError if the columns of U are linearly dependent on
+    the free nodes.
     """
 
     def __init__(self, basis: Array, fixed: IntArray, share: Share = WHOLE) -> None:
@@ -52,7 +54,7 @@ class NullSpace:
 
     @property
     def rank(self) -> int:
-        """Number of constraints a coordinate."""
+        """Number of constraints per coordinate."""
         return int(self._basis.shape[1])
 
     @property
@@ -66,19 +68,19 @@ class NullSpace:
         return v - self._basis @ self._coordinates(v)
 
     def moving(self, dim: int) -> Array:
-        """(n_nodes, dim): 1 where a component may move, 0 where it is held."""
+        """(n_nodes, dim): 1 for free components, 0 for fixed ones."""
         return np.repeat(self._mask, dim, axis=1)
 
     def projected_norm(self, nodes: IntArray, v: Array) -> float:
-        """|P v| of a vector that is v (m, dim) at the distinct nodes (m,) and zero elsewhere: its length without that
-        in the range of Q."""
+        """|P v| of a vector that is v (m, dim) at the distinct nodes (m,) and zero elsewhere: its norm without the
+        component in the range of Q."""
         v = v * self._mask[nodes]
         within = self.share.total(self._basis[nodes].T @ v)
         square = self.share.total(float(np.vdot(v, v)))
         return float(np.sqrt(max(square - float(np.vdot(within, within)), 0.0)))
 
     def for_kernels(self, dim: int, real: Real) -> tuple[BlockKernels, tuple[KernelBasis, ...]]:
-        """Kernels for node vectors of this null space, and what they want of each run of nodes; kept."""
+        """Kernels for node vectors of this null space, and their data for each range of nodes; cached."""
         if (dim, real) not in self._for_kernels:
             kernels = BlockKernels.of(dim, real, fitting_tile(self.rank))
             self._for_kernels[dim, real] = (
@@ -102,8 +104,8 @@ class NullSpace:
 
 
 def orthonormal(columns: Array, share: Share) -> Array:
-    """Q with the range of the columns (n, k) or (n, dim, k), by two rounds of Cholesky of the small Gram matrix: the
-    second repairs round-off."""
+    """Orthonormal Q with the range of the columns (n, k) or (n, dim, k), by Cholesky QR of the small Gram matrix, done
+    twice to remove round-off."""
     count = columns.shape[-1]
     for _ in range(2 if count else 0):
         own = columns[share.owned].reshape(-1, count)
@@ -113,24 +115,24 @@ def orthonormal(columns: Array, share: Share) -> Array:
 
 
 def _condition(basis: Array, n_free: int, share: Share) -> float:
-    """Condition number of U_f, columns scaled to length one first; refuses dependent columns."""
+    """Condition number of U_f with columns scaled to length one; raises SoftprintError for dependent columns."""
     if basis.shape[1] == 0:
         return 1.0
     own = basis[share.owned]
     lengths = np.sqrt(share.total((own**2).sum(axis=0)))
     if (lengths == 0).any() or n_free < basis.shape[1]:
         raise SoftprintError(
-            f"the subspace leaves nothing free: {basis.shape[1]} handle rows on {n_free} free nodes, columns "
+            f"the subspace leaves no free unknowns: {basis.shape[1]} handle rows on {n_free} free nodes, columns "
             f"{np.flatnonzero(lengths == 0).tolist()} of U vanish there; use fewer handles "
             "or smaller frame regions"
         )
-    # The triangular factor of all rows is that of the ranks' triangular factors; it has the singular values of U_f.
+    # The R factor of the stacked R factors of all ranks is that of all rows; it has the singular values of U_f.
     values = np.linalg.svd(share.stacked(np.asarray(np.linalg.qr(own / lengths, mode="r"))), compute_uv=False)
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
     if condition > MAX_CONDITION:
         raise SoftprintError(
             f"the columns of the subspace basis are linearly dependent on the {n_free} free nodes (condition "
             f"number {condition:.1e}, at most {MAX_CONDITION:.0e}): two handles move the same nodes in the "
-            "same way; move them apart or take one away"
+            "same way; move them apart or remove one"
         )
     return condition

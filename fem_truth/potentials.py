@@ -1,8 +1,8 @@
-"""The terms of the energy other than elasticity, each with value, gradient and what it adds to the Hessian.
+"""The terms of the energy other than elasticity, each with value, gradient and Hessian contribution.
 
-All act on node positions x (n_nodes, dim) in the mesh's order, and give this rank's shares
-(`fem_truth.parts.share`) if they are told of the nodes that it owns. Contact is summed over all surface nodes with
-their lumped areas, as in the runtime, whose potentials these are.
+All act on node positions x (n_nodes, dim) in the mesh's order, and return this rank's shares
+(`fem_truth.parts.share`) if their node data are those of the nodes that it owns. Contact is summed over all surface
+nodes with their lumped areas; the contact and friction potentials are those of the runtime.
 """
 
 from __future__ import annotations
@@ -13,20 +13,26 @@ from typing import Protocol
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix
-from fem_truth.small_blocks import positive_part
-from runtime.arrays import Array, IntArray
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.contact import ContactTerms, CoulombFriction, FrictionTerms, LaggedContact, PenaltyContact
+from softprint.fem_truth.block_matrix import BlockMatrix
+from softprint.fem_truth.small_blocks import positive_part
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import (
+    ContactTerms,
+    CoulombFriction,
+    FrictionTerms,
+    LaggedContact,
+    PenaltyContact,
+)
 
-# A slip that changes by less than this share of itself in a Newton iteration has settled.
+# A slip has converged if its relative change in a Newton iteration is below this.
 _SETTLED = 0.3
 
 
 class Potential(Protocol):
-    """A term W(x) [J] of the energy; `add_hessian` adds its second derivative at x to the matrix, or
-    (convex) the positive semi-definite part of it."""
+    """A term W(x) [J] of the energy; `add_hessian` adds its second derivative at x to the matrix (convex: the
+    positive semi-definite part of it)."""
 
     def energy(self, x: Array) -> float: ...
     def gradient(self, x: Array) -> Array: ...
@@ -81,7 +87,7 @@ class LinearSpring:
     """W = k/2 |w^T x - target|^2: a spring [N/m] on a weighted sum of nodes. weights: w (n_nodes,); target:
     (dim,) [m].
 
-    With the mean of a region it holds its centroid; with a row of the region's least-squares fit, its
+    With the mean of a region it acts on its centroid; with a row of the region's least-squares fit, on its
     orientation.
     """
 
@@ -100,10 +106,10 @@ class LinearSpring:
 
 
 class SurfaceContact:
-    """Penalty contact of the surface nodes with one collider at one pose; the curvature of the distance
-    included.
+    """Penalty contact of the surface nodes with one collider at one pose, including the curvature of the signed
+    distance.
 
-    The terms of the last x are kept, for energy, gradient and Hessian are asked for at the same x.
+    The terms of the last x are cached, because energy, gradient and Hessian are evaluated at the same x.
     """
 
     def __init__(
@@ -141,18 +147,18 @@ class SurfaceContact:
 
 
 class LaggedFriction:
-    """Regularised Coulomb friction over one step; normals and normal forces are those of the last call of
+    """Regularised Coulomb friction over one step; normals and normal forces are lagged: those of the last call of
     `lag`.
 
-    Newton's model of a point that changes between sticking and slipping, or its direction of slip, is poor:
-    with the exact Hessian the line search cuts most steps to a tenth. Such points get the majoriser
+    For a point that changes between sticking and slipping, or its direction of slip, Newton's quadratic model is
+    poor: with the exact Hessian the line search cuts most steps to a tenth. Such points get the majoriser
 
         H = mu N f1(y)/y (I - n n^T),   the exact one being   H - mu N (f1(y)/y - f1'(y)) u u^T/y^2
 
     (iteratively reweighted least squares: never overshoots, converges linearly), and the exact Hessian once
-    the slip u has settled: 8 to 15 iterations a step at the Jelly, against more than 20 with either alone.
+    the slip u has converged: 8 to 15 iterations per step for the jelly, against more than 20 with either alone.
 
-    start: (n_surface, dim) where the surface nodes were when the step began [m]; pose_start, pose_end: of the
+    start: (n_surface, dim) positions of the surface nodes at the start of the step [m]; pose_start, pose_end: of the
     collider.
     """
 
@@ -170,7 +176,7 @@ class LaggedFriction:
         self._lagged: LaggedContact
 
     def lag(self, contact: ContactTerms) -> None:
-        """Take up the normals and normal forces of `contact`, evaluated with the collider at pose_end."""
+        """Set the normals and normal forces to those of `contact`, evaluated with the collider at pose_end."""
         self._lagged = self._friction.lag(contact, self._start, self._pose_start, self._pose_end)
         self._last_slip = np.full_like(self._lagged.anchor, np.inf)
 

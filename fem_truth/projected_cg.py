@@ -1,8 +1,8 @@
 """Block-Jacobi preconditioned conjugate gradients in the null space of the reduced basis (thesis 5.3.3,
 [AB03]).
 
-Minimises  1/2 d^T H d + g^T d  over d = P d. Stops early, as Steihaug's truncated Newton method does, where H
-turns out to have negative curvature: the iterate so far is still a descent direction.
+Minimises  1/2 d^T H d + g^T d  over d = P d. Stops early, as in Steihaug's truncated Newton method, if H has
+negative curvature: the iterate so far is still a descent direction.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from fem_truth.block_kernels import Real
-from fem_truth.block_matrix import BlockMatrix
-from fem_truth.null_space import NullSpace
-from runtime.arrays import Array
+from softprint.fem_truth.block_kernels import Real
+from softprint.fem_truth.block_matrix import BlockMatrix
+from softprint.fem_truth.null_space import NullSpace
+from softprint.runtime.arrays import Array
 
-# What conjugate gradients in single precision reach without a doubt, with vectors that have lost six digits to the
-# condition of the matrix at worst. Newton's method is the iteration in double precision around them.
+# The tolerance that conjugate gradients reach reliably in single precision, even if the condition number of the matrix
+# costs six digits. Newton's method around them runs in double precision.
 _SINGLE_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class CgResult:
-    """step: d (n, dim) [m]; slope: g^T d [J], negative; iterations; negative_curvature: seen on the way, with
-    `direction` (n, dim) the offending p (None otherwise); residual: |P (H d + g)| / |g| reached."""
+    """step: d (n, dim) [m]; slope: g^T d [J], negative; iterations; negative_curvature: whether it was encountered,
+    with `direction` (n, dim) the corresponding p (None otherwise); residual: |P (H d + g)| / |g| reached."""
 
     step: Array
     slope: float
@@ -38,7 +38,7 @@ class CgResult:
 class NullSpaceSystem:
     """P H P and its preconditioner P D^-1 P, D the block diagonal of H, in one precision.
 
-    Every number that is a sum over all nodes comes from one of these methods.
+    Every sum over all nodes is computed by one of these methods.
     """
 
     def __init__(self, hessian: BlockMatrix, null_space: NullSpace, real: Real) -> None:
@@ -47,7 +47,7 @@ class NullSpaceSystem:
         self.kernels = kernels
         self._pattern, self._upper = hessian.upper.pattern, hessian.upper.of_type(kernels.real)
         self._diagonal: Array = hessian.diagonal.astype(kernels.real)
-        # Springs of a recorded motion are dozens, each of a few nodes: sparse, and all in one product.
+        # A recorded motion has dozens of springs, each on a few nodes: sparse, and all in one product.
         weights = [w for w, _ in hessian.low_rank]
         self._springs = sp.csr_matrix(np.array(weights, dtype=kernels.real)) if weights else None
         self._stiffness = np.array([[k] for _, k in hessian.low_rank], dtype=kernels.real)
@@ -55,7 +55,8 @@ class NullSpaceSystem:
 
     def product(self, p: Array, y: Array) -> float:
         """y = H p; returns the curvature p . H p."""
-        curvature = self.kernels.product(self._pattern, self._diagonal, self._upper, p, y)
+        starts, columns = self._pattern.row_starts, self._pattern.columns
+        curvature = self.kernels.product(starts, columns, self._diagonal, self._upper, p, y)
         if self._springs is not None:
             share = self._springs @ p
             force = self._stiffness * self._share.total(share)
@@ -73,7 +74,7 @@ class NullSpaceSystem:
         ]
         c = self._coordinates(z)
         rhos = [self.kernels.deflate(Q, c, r[i], z[i]) for i, Q, _ in self._runs]
-        # Of all nodes, each counted where it is owned: that is the first run.
+        # Over all nodes, each counted by its owner: the first run holds the owned nodes.
         square, rho = self._share.total(np.array([squares[0], rhos[0]]))
         return float(square), float(rho)
 
@@ -87,7 +88,7 @@ def projected_cg(
 ) -> CgResult:
     """Solve P H P d = -g to |residual| <= tolerance |g|. gradient: g = P g (n, dim).
 
-    In single precision where that will do; negative curvature is believed in double precision only.
+    Uses single precision where it suffices; negative curvature counts only if double precision confirms it.
     """
     if tolerance >= _SINGLE_TOLERANCE:
         result = _conjugate_gradients(hessian, gradient, null_space, tolerance, max_iterations, np.float32)
@@ -109,7 +110,7 @@ def _conjugate_gradients(
     scale = share.norm(gradient) or 1.0
 
     def result(step: Array, iterations: int, direction: Array | None, norm: float) -> CgResult:
-        # Projected once more: that sweeps up the round-off which has drifted out of the null space.
+        # Projected again, to remove the round-off that has drifted out of the null space.
         step = share.agreed(null_space.project(scale * step[:, : hessian.dim].astype(float)))
         if direction is not None:
             direction = direction[:, : hessian.dim].astype(float)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 
 def absolute_inverses(blocks: Array) -> Array:
-    """Inverses of (n, dim, dim) symmetric blocks that are not positive definite, made so.
+    """Positive definite approximate inverses of (n, dim, dim) symmetric blocks that may be indefinite.
 
-    The eigenvalues are replaced by their absolute values (at least 1e-3 of the largest one), the usual cure: a
-    preconditioner has to be positive definite, and it decides nothing but the speed.
+    The eigenvalues are replaced by their absolute values (at least 1e-3 of the largest one): a preconditioner has to be
+    positive definite, and it only affects the speed.
     """
     values, vectors = np.linalg.eigh(blocks)
     return np.asarray((vectors / _positive(values)[:, None, :]) @ vectors.transpose(0, 2, 1))
@@ -31,7 +31,7 @@ def positive_part(blocks: Array) -> Array:
 
 
 def _positive(values: Array) -> Array:
-    """Eigenvalues (n, dim) made positive; 1 for a node that nothing holds, where any scaling will do."""
+    """Eigenvalues (n, dim) made positive; 1 for a node with a zero block, where any scaling will do."""
     values = np.abs(values)
     values = np.maximum(values, 1e-3 * values.max(axis=1, keepdims=True))
     return np.where(values > 0, values, 1.0)

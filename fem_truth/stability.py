@@ -1,16 +1,16 @@
-"""Is an equilibrium stable? The lowest Ritz value of the Hessian on the null space, by preconditioned
+"""Stability of an equilibrium: the lowest Ritz value of the Hessian on the null space, by preconditioned
 Lanczos."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix
-from fem_truth.null_space import NullSpace, orthonormal
-from fem_truth.small_blocks import block_diagonal, inverse_square_roots
-from runtime.arrays import Array
+from softprint.fem_truth.block_matrix import BlockMatrix
+from softprint.fem_truth.null_space import NullSpace, orthonormal
+from softprint.fem_truth.small_blocks import block_diagonal, inverse_square_roots
+from softprint.runtime.arrays import Array
 
-# The lowest mode of the 60,000-cell jelly has settled to two digits after about 100 steps, its sign much
+# The lowest mode of the 60,000-cell jelly converges to two digits in about 100 steps, its sign much
 # sooner.
 LANCZOS_STEPS = 120
 
@@ -20,7 +20,7 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
 
     Dimensionless; about 0.01 for a soft body at rest. By Sylvester's law its sign is that of the lowest
     eigenvalue of H on the null space, and it bounds the lowest eigenvalue of S H S from above: a negative
-    value proves instability. The start vector is fixed, so the answer is reproducible.
+    value proves instability. The start vector is fixed, so the result is reproducible.
     """
     share, own = null_space.share, null_space.share.owned
     n, dim = hessian.n_nodes, hessian.dim
@@ -41,7 +41,7 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
         return np.asarray(scaling @ y.ravel()).reshape(n, dim)
 
     space = round(share.total(float(mask[own].sum()))) * dim - count
-    basis = np.empty((min(steps, space), mask[own].size * dim))  # of the rank's own nodes
+    basis = np.empty((min(steps, space), mask[own].size * dim))  # of the nodes that this rank owns
     diagonal: list[float] = []
     off_diagonal: list[float] = []
     r = project(share.take(np.random.default_rng(0).standard_normal((share.n_nodes(mask), dim))))
@@ -56,10 +56,10 @@ def smallest_ritz_value(hessian: BlockMatrix, null_space: NullSpace, steps: int 
         product = scaled(share.assembled(hessian.apply(scaled(y))))
         diagonal.append(share.dot(y, product))
         r = product
-        for _ in range(2):  # against all vectors so far, or ghosts of converged values appear
+        for _ in range(2):  # against all vectors so far; otherwise ghost copies of converged values appear
             within = share.total(basis[: k + 1] @ r[own].ravel())
             r[own] -= (basis[: k + 1].T @ within).reshape(-1, dim)
-        # Last, for every step would multiply what the vectors so far have left of the range of the constraint.
+        # Last, because every step would amplify the remaining components in the range of the constraint.
         r = project(r)
     # numpy's solver reads the lower triangle only.
     return float(np.linalg.eigvalsh(np.diag(diagonal) + np.diag(off_diagonal, -1))[0])

@@ -1,14 +1,14 @@
-"""Elasticity plus other terms: what Newton's method minimises, with the reuse of the elastic Hessian.
+"""Elasticity plus other terms: the objective of Newton's method, with reuse of the elastic Hessian.
 
-Assembling the elastic Hessian costs as much as 30 iterations of CG, and near a contact most of what Newton's
-method has to sort out is the contact, not the elasticity. So the matrix is kept until it is to blame: after a
-step s the error of the elastic model,
+Assembling the elastic Hessian costs as much as 30 iterations of CG, and near a contact most of the nonlinearity is in
+the contact, not in elasticity. Therefore the matrix is kept until it slows convergence: after a step s the error of the
+elastic model,
 
     e = P (W'(x + s) - W'(x) - H s),
 
-is part of the new residual. The Hessian is assembled anew once e exceeds REUSE_RATE of the residual before
-the step (the rate at which a frozen Hessian would go on converging) and half of the residual after it
-(contact is not what is left to do).
+is part of the new residual. The Hessian is assembled again once e exceeds REUSE_RATE of the residual before
+the step (the rate at which a frozen Hessian would continue to converge) and half of the residual after it
+(so that the remaining residual is not mainly due to contact).
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from fem_truth.block_matrix import BlockMatrix
-from fem_truth.null_space import NullSpace
-from fem_truth.potentials import Potential
-from runtime.arrays import Array
+from softprint.fem_truth.block_matrix import BlockMatrix
+from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.potentials import Potential
+from softprint.runtime.arrays import Array
 
 REUSE_RATE = 0.1
 
 
 class Gradient(NamedTuple):
-    """elastic: this rank's shares of W' of elasticity alone (n, dim) [N]; projected: P of the whole gradient; norm: of
-    that."""
+    """elastic: this rank's shares of W' of elasticity alone (n, dim) [N]; projected: P times the whole gradient; norm:
+    of `projected`."""
 
     elastic: Array
     projected: Array
@@ -34,8 +34,8 @@ class Gradient(NamedTuple):
 
 
 class Elastic(Protocol):
-    """What `FullSpaceElasticity` offers and its quadratic model imitates. unit_energy [J]: of a strain of one
-    everywhere. Energies and gradients are this rank's shares (`fem_truth.parts.share`); of a whole body, complete."""
+    """The interface of `FullSpaceElasticity` and of its quadratic model. unit_energy [J]: of a strain of one
+    everywhere. Energies and gradients are this rank's shares (`fem_truth.parts.share`); for a whole body, complete."""
 
     unit_energy: float
 
@@ -45,23 +45,23 @@ class Elastic(Protocol):
 
 
 class ElasticTangent:
-    """The elastic Hessian, kept between Newton iterations (and between the depths of one contact) while it
-    serves.
+    """The elastic Hessian, reused between Newton iterations (and between the depths of one contact) while it
+    converges fast enough.
 
-    matrix: a Hessian to begin with, of a nearby x; assembled at first use if there is none.
+    matrix: an initial Hessian from a nearby x; assembled at first use if there is none.
     """
 
     def __init__(self, elastic: Elastic, matrix: BlockMatrix | None = None) -> None:
         self._elastic, self._matrix = elastic, matrix
 
     def at(self, x: Array) -> BlockMatrix:
-        """A Hessian to use at x, as a copy that may be added to."""
+        """A Hessian to use at x: a copy to which terms may be added."""
         if self._matrix is None:
             self._matrix = self._elastic.hessian(x)
         return self._matrix.copy()
 
     def judge(self, step: Array, change: Array, null_space: NullSpace, before: float, after: float) -> None:
-        """Drop the matrix if it is to blame. change: of W' over the step (n, dim); before, after: residuals
+        """Drop the matrix if it slows convergence. change: of W' over the step (n, dim); before, after: residuals
         [N]."""
         if self._matrix is None:
             return
@@ -72,9 +72,9 @@ class ElasticTangent:
 
 
 class TotalEnergy:
-    """W(x) = elastic + terms, minimised over a null space. tangent: that of the elastic energy.
+    """W(x) = elastic + terms, minimised over a null space. tangent: of the elastic energy.
 
-    Subclasses say what residuals [N] and decrements [J] are measured against.
+    Subclasses define the scales of residuals [N] and decrements [J].
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class TotalEnergy:
     ) -> None:
         self.elastic, self.terms, self.null_space = elastic, tuple(terms), null_space
         self._tangent = ElasticTangent(elastic) if tangent is None else tangent
-        #: Differences of energy below this [J] are round-off: terms of about the unit energy cancel in every
+        #: Energy differences below this [J] are round-off, because terms of about the unit energy cancel in every
         #: cell.
         self.noise = 1e-15 * elastic.unit_energy
 
@@ -103,16 +103,16 @@ class TotalEnergy:
         return share.total(energy), Gradient(elastic, projected, share.norm(projected))
 
     def hessian(self, x: Array, convex: bool = False) -> BlockMatrix:
-        """convex: without the negative curvature of the terms, that of contact with a curved collider."""
+        """convex: without the negative curvature of the terms, which contact with a curved collider has."""
         matrix = self._tangent.at(x)
         for term in self.terms:
             term.add_hessian(x, matrix, convex)
         return matrix
 
     def stepped(self, x: Array, step: Array, before: Gradient, after: Gradient) -> bool:
-        """Told of every step that is taken, to x: decides whether the elastic Hessian still serves.
+        """Called after every accepted step, to x: decides whether to keep the elastic Hessian.
 
-        True if the energy itself is another one from now on (friction took up new normal forces).
+        Returns True if the energy itself has changed (friction has new normal forces).
         """
         self._tangent.judge(step, after.elastic - before.elastic, self.null_space, before.norm, after.norm)
         return False

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from solid_mesh import mesh_solid
 
-from runtime.arrays import Array
-from runtime.mesh import write_mesh
-from runtime.shapes.solid import Field, ball, blended, capsule
+from softprint.runtime.arrays import Array
+from softprint.runtime.mesh import write_mesh
+from softprint.runtime.shapes.solid import Field, ball, blended, capsule
 
 RADIUS, REACH = 0.034, 0.046  # of the ball, and of its spikes
 SPIKE_FOOT, SPIKE_TIP = 0.0056, 0.0036  # radii of a spike

@@ -18,10 +18,10 @@ import pyvista as pv
 import trimesh
 from field_grid import Grid
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.repair import closed_surface
-from runtime.errors import SoftprintError
-from runtime.shapes.solid import Field, ball, blended, box, common, moved, union
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.repair import closed_surface
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.shapes.solid import Field, ball, blended, box, common, moved, union
 
 HEIGHT, ACROSS, DOT_PITCH, CELL_PITCH = 0.48e-3, 1.44e-3, 2.34e-3, 6.2e-3  # [m]
 MARGIN, THICKNESS, ROUNDING = 3.5e-3, 2.0e-3, 0.5e-3  # of the plate [m]

@@ -6,8 +6,8 @@ import igl
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from runtime.arrays import Array, IntArray
-from runtime.shapes.solid import Field
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.shapes.solid import Field
 
 
 class Grid:

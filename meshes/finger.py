@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from solid_mesh import mesh_solid
 
-from runtime.arrays import Array
-from runtime.mesh import write_mesh
-from runtime.shapes.solid import Field, blended, capsule, ellipsoid, moved
+from softprint.runtime.arrays import Array
+from softprint.runtime.mesh import write_mesh
+from softprint.runtime.shapes.solid import Field, blended, capsule, ellipsoid, moved
 
 LENGTH, CUT_ROUNDING = 0.052, 0.0015
 FILLET = 0.0015

@@ -19,9 +19,9 @@ from hand_skin import Skin, read_skin
 from scipy.spatial import cKDTree
 from solid_mesh import GROWTH, mesh_solid
 
-from runtime.arrays import Array
-from runtime.mesh import write_mesh
-from runtime.shapes.solid import Field
+from softprint.runtime.arrays import Array
+from softprint.runtime.mesh import write_mesh
+from softprint.runtime.shapes.solid import Field
 
 ROOM = 0.006  # around the skin
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from hand_skin import Skin
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 # Joints of a finger's bones from the palm outwards, and after them its tip.

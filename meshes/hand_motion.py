@@ -20,10 +20,10 @@ from hand_skin import Skin, read_skin
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from runtime.arrays import Array
-from runtime.colliders import RigidPose
-from runtime.experiment.recorded_motion import COLUMNS
-from runtime.io.files import atomic_path
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders import RigidPose
+from softprint.runtime.experiment.recorded_motion import COLUMNS
+from softprint.runtime.io.files import atomic_path
 
 RATE = 15.0  # samples a second
 # How far the bones of a finger turn, from the palm outwards, for a bend of one.

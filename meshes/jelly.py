@@ -16,7 +16,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-from runtime.mesh import Mesh, in_morton_order, oriented_mesh, write_mesh
+from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh, write_mesh
 
 BASE_RADIUS, TOP_RADIUS, HEIGHT, FILLET = 0.05, 0.038, 0.06, 0.01
 

@@ -17,9 +17,9 @@ import numpy as np
 import pyvista as pv
 from PIL import Image
 
-from runtime.arrays import Array
-from runtime.colliders.library import library_surface
-from runtime.shapes import SHAPES, SPLIT
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.library import library_surface
+from softprint.runtime.shapes import SHAPES, SPLIT
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

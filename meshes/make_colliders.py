@@ -17,10 +17,10 @@ import numpy as np
 import pyvista as pv
 import trimesh
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.analytic import Cone
-from runtime.colliders.combine import SmoothUnion
-from runtime.colliders.repair import closed_surface
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders import Cone
+from softprint.runtime.colliders.combine import SmoothUnion
+from softprint.runtime.colliders.repair import closed_surface
 
 # Direction and reach [m] of each spike of the caltrop.
 SPIKES = (

@@ -14,9 +14,9 @@ import numpy as np
 from field_grid import Grid
 from scipy.sparse import coo_matrix
 
-from runtime.arrays import Array, IntArray
-from runtime.mesh import Mesh, in_morton_order, oriented_mesh
-from runtime.shapes.solid import Field
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh
+from softprint.runtime.shapes.solid import Field
 
 Size = Callable[[Array], float]  # the edge length [m] that is wanted at a point (3,)
 

@@ -6,8 +6,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.compiled import compiled
-from runtime.linalg.sparse_directions import between_directions
+from softprint.runtime.compiled import compiled
+from softprint.runtime.linalg.sparse_directions import between_directions
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -1,1 +1,1 @@
-"""The learner: truth files in, trained corrections out."""
+"""Training: reads truth files and writes trained corrections."""

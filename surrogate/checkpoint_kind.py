@@ -1,15 +1,15 @@
-"""What `softprint inspect` says of a checkpoint of a training."""
+"""What `softprint inspect` prints for a training checkpoint."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary, byte_size
-from surrogate.checkpoints import KIND as CHECKPOINT
-from surrogate.checkpoints import load_checkpoint
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary, byte_size
+from softprint.surrogate.checkpoints import KIND as CHECKPOINT
+from softprint.surrogate.checkpoints import load_checkpoint
 
 
 def recognise(head: FileHead) -> bool:
@@ -17,7 +17,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """All tensors are read and checked against the digest."""
+    """Reads all tensors and checks them against the digest."""
     checkpoint = load_checkpoint(path)
     model = [tensor for name, tensor in checkpoint.tensors.items() if name.startswith("model.")]
     facts: dict[str, Any] = {
@@ -29,8 +29,8 @@ def summarise(path: Path, part: Part) -> Summary:
     sections: dict[str, dict[str, Any]] = {"checkpoint": facts}
     if checkpoint.history:
         sections["latest"] = dict(checkpoint.history[-1])
-    sections["what it is a run of"] = {"fingerprint": checkpoint.fingerprint}
-    return Summary(path, "a checkpoint of a training that is not finished", sections)
+    sections["run"] = {"fingerprint": checkpoint.fingerprint}
+    return Summary(path, "a checkpoint of an unfinished training run", sections)
 
 
 KIND = Kind(recognise, summarise)

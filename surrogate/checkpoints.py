@@ -1,8 +1,8 @@
 """Checkpoints of a training run: safetensors with a JSON header, replaced atomically, never pickled.
 
-They hold the weights, the best weights so far, Adam's moments and the curves. Batches are drawn from (seed,
-step), so no state of a random generator needs keeping: a run that was killed and resumed equals one that was
-not.
+They hold the weights, the best weights so far, Adam's moments and the training curves. Batches are drawn from
+(seed, step), so no random generator state is saved: a run that is killed and resumed gives the same result as an
+uninterrupted one.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from runtime.errors import SoftprintError
-from runtime.io.tensor_file import load_tensors, save_tensors
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.tensor_file import load_tensors, save_tensors
 
 KIND, VERSION = "training_checkpoint", 3
 REMEDY = "remove it and train again"
@@ -23,8 +23,8 @@ REMEDY = "remove it and train again"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """fingerprint: what the run is (data, options, settings, seed), as text; step: optimiser steps done;
-    history: the curves so far; tensors: named weights and moments."""
+    """fingerprint: data, options, settings and seed of the run, as text; step: optimiser steps done; history: the
+    training curves so far; tensors: named weights and moments."""
 
     fingerprint: str
     step: int
@@ -33,7 +33,7 @@ class Checkpoint:
 
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
-    """Write a checkpoint, replacing the one before only when whole."""
+    """Write a checkpoint; the previous one is replaced atomically."""
     texts = {
         "fingerprint": checkpoint.fingerprint,
         "step": str(checkpoint.step),
@@ -43,7 +43,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 
 
 def load_checkpoint(path: Path) -> Checkpoint:
-    """Read a checkpoint. Raises SoftprintError where the file is damaged or foreign."""
+    """Read a checkpoint. Raises SoftprintError if the file is damaged or not a checkpoint."""
     texts, tensors = load_tensors(path, KIND, VERSION, REMEDY)
     try:
         return Checkpoint(texts["fingerprint"], int(texts["step"]), json.loads(texts["history"]), tensors)
@@ -65,7 +65,7 @@ def pack(
 def unpack(
     tensors: dict[str, Tensor], model: torch.nn.Module, optimiser: torch.optim.Optimizer
 ) -> dict[str, Tensor]:
-    """Put the tensors of :func:`pack` back into model and optimiser; returns the best weights."""
+    """Restore model and optimiser from the tensors of :func:`pack`; returns the best weights."""
     groups: dict[str, dict[str, Tensor]] = {"model": {}, "best": {}, "adam": {}}
     for name, tensor in tensors.items():
         group, rest = name.split(".", 1)

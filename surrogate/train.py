@@ -1,6 +1,6 @@
-"""Training of one contact model: Adam with a cosine schedule, the best weights on held-out states kept.
+"""Training of one contact model: Adam with a cosine schedule; the weights with the lowest held-out error are kept.
 
-Deterministic for a seed: the batch of step i is drawn from (seed, i), the initial weights from the seed.
+Deterministic for a given seed: the batch of step i is drawn from (seed, i), the initial weights from the seed.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from surrogate.checkpoints import Checkpoint, load_checkpoint, pack, save_checkpoint, unpack
-from surrogate.losses import FieldError
-from surrogate.tasks import LearningTask, ModelT
+from softprint.runtime.learned.form import ModelT
+from softprint.surrogate.checkpoints import Checkpoint, load_checkpoint, pack, save_checkpoint, unpack
+from softprint.surrogate.held_out_error import HeldOutError
+from softprint.surrogate.learning_task import LearningTask
 
 ProgressUpdate = Callable[[int, str], None]
 
@@ -29,9 +30,9 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """steps: of the optimiser; batch: samples a step; learning_rate: at the start, falling to zero along a
-    cosine; weight_decay: decoupled (AdamW); validations: how often along the run
-    the held-out error is measured and a checkpoint written; seed."""
+    """steps: optimiser steps; batch: samples per step; learning_rate: initial, decays to zero along a cosine;
+    weight_decay: decoupled (AdamW); validations: how many times during the run the held-out error is measured and a
+    checkpoint written; seed."""
 
     steps: int
     batch: int
@@ -43,11 +44,11 @@ class TrainingSettings:
 
 @dataclass(frozen=True, eq=False)
 class TrainingResult(Generic[ModelT]):
-    """model: with its best weights; held_out: their error on the validation states; history: the curves, one
-    entry a validation (step, loss, learning_rate, validation_rms)."""
+    """model: with its best weights; held_out: their error on the validation states; history: the training curves, one
+    entry per validation (step, loss, learning_rate, validation_rms)."""
 
     model: ModelT
-    held_out: FieldError
+    held_out: HeldOutError
     history: list[dict[str, float]]
 
 
@@ -60,8 +61,8 @@ def train(
 ) -> TrainingResult[ModelT]:
     """Train a model of the task.
 
-    checkpoint: where to keep the run; one found there is resumed if it is of the same run (task, settings and
-    `data_name`). progress: called with the number of steps done since the last call and a few words.
+    checkpoint: path of the checkpoint; an existing one is resumed if it belongs to the same run (task, settings and
+    `data_name`). progress: called with the number of steps done since the last call and a short note.
     """
     identity = [task.identity, asdict(settings), data_name, task.n_samples]
     fingerprint = json.dumps(identity, sort_keys=True)
@@ -112,7 +113,7 @@ def _step(
     optimiser.zero_grad()
     loss = task.loss(model, index)
     loss.backward()
-    # Rare samples at the edge of stability have huge residuals; one of them must not throw the weights.
+    # Rare samples at the edge of stability have huge residuals; clipping keeps one of them from ruining the weights.
     torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
     optimiser.step()
     return loss.detach()
@@ -123,6 +124,6 @@ def _resumable(path: Path | None, fingerprint: str) -> Checkpoint | None:
         return None
     found = load_checkpoint(path)
     if found.fingerprint != fingerprint:
-        log.info("%s: is of another training run; starting afresh", path)
+        log.info("%s: belongs to another training run; starting from the beginning", path)
         return None
     return found

@@ -1,24 +1,24 @@
-"""`softprint train`: corrections from the truth file of a run."""
+"""`softprint train`: trains corrections on the truth file of a run."""
 
 from __future__ import annotations
 
 import argparse
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The verb's own option."""
+    """Add the option of this command."""
     parser.add_argument(
         "--model", metavar="NAME", help="train only this one of [[training.models]] (default: all)"
     )
 
 
 def run(options: argparse.Namespace, context: Context) -> int:
-    """Train the models of the experiment that are not there yet; corrections/NAME.safetensors and
+    """Train the models of the experiment that do not exist yet; writes corrections/NAME.safetensors and
     NAME.json."""
-    from surrogate.run_training import train_models
+    from softprint.surrogate.run_training import train_models
 
     if context.rank == 0:
         train_models(context, options.model)
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace, context: Context) -> int:
 VERB = Verb(
     name="train",
     order=30,
-    summary="Learn corrections from the truth file; resumes, and keeps the best weights on held-out states.",
+    summary="Train corrections on the truth file; resumes, and keeps the weights with the lowest held-out error.",
     example="softprint train examples/jelly3d_small.toml",
     run=run,
     configure=configure,

@@ -1,5 +1,4 @@
-"""Files that were altered on purpose, with checksums that fit: what a program with a fault, or an enemy, might
-write."""
+"""Files altered on purpose, with valid checksums, as a faulty program or an attacker might write them."""
 
 from __future__ import annotations
 
@@ -10,20 +9,20 @@ from pathlib import Path
 import h5py
 from safetensors import safe_open
 
-from runtime.io.seal import seal
-from runtime.io.tensor_file import save_tensors
+from softprint.runtime.io.seal import seal
+from softprint.runtime.io.tensor_file import save_tensors
 
 
 @contextmanager
 def altered_h5(path: Path) -> Iterator[h5py.File]:
     """An HDF5 file of ours open for changes, sealed afterwards."""
-    with h5py.File(path, "r+") as file:  # HDF5 cuts the old seal off
+    with h5py.File(path, "r+") as file:  # HDF5 removes the old seal
         yield file
     seal(path)
 
 
 def alter_tensors(path: Path, texts: Mapping[str, str], dropped: int = 0) -> None:
-    """Write a safetensors file of ours again with some of its texts changed and its first tensors left out."""
+    """Rewrite one of our safetensors files with some texts changed and the first tensors left out."""
     with safe_open(path, framework="pt") as file:
         before = {name: text for name, text in file.metadata().items() if name != "checksums"}
         tensors = {name: file.get_tensor(name) for name in list(file.keys())[dropped:]}

@@ -1,4 +1,4 @@
-"""What all tests share: tiny bodies, both dimensions, and the command line as users call it."""
+"""Fixtures shared by all tests: tiny bodies in 2D and 3D, and the command line as users call it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
-# Before anything loads them: one thread for each test process, and for each pytest worker a cache of compiled
-# forms of its own, because two processes that compile the same form at the same time may trip over each
-# other. The cache lives beside pytest's own, so that the next run finds its forms compiled.
+# Set before any library is loaded: one thread per test process, and a separate cache of compiled forms per pytest
+# worker, because two processes that compile the same form at the same time may conflict. The cache is beside pytest's
+# own, so that the next run finds its forms compiled.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ["XDG_CACHE_HOME"] = str(
@@ -30,9 +30,9 @@ def dim(request: pytest.FixtureRequest) -> int:
 
 
 def _jelly(lower: list[float], upper: list[float], divisions: list[int], points: int):
-    from runtime.body import assemble_body, frame_in_box, place_handles
-    from runtime.elasticity.materials import make_material
-    from runtime.mesh.box import box_mesh
+    from softprint.runtime.body import assemble_body, frame_in_box, place_handles
+    from softprint.runtime.elasticity.materials import make_material
+    from softprint.runtime.mesh.box import box_mesh
 
     mesh = box_mesh(lower, upper, divisions)
     slab = [[-1.0] * mesh.dim, [1.0] * (mesh.dim - 1) + [1.2 * upper[-1] / divisions[-1]]]
@@ -55,19 +55,19 @@ def jelly3d_body():
 
 @pytest.fixture
 def jelly_body(dim, request: pytest.FixtureRequest):
-    """`jelly2d_body` or `jelly3d_body`, as `dim` has it."""
+    """`jelly2d_body` or `jelly3d_body`, depending on `dim`."""
     return request.getfixturevalue(f"jelly{dim}d_body")
 
 
 @pytest.fixture
 def softprint(tmp_path) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Calls the command line in a process of its own: softprint("body", "x.toml", ranks=1, timeout=120).
+    """Calls the command line in a separate process: softprint("body", "x.toml", ranks=1, timeout=120).
 
-    Works in an empty folder; returns the finished process, whose status is not checked.
+    Runs in an empty folder; returns the finished process, whose status is not checked.
     """
 
     def call(*arguments: str | Path, ranks: int = 1, timeout: float = 300.0, **environment: str):
-        command = [sys.executable, "-m", "runtime.cli.main", *map(str, arguments)]
+        command = [sys.executable, "-m", "softprint.runtime.cli.main", *map(str, arguments)]
         if ranks > 1:
             command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
         return subprocess.run(
@@ -92,8 +92,8 @@ def softprint(tmp_path) -> Callable[..., subprocess.CompletedProcess[str]]:
 
 @pytest.fixture(scope="session")
 def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a toy experiment in 2D; its `run` has everything."""
-    from runtime.cli import main
+    """The folder of a toy experiment in 2D; its folder `run` has all output files."""
+    from softprint.runtime.cli import main
     from tests.toy_experiment import write_experiment
 
     folder = tmp_path_factory.mktemp("finished")

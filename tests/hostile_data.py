@@ -12,11 +12,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from runtime.io.seal import seal
+from softprint.runtime.io.seal import seal
 from tests.altered import alter_tensors
 from tests.hostile_meshes import Variant, battered
 
-# A dataset of each kind of file that its reader reads whole, and a group.
+# For each kind of file, a dataset that its reader reads completely, and a group.
 _PLACES = {
     "body": ("mesh/points", "handles/points", "material"),
     "truth": ("samples/depth", "samples/reason", "mesh"),
@@ -150,14 +150,14 @@ CHANGES: dict[str, Callable[[h5py.File, str, str], None]] = {
 }
 
 
-_UNSEALED = ("is gone", "in a circle", "version of soup")  # to look into these takes a process each
+_UNSEALED = ("is gone", "in a circle", "version of soup")  # reading each of these needs a separate process
 
 
 def hdf5(kind: str, good: Path, scratch: Path, seed: int) -> Iterator[Variant]:
-    """Of one of our HDF5 files: battered with the seal as it was (a body), battered and sealed again, and changed
+    """Variants of one of our HDF5 files: damaged with the old seal (a body), damaged and sealed again, and changed
     by HDF5."""
     rng = np.random.default_rng(seed)
-    if kind == "body":  # once for all kinds: of what is not sealed no more is read than this
+    if kind == "body":  # once for all kinds: nothing more is read of an unsealed file
         yield from battered(kind, kind, ".h5", good.read_bytes(), rng)
     for name, _, suffix, content in battered(kind, kind, ".h5", good.read_bytes(), rng):
         scratch.write_bytes(content)
@@ -180,8 +180,7 @@ def hdf5(kind: str, good: Path, scratch: Path, seed: int) -> Iterator[Variant]:
 
 
 def tensors(kind: str, good: Path, scratch: Path, seed: int) -> Iterator[Variant]:
-    """Of one of our safetensors files: battered; headers that lie; texts that make no sense, with checksums that
-    fit."""
+    """Variants of one of our safetensors files: damaged; wrong headers; meaningless texts with valid checksums."""
     content = good.read_bytes()
     yield from battered(kind, kind, good.suffix, content, np.random.default_rng(seed))
     length = struct.unpack("<Q", content[:8])[0]

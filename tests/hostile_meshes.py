@@ -1,4 +1,4 @@
-"""Hostile and broken geometry: variants of good files that any exporter, cable or enemy might give us.
+"""Hostile and broken geometry: variants of good files as from faulty exporters, transfers or attackers.
 
 Each function yields (name, kind of reader, suffix, content); the same seed makes the same files.
 """
@@ -17,14 +17,14 @@ Variant = tuple[str, str, str, bytes]
 
 
 def battered(name: str, kind: str, suffix: str, good: bytes, rng: np.random.Generator) -> Iterator[Variant]:
-    """What befalls any file: cut off, bytes altered, lost, doubled, another file of that name."""
+    """Damage to any kind of file: cut off, bytes altered, lost, doubled, another file with that name."""
     for share in (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99):
         yield f"{name} cut to {share:.0%}", kind, suffix, good[: int(share * len(good))]
     for place in rng.integers(len(good), size=12):
         altered = bytearray(good)
         altered[place] ^= int(rng.integers(1, 256))
         yield f"{name} byte {place} altered", kind, suffix, bytes(altered)
-    for place in rng.integers(min(200, len(good)), size=6):  # where most formats keep their counts
+    for place in rng.integers(min(200, len(good)), size=6):  # where most formats store their counts
         yield f"{name} ones from {place}", kind, suffix, good[:place] + b"\xff" * 4 + good[place + 4 :]
     place = len(good) // 2
     yield f"{name} hole", kind, suffix, good[:place] + good[place + 37 :]
@@ -149,7 +149,7 @@ def msh() -> Iterator[Variant]:
 
     import meshio
 
-    from runtime.mesh import box_mesh
+    from softprint.runtime.mesh import box_mesh
 
     mesh = box_mesh([0.0, 0.0, 0.0], [0.1, 0.1, 0.1], [2, 2, 2])
     written = {}
@@ -197,7 +197,7 @@ def msh() -> Iterator[Variant]:
 def vtk() -> Iterator[Variant]:
     import tempfile
 
-    from runtime.mesh import box_mesh, write_mesh
+    from softprint.runtime.mesh import box_mesh, write_mesh
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.vtu"
@@ -235,7 +235,7 @@ def _attribute(good: bytes, name: bytes, value: bytes) -> bytes:
 
 
 def _swelling(good: bytes) -> bytes:
-    """The first array of the file replaced by a megabyte that unpacks to a gigabyte of noughts."""
+    """The file with its first array replaced by a megabyte that unpacks to a gigabyte of zeros."""
     block = zlib.compress(bytes(64 << 20))
     header = struct.pack("<3I", 16, 64 << 20, 0) + struct.pack("<I", len(block)) * 16
     content = base64.b64encode(header) + base64.b64encode(block * 16)

@@ -1,9 +1,8 @@
-"""Reads doubtful files in a process that may crash: `python -m tests.hostile_reader LIST.json FIRST`.
+"""Reads untrusted files in a process that may crash: `python -m tests.hostile_reader LIST.json FIRST`.
 
-The list holds pairs of kind and path. One line a file goes to stdout, when it has been read: its number, how it
-ended ("read", "refused", "bug"), what was said, the memory that the process has held so far [MiB], and
-the processor time it took [s]. A file that
-takes more than its share of processor time ends the process.
+The list has pairs of kind and path. For each file, one line is printed when it has been read: its number, the outcome
+("read", "refused", "bug"), the message, the peak memory of the process so far [MiB], and the processor time [s]. A file
+that takes more than its limit of processor time ends the process.
 """
 
 from __future__ import annotations
@@ -18,20 +17,21 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
-SECONDS = 10  # of processor time for a file
+SECONDS = 10  # processor time per file
 MEMORY = 2 << 30  # bytes that reading may map beyond what the process has mapped before
 
 
 def _readers() -> dict[str, Callable[[Path], object]]:
-    from runtime.body import load_body
-    from runtime.colliders.mesh_collider import load_mesh_collider
-    from runtime.colliders.polygon import load_polygon, polygon_collider
-    from runtime.learned.correction_file import read_header
-    from runtime.mesh import read_mesh
-    from runtime.scenes.motion_file import load_motion
-    from runtime.truth.truth_file import load_truth
-    from runtime.truth.truth_schema import TABLES
-    from surrogate.checkpoints import load_checkpoint
+    from softprint.runtime.body import load_body
+    from softprint.runtime.colliders.mesh_collider import load_mesh_collider
+    from softprint.runtime.colliders.polygon import load_polygon, polygon_collider
+    from softprint.runtime.learned.correction_file import read_header
+    from softprint.runtime.mechanics.mechanics_file import read_mechanics_header
+    from softprint.runtime.mesh import read_mesh
+    from softprint.runtime.scenes.motion_file import load_motion
+    from softprint.runtime.truth.truth_file import load_truth
+    from softprint.runtime.truth.truth_schema import TABLES
+    from softprint.surrogate.checkpoints import load_checkpoint
 
     def truth(path: Path) -> object:
         with load_truth(path) as found:
@@ -55,12 +55,13 @@ def _readers() -> dict[str, Callable[[Path], object]]:
         "truth": truth,
         "motion": motion,
         "correction": read_header,
+        "mechanics": read_mechanics_header,
         "checkpoint": load_checkpoint,
     }
 
 
 def main() -> None:
-    from runtime.errors import SoftprintError
+    from softprint.runtime.errors import SoftprintError
 
     files: list[tuple[str, str]] = json.loads(Path(sys.argv[1]).read_text())
     logging.disable()
@@ -83,7 +84,7 @@ def main() -> None:
 
 
 def _peak_memory() -> int:
-    """[MiB]. Not that of getrusage, which counts what the process held that this one was forked from."""
+    """Peak memory [MiB]. Not from getrusage, which includes the memory of the process that this one was forked from."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) // 1024 for line in lines if line.startswith("VmHWM:"))
 

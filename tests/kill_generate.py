@@ -1,12 +1,12 @@
-"""Kill `mpirun -n 2 softprint generate` at random moments, fill its disk, and see what is left.
+"""Kill `mpirun -n 2 softprint generate` at random times, fill its disk, and check the remaining files.
 
     python -m tests.kill_generate --kills 100      # and, as root, --full-disk
 
-Runs go on in the same folder, one after the other, until a truth is whole; then another folder is begun, until
-all kills are spent. Three things are killed in turn: everything, one rank, mpirun alone; four times of five not before
-some more contacts are finished, and every fourth time not before a file is being written. After each kill no temporary
-name may have become a file, every finished contact must be there still and never be solved again, and every truth must
-hold the same as that of an undisturbed run.
+Runs continue in the same folder, one after the other, until a truth is complete; then a new folder is used, until
+all kills are done. Three targets are killed in turn: all processes, one rank, mpirun alone; four times out of five only
+after some more contacts are finished, and every fourth time only while a file is being written. After each kill no
+temporary file may have its final name, every finished contact must still exist and never be solved again, and every
+truth must have the same content as that of an undisturbed run.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from pathlib import Path
 
 import numpy as np
 
-from fem_truth.generate.shards import is_whole
-from runtime.truth.truth_file import load_truth
+from softprint.fem_truth.generate.shards import is_whole
+from softprint.runtime.truth.truth_file import load_truth
 from tests.toy_experiment import write_experiment
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 WHAT = ("everything", "one rank", "mpirun")
-PATIENCE = 120.0  # s: longer than this nothing may last
-TEMPORARY = ".*-[0-9a-f]*.*"  # how the names of files begin and go on that are not whole yet
+PATIENCE = 120.0  # s: time limit of every process
+TEMPORARY = ".*-[0-9a-f]*.*"  # name patterns of temporary files
 
 
 def environment() -> dict[str, str]:
-    """For runs of MPI as any user, on as many threads as there are ranks."""
+    """Environment for MPI runs as any user, with one thread per rank."""
     return {
         **os.environ,
         "PYTHONPATH": str(REPOSITORY),
@@ -61,7 +61,7 @@ class Generation:
         launcher = ["mpirun", "--oversubscribe", "-n", str(self.ranks)] if self.ranks > 1 else []
         return [
             *launcher,
-            *(sys.executable, "-m", "runtime.cli.main", "generate", str(self.experiment)),
+            *(sys.executable, "-m", "softprint.runtime.cli.main", "generate", str(self.experiment)),
             *("--out", str(self.out), "--quiet", *self.options),
         ]
 
@@ -76,7 +76,7 @@ class Generation:
         )
 
     def run(self) -> subprocess.CompletedProcess[str]:
-        """To its end, undisturbed."""
+        """Run to the end, undisturbed."""
         return subprocess.run(
             self.command,
             env=environment(),
@@ -87,7 +87,7 @@ class Generation:
         )
 
     def shards(self) -> dict[Path, int]:
-        """Finished contacts, and when each was written [ns]; without those that are just being tidied away."""
+        """Finished contacts, and their modification times [ns]; without those that are being removed."""
         found = {}
         for path in self.out.glob("shards/contact_*.shard"):
             with suppress(FileNotFoundError):
@@ -95,11 +95,11 @@ class Generation:
         return found
 
     def temporaries(self) -> set[Path]:
-        """Files that are being written just now, or were when their writer was killed."""
+        """Files that are being written now, or were when their writer was killed."""
         return {path for folder in (self.out, self.out / "shards") for path in folder.glob(TEMPORARY)}
 
     def content_hash(self) -> str | None:
-        """Of a whole truth; None where there is none yet. Raises SoftprintError for one that is damaged."""
+        """Content hash of a complete truth; None if there is none yet. Raises SoftprintError for a damaged one."""
         if not (self.out / "truth.h5").exists():
             return None
         with load_truth(self.out / "truth.h5") as truth:
@@ -108,7 +108,7 @@ class Generation:
 
 @dataclass
 class Storm:
-    """What kills have done. lost: finished contacts that were gone, damaged or solved again."""
+    """Effects of the kills. lost: finished contacts that were missing, damaged or solved again."""
 
     kills: Counter[str] = field(default_factory=Counter)
     truths: int = 0
@@ -144,8 +144,8 @@ def kill_storm(
     duration: float,
     options: Sequence[str] = (),
 ) -> Storm:
-    """Kill generations under ``folder`` so many times, at moments drawn from ``duration`` [s], and bring the last
-    one to its end. wanted: content hash of the undisturbed truth."""
+    """Kill generations under ``folder`` this many times, at times drawn from ``duration`` [s], and finish the last
+    one. wanted: content hash of the undisturbed truth."""
     storm, rng = Storm(), np.random.default_rng(seed)
     runs = (Generation(experiment, folder / f"run_{number}", options) for number in range(10**6))
     run = next(runs)
@@ -173,7 +173,7 @@ def kill_storm(
 
 @dataclass(frozen=True)
 class Moment:
-    """When to kill: once so many contacts are finished, ``delay`` [s] later, and, if ``writing``, not before a file is
+    """When to kill: ``delay`` [s] after this many contacts are finished, and, if ``writing``, only while a file is
     being written."""
 
     delay: float
@@ -182,7 +182,7 @@ class Moment:
 
 
 def _kill_once(run: Generation, what: str, moment: Moment, storm: Storm) -> bool:
-    """Whether there was anything left to be killed."""
+    """Whether the process was still running when it was killed."""
     left = run.temporaries()
     process = run.start()
     while process.poll() is None and len(run.shards()) < moment.contacts:
@@ -236,9 +236,9 @@ def _kill(pid: int) -> None:
 
 
 def _judge(run: Generation, before: dict[Path, int], storm: Storm) -> None:
-    """After a kill: is everything that was finished before still as it was, and what is new whole?"""
+    """Check after a kill that everything finished before is unchanged, and that new files are complete."""
     if run.content_hash() is not None:
-        return  # the shards have gone into the truth
+        return  # the shards were merged into the truth
     now = run.shards()
     lost = [path for path, written in before.items() if now.get(path) != written]
     storm.lost += len(lost) + sum(not is_whole(path) for path in now)
@@ -261,7 +261,7 @@ def _finish(run: Generation, wanted: str, storm: Storm) -> None:
 
 @contextmanager
 def small_disk(folder: Path, size: int) -> Iterator[None]:
-    """A disk of ``size`` bytes at a folder; for root alone."""
+    """A disk of ``size`` bytes mounted at a folder; needs root."""
     folder.mkdir(parents=True)
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", folder], check=True)
     try:
@@ -271,7 +271,7 @@ def small_disk(folder: Path, size: int) -> Iterator[None]:
 
 
 def full_disk(experiment: Path, folder: Path, wanted: str, needed: int, options: Sequence[str] = ()) -> None:
-    """Generate onto disks that are too small by more and less; each time give more room, and go on."""
+    """Generate onto disks that are too small by different amounts; each time add space and resume."""
     for share in (0.02, 0.1, 0.2, 0.4, 0.6, 0.8, 0.95):
         size, disk = int(share * needed) // 4096 * 4096, folder / f"disk_{share}"
         with small_disk(disk, size):

@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 
 
 class Reader(HTMLParser):
-    """Collects the numbers of a page and everything that it would load."""
+    """Collects the numbers of a page and all resources that it would load."""
 
     def __init__(self):
         super().__init__()

@@ -1,4 +1,4 @@
-"""A hostile user: every kind of bad input gives a clear sentence and status 1, and leaves nothing behind."""
+"""Bad input of every kind gives a clear message and status 1, and leaves no files behind."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.cli import main
-from runtime.io.files import fixed_text
-from runtime.mesh import write_mesh
-from runtime.mesh.box import box_mesh
+from softprint.runtime.cli import main
+from softprint.runtime.io.files import fixed_text
+from softprint.runtime.mesh import write_mesh
+from softprint.runtime.mesh.box import box_mesh
 from tests.altered import alter_tensors, altered_h5
 from tests.toy_experiment import write_experiment
 
-LOCKS = {".generate.lock"}  # stays: who would remove it could remove another's
+LOCKS = {".generate.lock"}  # the lock stays: removing it could remove that of another process
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -31,7 +31,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 @dataclass
 class Bench:
-    """A toy experiment in a folder of its own, and the command line in this process."""
+    """A toy experiment in its own folder, and the command line in this process."""
 
     folder: Path
     capture: pytest.CaptureFixture[str]
@@ -50,14 +50,14 @@ class Bench:
         self.experiment.write_text(text.replace(before, after))
 
     def call(self, verb: str, *options: str | Path) -> tuple[int, str]:
-        """Status and what was said on stderr."""
+        """Exit status and stderr."""
         self.capture.readouterr()
         arguments = [verb, self.experiment, "--out", self.run, "--quiet", *options]
         status = main.main([str(argument) for argument in arguments])
         return status, self.capture.readouterr().err
 
     def refused(self, verb: str, *options: str | Path, words: tuple[str, ...]) -> str:
-        """The complaint of a command that must fail and must leave the folder as it was."""
+        """The error message of a command that must fail and must not change the folder."""
         before = content(self.folder)
         status, said = self.call(verb, *options)
         assert status == 1, said
@@ -225,7 +225,7 @@ def test_mesh_of_another_dimension(bench2d, bench3d):
 
 
 def vtu(points: object, *blocks: tuple[str, list[list[int]]]) -> Callable[[Path], None]:
-    """Writes a mesh that meshio would not stop."""
+    """Writes a mesh without meshio's checks."""
 
     def write(path: Path) -> None:
         import meshio
@@ -320,7 +320,7 @@ def test_body_mesh(bench3d, case):
     print(bench3d.refused("body", words=("box.vtu", *words)))
 
 
-def test_inverted_cells_are_turned_round(bench3d):
+def test_inverted_cells_are_flipped(bench3d):
     altered(lambda points, cells: (points, cells[:, [0, 1, 3, 2]]))(bench3d.folder / "box.vtu")
     assert bench3d.call("body")[0] == 0
 
@@ -377,8 +377,8 @@ def test_collider_mesh(bench3d, case):
     print(bench3d.refused("simulate", "--model", "bare", words=("ball.stl", *words)))
 
 
-def test_inward_collider_is_turned_outward(tmp_path):
-    from runtime.colliders.mesh_collider import load_mesh_collider
+def test_an_inward_collider_is_flipped_outward(tmp_path):
+    from softprint.runtime.colliders.mesh_collider import load_mesh_collider
 
     (tmp_path / "ball.stl").write_bytes(ball(lambda v, t: (v, t[:, ::-1])))
     assert load_mesh_collider(tmp_path / "ball.stl", resolution=12).sdf(np.zeros((1, 3)))[0] < 0
@@ -421,11 +421,12 @@ DAMAGE: dict[str, Callable[[bytes], bytes]] = {
         for share in (0.01, 0.3, 0.6, 0.99)
     },
 }
-# Which command reads which file, and what it says to do about a bad one.
+# The command that reads each file, and the remedy in its message for a bad one.
 READERS = {
     "body.h5": (["simulate", "--model=bare", "--no-resume"], "make it again"),
     "truth.h5": (["train", "--no-resume"], "make it again"),
     "corrections/ours.safetensors": (["simulate", "--model=ours"], "train it again"),
+    "mechanics_3000.safetensors": (["simulate", "--model=ours"], "softprint mechanics"),
     "motions/held_out_full.h5": (["report", "--no-pictures"], "make it again"),
 }
 
@@ -445,7 +446,8 @@ def test_missing_file(finished, name):
     if name == "body.h5":  # is built where it is missing
         assert finished.call(*READERS[name][0])[0] == 0
     else:
-        print(finished.refused(*READERS[name][0], words=(Path(name).name,)))
+        word = "mechanics_*.safetensors" if name.startswith("mechanics") else Path(name).name
+        print(finished.refused(*READERS[name][0], words=(word,)))
 
 
 @pytest.mark.parametrize("name", ["body.h5", "truth.h5", "motions/held_out_full.h5"])
@@ -482,7 +484,7 @@ def test_correction_of_another_kind(finished, change, words):
 
 
 def test_files_of_another_body(finished):
-    """A stiffer body: the body file does not fit the experiment; made anew, nothing else fits it."""
+    """A stiffer body: the body file does not fit the experiment; when it is made again, no other file fits it."""
     finished.change("young = 2e4", "young = 3e4")
     finished.refused("simulate", "--model=bare", words=("body.h5", "material", "softprint body"))
     finished.refused("report", "--no-pictures", words=("body.h5", "material"))
@@ -521,7 +523,7 @@ def test_commands_out_of_order(bench2d):
     ],
     ids=" ".join,
 )
-def test_names_that_are_not_there(bench2d, command, words):
+def test_unknown_names(bench2d, command, words):
     assert bench2d.call("body")[0] == 0
     print(bench2d.refused(*command, words=words))
 
@@ -540,7 +542,7 @@ def test_output_folder_that_nobody_may_write(bench2d, softprint):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_no_verb_of_that_name(softprint):
+def test_unknown_verb(softprint):
     done = softprint("genrate")
     assert done.returncode == 2
     assert "genrate" in done.stderr

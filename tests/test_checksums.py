@@ -1,4 +1,4 @@
-"""No altered byte passes: not in numbers, texts or gaps, nor in the checksums themselves; and it is said where."""
+"""Every altered byte is detected: in numbers, texts, gaps and the checksums themselves; the error says where."""
 
 from __future__ import annotations
 
@@ -15,28 +15,30 @@ import numpy as np
 import pytest
 import torch
 
-from fem_truth.generate.shards import DamagedShard, read_shard, write_shard
-from runtime.body import load_body
-from runtime.errors import SoftprintError
-from runtime.io.files import create_softprint_h5, open_softprint_h5
-from runtime.io.seal import BLOCK, Damage, Unsealed, damage, seal
-from runtime.io.tensor_file import load_tensors, save_tensors
-from runtime.learned.correction_file import read_header
-from runtime.scenes.motion_file import load_motion
-from runtime.truth.truth_file import load_truth
-from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from softprint.fem_truth.generate.shards import DamagedShard, read_shard, write_shard
+from softprint.runtime.body import load_body
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import create_softprint_h5, open_softprint_h5
+from softprint.runtime.io.seal import BLOCK, Damage, Unsealed, damage, seal
+from softprint.runtime.io.tensor_file import load_tensors, save_tensors
+from softprint.runtime.learned.correction_file import read_header
+from softprint.runtime.mechanics.mechanics_file import read_mechanics_header
+from softprint.runtime.scenes.motion_file import load_motion
+from softprint.runtime.truth.truth_file import load_truth
+from softprint.surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 
 FILES: dict[str, Callable[[Path], object]] = {
     "body.h5": load_body,
     "truth.h5": lambda path: load_truth(path).close(),
     "motions/held_out_full.h5": load_motion,
     "corrections/ours.safetensors": read_header,
+    "mechanics_3000.safetensors": read_mechanics_header,
 }
 
 
 @contextmanager
 def altered(path: Path, place: int, mask: int) -> Iterator[None]:
-    """One byte of a file altered where it lies, and put right again."""
+    """Alter one byte of a file in place, and restore it."""
     with path.open("r+b", buffering=0) as file:
         good = os.pread(file.fileno(), 1, place)
         os.pwrite(file.fileno(), bytes([good[0] ^ mask]), place)
@@ -52,7 +54,7 @@ def is_whole(path: Path) -> bool:
 
 
 def places(path: Path, count: int) -> list[tuple[int, int]]:
-    """Places all over a file, and what to do to the byte there: any one bit, or any other change."""
+    """Offsets all over a file, and the change of the byte there: a single bit, or any other change."""
     rng = np.random.default_rng(0)
     masks = np.where(rng.random(count) < 0.5, 1 << rng.integers(8, size=count), rng.integers(1, 256, count))
     return list(zip(rng.integers(path.stat().st_size, size=count).tolist(), masks.tolist(), strict=True))
@@ -60,7 +62,7 @@ def places(path: Path, count: int) -> list[tuple[int, int]]:
 
 @pytest.fixture
 def small(tmp_path: Path) -> Path:
-    """Groups, attributes, a compressed dataset, and a plain one without checksums of its own."""
+    """A file with groups, attributes, a compressed dataset, and a plain one without its own checksums."""
     path = tmp_path / "small.h5"
     with create_softprint_h5(path, "body", 1) as file:
         file.create_dataset("a/packed", data=np.arange(300.0), compression="gzip", fletcher32=True)
@@ -145,7 +147,7 @@ def test_the_place_of_the_damage_is_named(tmp_path: Path) -> None:
     assert load_tensors(path, "recipe", 1, "do it")[0]["text"] == "a"
 
 
-def test_what_is_cut_off_or_added_is_noticed(small: Path) -> None:
+def test_truncation_and_appended_bytes_are_detected(small: Path) -> None:
     whole = small.read_bytes()
     for content in (whole[:-1], whole[:-500], whole + b"\0", whole + whole, whole[:-36], b""):
         small.write_bytes(content)
@@ -153,7 +155,7 @@ def test_what_is_cut_off_or_added_is_noticed(small: Path) -> None:
             pass
 
 
-def test_hdf5_does_not_mind_the_seal_and_breaks_it_when_it_writes(small: Path) -> None:
+def test_hdf5_ignores_the_seal_and_breaks_it_when_it_writes(small: Path) -> None:
     with h5py.File(small) as file:
         assert file["a/packed"][7] == 7.0
     assert is_whole(small)
@@ -163,7 +165,7 @@ def test_hdf5_does_not_mind_the_seal_and_breaks_it_when_it_writes(small: Path) -
         pass
 
 
-def test_files_before_seals_are_told_by_their_version(small: Path) -> None:
+def test_files_from_before_seals_are_recognised_by_their_version(small: Path) -> None:
     with h5py.File(small, "r+") as file:
         file.attrs["softprint_version"] = 0
     with (
@@ -174,7 +176,7 @@ def test_files_before_seals_are_told_by_their_version(small: Path) -> None:
 
 
 def test_a_file_is_examined_again_when_it_has_changed(small: Path) -> None:
-    """Also where it was found whole before, is altered at once, and given its old time again."""
+    """Also if it was valid before, is altered immediately, and gets its old modification time again."""
     long_ago = time.time_ns() - 10**12
     os.utime(small, ns=(long_ago, long_ago))
     assert is_whole(small)

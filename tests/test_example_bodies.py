@@ -1,4 +1,4 @@
-"""The bodies of the examples: their meshes, their bones, and what they touch."""
+"""The bodies of the examples: their meshes, their bones, and their colliders."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from runtime.body.placement import frames_of, place_handles
-from runtime.experiment import load_experiment
-from runtime.experiment.recorded_motion import read_recorded_motion
-from runtime.inspect.mesh_quality import cell_angles, facet_edges, mean_ratio
-from runtime.mesh import read_mesh
+from softprint.runtime.body.placement import frames_of, place_handles
+from softprint.runtime.experiment import load_experiment
+from softprint.runtime.experiment.recorded_motion import read_recorded_motion
+from softprint.runtime.inspect.mesh_quality import cell_angles, facet_edges, mean_ratio
+from softprint.runtime.mesh import read_mesh
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -39,18 +39,20 @@ def test_bodies_are_those_of_the_table(name, size):
     mesh, handles = body_of(name if size == "full" else f"{name}_small")
     cells, points, bones = TABLE[name]
     if size == "full":
-        assert mesh.n_cells == pytest.approx(cells, rel=0.02)  # a mesher does not count to the last one
+        assert mesh.n_cells == pytest.approx(
+            cells, rel=0.02
+        )  # the number of cells of a mesher varies a little
     else:
         assert 8000 < mesh.n_cells < 16000  # minutes, on two cores
     assert (handles.n_points, len(handles.frames)) == (points, bones)
     assert (facet_edges(mesh.facets) == 2).all()
-    # As good as meshers make them; below about 5 degrees, or a tenth, cells spoil the conditioning of all others.
+    # Typical quality of meshers; below about 5 degrees, or a tenth, cells spoil the conditioning of the whole system.
     assert cell_angles(mesh).min() > 10
     assert mean_ratio(mesh).min() > 0.3
 
 
 @pytest.mark.parametrize("name", ["hand_small", "hand", "finger_small", "finger"])
-def test_bones_lie_inside(name):
+def test_bones_are_inside(name):
     mesh, handles = body_of(name)
     inner = [frame for frame in handles.frames if frame.name != "middle" or not name.startswith("finger")]
     for frame in inner:  # the finger's other bone comes out where the finger is cut off
@@ -58,8 +60,8 @@ def test_bones_lie_inside(name):
 
 
 @pytest.mark.parametrize("motion", ["hand_grasp", "hand_explore"])
-def test_recorded_hands_hold_together(motion):
-    """Two bones that meet in a joint both say where it is: to the 0.01 mm and 1e-5 rad that are written."""
+def test_bones_of_recorded_hands_meet_in_their_joints(motion):
+    """Two bones that meet in a joint agree on its position, to the written 0.01 mm and 1e-5 rad."""
     tracks = {track.frame: track for track in read_recorded_motion(ROOT / "meshes" / f"{motion}.csv", 3)}
     _, handles = body_of("hand_small")
     assert set(tracks) == {frame.name for frame in handles.frames}
@@ -74,7 +76,7 @@ def test_recorded_hands_hold_together(motion):
             np.testing.assert_allclose(joint, track.path.pose(time).translation, atol=3e-5)
 
 
-def test_the_plate_says_touch():
+def test_the_braille_plate_reads_touch():
     """Twice the nominal sizes: dots 0.96 mm high and 4.68 mm apart, cells 12.4 mm apart, the word about the middle."""
     plate = trimesh.load_mesh(ROOT / "meshes" / "braille_touch.stl")
     word = ("2345", "135", "136", "14", "125")  # t, o, u, c, h

@@ -1,4 +1,4 @@
-"""Colliders that a scene of an experiment file lets go: how they start, what is refused, and what is kept of them."""
+"""Free rigid bodies in a scene of an experiment file: their start, refusals, and what a motion records of them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from runtime.body import build_body
-from runtime.errors import SoftprintError
-from runtime.experiment import load_experiment
-from runtime.mesh import box_mesh, write_mesh
-from runtime.scenes.motion_file import load_motion
-from runtime.scenes.playing import bare_model, play
-from runtime.scenes.simulate import simulate_scene
+from softprint.runtime.body import build_body
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import load_experiment
+from softprint.runtime.mesh import box_mesh, write_mesh
+from softprint.runtime.scenes.motion_file import load_motion
+from softprint.runtime.scenes.playing import bare_model, play
+from softprint.runtime.scenes.simulate import simulate_scene
 
 EXPERIMENT = """
 [experiment]
@@ -53,7 +53,7 @@ START = "density = 500.0\nposition = [0.3, 0.2]\nrotation = 0.5\nvelocity = [1.0
 
 @pytest.fixture
 def experiment_of(tmp_path):
-    """The experiment with that said of its ball."""
+    """The experiment with these keys for its ball."""
     write_mesh(tmp_path / "box.vtu", box_mesh([-0.05, 0.0], [0.05, 0.05], [4, 4]))
 
     def make(ball: str):
@@ -63,7 +63,7 @@ def experiment_of(tmp_path):
     return make
 
 
-def test_it_starts_as_it_is_said_to_and_falls(experiment_of):
+def test_it_starts_with_its_initial_state_and_falls(experiment_of):
     experiment = experiment_of(START)
     model = bare_model(experiment, build_body(experiment.body, experiment.base_dir), experiment.scenes[0])
     results = list(play(model, 5))
@@ -77,7 +77,7 @@ def test_it_starts_as_it_is_said_to_and_falls(experiment_of):
     np.testing.assert_allclose(end.rotation_vector, [0.6], atol=1e-6)
 
 
-def test_motions_hold_where_it_went(experiment_of, tmp_path):
+def test_motions_record_its_poses(experiment_of, tmp_path):
     class Bar(SimpleNamespace):
         def __enter__(self):
             return self
@@ -101,7 +101,7 @@ def test_motions_hold_where_it_went(experiment_of, tmp_path):
     ("ball", "words"),
     [
         ("", ["colliders[1].keyframes]", "is missing", "density or a mass"]),
-        ("density = 1.0\nmass = 2.0\nposition = [0, 1]", ["colliders[1].mass]", "beside a density"]),
+        ("density = 1.0\nmass = 2.0\nposition = [0, 1]", ["colliders[1].mass]", "in addition to a density"]),
         ("mass = 2.0", ["colliders[1].position]", "is missing"]),
         ("mass = 2.0\nposition = [0, 1, 2]", ["colliders[1].position]", "has 3 entries"]),
         ("mass = 2.0\nposition = [0, 1]\nspin = [1, 0, 0]", ["colliders[1].spin]", "one angle"]),
@@ -116,7 +116,7 @@ def test_motions_hold_where_it_went(experiment_of, tmp_path):
         ),
         (
             "velocity = [0, 1]\nkeyframes = [{ time = 0.0, position = [0, 1] }]",
-            ["colliders[1].velocity]", "is of colliders that move freely"],
+            ["colliders[1].velocity]", "is for colliders that move freely"],
         ),
         (
             'mass = 1.0\nposition = [0, 1]\n[[scenes.colliders]]\nname = "floor"\nmass = 1.0\nposition = [0, 0]',
@@ -124,7 +124,7 @@ def test_motions_hold_where_it_went(experiment_of, tmp_path):
         ),
     ],
 )
-def test_what_does_not_fit_is_said(experiment_of, ball, words):
+def test_inconsistent_tables_are_refused(experiment_of, ball, words):
     with pytest.raises(SoftprintError) as refusal:
         experiment_of(ball)
     for word in words:
@@ -133,9 +133,9 @@ def test_what_does_not_fit_is_said(experiment_of, ball, words):
 
 def test_full_space_refuses_it(experiment_of, tmp_path):
     pytest.importorskip("dolfinx")
-    from fem_truth.full_space_model import full_space_model
+    from softprint.fem_truth.full_space_model import full_space_model
 
     experiment = experiment_of(START)
     body = build_body(experiment.body, experiment.base_dir)
-    with pytest.raises(SoftprintError, match="'ball' moves freely, which full space cannot play"):
+    with pytest.raises(SoftprintError, match="'ball' moves freely, which full space cannot simulate"):
         full_space_model(experiment, body, experiment.scenes[0], tmp_path)

@@ -1,4 +1,4 @@
-"""What `softprint inspect` says of every kind of file, and of what is none of ours."""
+"""What `softprint inspect` prints for every kind of file, and for foreign files."""
 
 from __future__ import annotations
 
@@ -14,21 +14,26 @@ import numpy as np
 import pytest
 import torch
 
-from fem_truth.generate.shards import write_shard
-from runtime.body import save_body
-from runtime.cli.context import Context
-from runtime.cli.inspect_verb import VERB
-from runtime.colliders.analytic import Sphere
-from runtime.errors import SoftprintError
-from runtime.inspect import kinds
-from runtime.inspect.mesh_quality import cell_angles, mean_ratio, mesh_facts
-from runtime.learned.correction_file import save_correction
-from runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
-from runtime.mesh import box_mesh, write_mesh
-from runtime.mesh.mesh import Mesh
-from runtime.published.export import export_published
-from runtime.truth.truth_file import load_truth
-from surrogate.checkpoints import Checkpoint, save_checkpoint
+from softprint.fem_truth.generate.shards import write_shard
+from softprint.runtime.body import save_body
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.inspect_verb import VERB
+from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
+from softprint.runtime.dynamics.state_file import save_state
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect import kinds
+from softprint.runtime.inspect.mesh_quality import cell_angles, mean_ratio, mesh_facts
+from softprint.runtime.learned.correction_file import save_correction
+from softprint.runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.mechanics.mechanics_file import save_mechanics
+from softprint.runtime.mesh import box_mesh, write_mesh
+from softprint.runtime.mesh.mesh import Mesh
+from softprint.runtime.published.export import export_published
+from softprint.runtime.truth.truth_file import load_truth
+from softprint.surrogate.checkpoints import Checkpoint, save_checkpoint
 from tests.toy_truth import PRESS, write_truth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -83,7 +88,7 @@ def test_a_regular_simplex_has_the_known_angle_and_shape_one(dim) -> None:
     np.testing.assert_allclose(mean_ratio(mesh), 1.0, rtol=1e-12)
 
 
-def test_a_box_is_known_to_the_last_number() -> None:
+def test_all_numbers_of_a_box() -> None:
     box = mesh_facts(box_mesh([0.0, 0.0, 0.0], [0.2, 0.1, 0.1], [4, 2, 2]))
     assert (box["nodes"], box["tetrahedra"], box["watertight"]) == (45, 96, True)
     assert box["volume [m^3]"] == pytest.approx(2e-3, rel=1e-12)
@@ -92,7 +97,7 @@ def test_a_box_is_known_to_the_last_number() -> None:
     assert box["smallest and largest angle [degrees]"] == pytest.approx([45.0, 90.0])
 
 
-def test_a_body_is_told_and_drawn(tmp_path, jelly2d_body) -> None:
+def test_a_body_is_described_and_drawn(tmp_path, jelly2d_body) -> None:
     path = tmp_path / "body.h5"
     save_body(path, jelly2d_body, "a recipe")
     told = facts(path)
@@ -107,17 +112,17 @@ def test_a_body_is_told_and_drawn(tmp_path, jelly2d_body) -> None:
 
 
 def picture_colours(path: Path) -> int:
-    """How many colours a picture has: an empty one has one."""
+    """Number of colours of a picture; an empty one has one."""
     from PIL import Image
 
     return len(np.unique(np.asarray(Image.open(path).convert("RGB")).reshape(-1, 3), axis=0))
 
 
-def test_a_truth_is_told_sample_by_sample_and_drawn(tmp_path, jelly2d_body) -> None:
+def test_a_truth_is_described_by_sample_and_drawn(tmp_path, jelly2d_body) -> None:
     write_truth(tmp_path / "truth.h5", jelly2d_body)
     told = facts(tmp_path / "truth.h5", sample=1)
     assert told["truth"]["by status"] == {"converged": 5, "unreached": 1}
-    assert told["truth"]["usable to learn from"] == 5
+    assert told["truth"]["usable for training"] == 5
     assert told["truth"]["label-noise floor"] is None  # nothing was solved twice
     assert told["hashes"]["body"] == jelly2d_body.content_hash
     assert told["sample 1"]["status"] == "converged"
@@ -129,14 +134,14 @@ def test_a_truth_is_told_sample_by_sample_and_drawn(tmp_path, jelly2d_body) -> N
         inspect(tmp_path / "truth.h5", sample=6)
     with pytest.raises(SoftprintError, match="no solution to draw"):
         inspect(tmp_path / "truth.h5", sample=3, png=tmp_path / "none.png")
-    with pytest.raises(SoftprintError, match="--frame asks for a frame"):
+    with pytest.raises(SoftprintError, match="no frames, so --frame does not apply"):
         inspect(tmp_path / "truth.h5", frame=1)
     assert not (tmp_path / "none.png").exists()
 
 
-def test_a_motion_is_told_frame_by_frame_and_drawn_with_its_colliders(tmp_path) -> None:
-    from runtime.cli.run_body import body_of_run
-    from runtime.scenes.simulate import simulate_scene
+def test_a_motion_is_described_by_frame_and_drawn_with_its_colliders(tmp_path) -> None:
+    from softprint.runtime.cli.run_body import body_of_run
+    from softprint.runtime.scenes.simulate import simulate_scene
 
     write_mesh(tmp_path / "box.vtu", box_mesh([0.0, 0.0], [0.1, 0.05], [10, 5]))
     (tmp_path / "toy.toml").write_text(PRESS)
@@ -159,7 +164,7 @@ def test_a_motion_is_told_frame_by_frame_and_drawn_with_its_colliders(tmp_path) 
         inspect(played.path.with_suffix(".xdmf"))
 
 
-def test_a_correction_and_a_checkpoint_are_told(tmp_path, jelly2d_body) -> None:
+def test_a_correction_and_a_checkpoint_are_described(tmp_path, jelly2d_body) -> None:
     model = ContactCentricModel(
         ContactCentricOptions("weighted_rows", False, (8,), "tanh", "saturating", 1e-3),
         2,
@@ -171,9 +176,9 @@ def test_a_correction_and_a_checkpoint_are_told(tmp_path, jelly2d_body) -> None:
     assert told["correction"]["error on held-out states"] == 0.125
     assert told["hashes"] == {"body": jelly2d_body.content_hash, "truth": "abc"}
     assert told["options"]["widths"] == [8]
-    with pytest.raises(SoftprintError, match="nothing to draw"):
+    with pytest.raises(SoftprintError, match="cannot be drawn"):
         inspect(path, png=tmp_path / "x.png")
-    with pytest.raises(SoftprintError, match="does not hold the experiment"):
+    with pytest.raises(SoftprintError, match="does not contain the experiment"):
         inspect(path, experiment=True)
     half = tmp_path / "half.safetensors"
     save_checkpoint(
@@ -184,6 +189,51 @@ def test_a_correction_and_a_checkpoint_are_told(tmp_path, jelly2d_body) -> None:
     assert told["latest"]["loss"] == 0.5
 
 
+def test_mechanics_are_told(tmp_path, jelly2d_body) -> None:
+    mechanics = compute_mechanics(jelly2d_body, 20, condensation=True, gravity=[0.0, -9.81])
+    path = tmp_path / "mechanics_20.safetensors"
+    header = save_mechanics(path, mechanics, jelly2d_body, 20)
+    told = facts(path)
+    assert told["mechanics"]["limit of contact nodes"] == 20
+    assert told["mechanics"]["gravity [m/s^2]"] == [0.0, -9.81]
+    assert told["hashes"] == {"body": jelly2d_body.content_hash, "content": header.content_hash}
+
+
+def test_a_state_is_told(tmp_path, jelly_body) -> None:
+    dim = jelly_body.dim
+    ball = PlacedCollider("ball", Sphere(0.02, dim, "ball"))
+    simulator = Simulator(
+        jelly_body,
+        [ball],
+        contact=PenaltyContact(1e10),
+        mechanics=compute_mechanics(jelly_body, 100, condensation=True),
+        kinematic=[KinematicHandle("base")],
+    )
+    aside = [0.01] * (dim - 1)  # over a node of the top, which is at 0.06 m
+    above, inside = (RigidPose(np.eye(dim), np.array([*aside, height])) for height in (0.1, 0.077))
+    path = tmp_path / "state.h5"
+    state = simulator.rest_state(poses={"ball": above})
+    save_state(path, state)
+    told = facts(path)
+    assert told["kind"] == "the state of a simulation"
+    assert told["state"]["handle rows, dimension"] == [jelly_body.n_rows, dim]
+    assert told["state"]["colliders"] == ["ball"]
+    assert told["state"]["a step led to it"] is False
+    assert told["condensed contact"] == {"in contact": False}
+
+    result = simulator.step(state, {"ball": inside})
+    save_state(path, result.state)
+    told = facts(path)
+    assert told["state"]["time [s]"] == pytest.approx(1 / 60)
+    assert told["state"]["a step led to it"] is True
+    assert told["condensed contact"]["in contact"] is True
+    assert told["condensed contact"]["active nodes"] == {"ball": result.contacts["ball"].points}
+    # The ball is 3 mm below the top: nodes give way by no more.
+    assert 0 < told["condensed contact"]["largest displacement [m]"] < 3e-3
+    with pytest.raises(SoftprintError, match="no frames, so --frame does not apply"):
+        inspect(path, frame=0)
+
+
 def test_a_shard_is_told(tmp_path) -> None:
     samples = {"status": np.array([0, 0, 5])}
     write_shard(tmp_path / "c.shard", {"contacts": {"seconds": np.array([2.5])}, "samples": samples})
@@ -192,7 +242,7 @@ def test_a_shard_is_told(tmp_path) -> None:
     assert told["core-seconds"] == 2.5
 
 
-def test_curves_and_timings_are_told(tmp_path) -> None:
+def test_curves_and_timings_are_described(tmp_path) -> None:
     held_out = {"rms": 0.25, "worst": 0.5, "samples": 10, "squared": 0.06}
     curves = {"model": "ours", "held_out": held_out, "noise_floor": 1e-4, "samples": 90, "left_out": 2}
     (tmp_path / "ours.json").write_text(json.dumps(curves | {"history": [{"step": 7, "loss": 0.5}]}))
@@ -211,7 +261,7 @@ def test_curves_and_timings_are_told(tmp_path) -> None:
     assert facts(tmp_path / "bench.json")["model bare"] == {"step": 0.002}
 
 
-def test_a_published_data_set_is_told(tmp_path, jelly2d_body) -> None:
+def test_a_published_data_set_is_described(tmp_path, jelly2d_body) -> None:
     ball = Sphere(0.02, dim=2, name="ball")
     write_truth(tmp_path / "truth.h5", jelly2d_body)
     with load_truth(tmp_path / "truth.h5") as truth:
@@ -223,14 +273,14 @@ def test_a_published_data_set_is_told(tmp_path, jelly2d_body) -> None:
     assert (told["samples"], told["different handle states"], told["unit of length"]) == (5, 2, "m")
 
 
-def test_colliders_are_told() -> None:
+def test_colliders_are_described() -> None:
     told = facts(REPOSITORY / "meshes/pointy.stl")["surface, in the file's units"]
     assert (told["triangles"], told["watertight"], told["as a collider"]) == (4500, True, "usable")
     assert facts(REPOSITORY / "meshes/star.txt")["polygon, in the file's units"]["corners"] == 10
     assert facts(REPOSITORY / "meshes/jelly2d.vtu")["mesh"]["triangles"] == 13710
 
 
-def test_an_open_surface_is_no_collider(tmp_path) -> None:
+def test_an_open_surface_is_not_a_collider(tmp_path) -> None:
     import meshio
 
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -274,7 +324,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("name", FOREIGN)
-def test_what_is_not_ours_gets_a_sentence(tmp_path, name) -> None:
+def test_foreign_files_get_a_clear_error(tmp_path, name) -> None:
     content, words = FOREIGN[name]
     if content is not None:
         (tmp_path / name).write_bytes(content)
@@ -296,5 +346,5 @@ def test_a_damaged_body_is_found(tmp_path, jelly2d_body) -> None:
 def test_pictures_are_png(tmp_path) -> None:
     with pytest.raises(SoftprintError, match=r"call it x\.png"):
         inspect(REPOSITORY / "meshes/star.txt", png=tmp_path / "x.jpg")
-    with pytest.raises(SoftprintError, match="--colliders is for a picture"):
+    with pytest.raises(SoftprintError, match="--colliders is for pictures"):
         inspect(REPOSITORY / "meshes/star.txt", colliders=tmp_path / "x.toml")

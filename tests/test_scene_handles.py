@@ -1,16 +1,16 @@
-"""Handles that a scene of an experiment file leads or pulls: where they go, in the subspace and in full space."""
+"""Kinematic handles and springs of a scene in an experiment file: their motion, in the subspace and in full space."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from runtime.body import build_body
-from runtime.colliders import RigidPose
-from runtime.errors import SoftprintError
-from runtime.experiment import load_experiment
-from runtime.mesh import box_mesh, write_mesh
-from runtime.scenes.playing import bare_model, play
+from softprint.runtime.body import build_body
+from softprint.runtime.colliders import RigidPose
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import load_experiment
+from softprint.runtime.mesh import box_mesh, write_mesh
+from softprint.runtime.scenes.playing import bare_model, play
 
 EXPERIMENT = """
 [experiment]
@@ -70,7 +70,7 @@ TURN = {2: [0.2], 3: [0.05, -0.1, 0.15]}
 
 @pytest.fixture(params=["bare", "full"])
 def scene_of(request, tmp_path, dim):
-    """scene_of(handles, gravity): the body, and the scene as the model of that name plays it."""
+    """scene_of(handles, gravity): the body, and the scene simulated with the model of that name."""
 
     def make(handles: str, gravity: float):
         words = {
@@ -90,7 +90,7 @@ def scene_of(request, tmp_path, dim):
         if request.param == "bare":
             return body, bare_model(experiment, body, scene)
         pytest.importorskip("dolfinx")
-        from fem_truth.full_space_model import full_space_model
+        from softprint.fem_truth.full_space_model import full_space_model
 
         return body, full_space_model(experiment, body, scene, tmp_path)
 
@@ -98,23 +98,24 @@ def scene_of(request, tmp_path, dim):
 
 
 def moved(body, pose: RigidPose) -> np.ndarray:
-    """Rest positions of the nodes of the frame, turned about their mean and shifted."""
+    """Rest positions of the nodes of the frame, rotated about their mean and translated."""
     region = body.mesh.points[body.handles.frames[0].nodes]
     return pose.rotate(region - region.mean(axis=0)) + region.mean(axis=0) + pose.translation
 
 
-def test_led_handles_are_where_the_keyframes_say(scene_of, dim):
+def test_kinematic_handles_are_at_their_keyframes(scene_of, dim):
     body, model = scene_of(LED, -9.81)
     frame, point = body.handles.frames[0].nodes, body.handles.points[2]
     at_rest = RigidPose.identity(dim)
-    # Half way between two keyframes, the cubic has gone half of the way, and so has the rotation.
+    # Half-way in time between two keyframes, the cubic and the rotation are half-way between their values.
     half = RigidPose.from_rotation_vector(0.5 * np.array(TURN[dim]), np.full(dim, 0.005))
     there = RigidPose.from_rotation_vector(np.array(TURN[dim]), np.full(dim, 0.01))
     results = list(play(model, 3))
     for result, pose in zip(results, [at_rest, half, there, there], strict=True):
         assert result.converged, result.reason
         x = model.positions(result.state)
-        # Placed, not solved for: exact but for the round-off of 0.1 m, in the subspace that of the basis (1e-13).
+        # Prescribed, not solved for: exact up to the round-off of 0.1 m, in the subspace up to that of the basis
+        # (1e-13).
         np.testing.assert_allclose(x[frame], moved(body, pose), atol=1e-11)
         np.testing.assert_allclose(x[point], body.mesh.points[point] + pose.translation, atol=1e-11)
     free = np.setdiff1d(np.arange(body.n_nodes), [*frame, point])
@@ -122,19 +123,19 @@ def test_led_handles_are_where_the_keyframes_say(scene_of, dim):
     assert np.abs(last - first).min(axis=0).max() > 1e-3  # the rest of the body was dragged along
 
 
-def test_a_spring_turns_a_frame(scene_of, dim):
+def test_a_spring_rotates_a_frame(scene_of, dim):
     body, model = scene_of(PULLED, 0.0)
     result = model.start()
     assert result.converged, result.reason
     region = body.mesh.points[body.handles.frames[0].nodes]
     target = RigidPose.from_rotation_vector(np.array(TURN[dim]), np.full(dim, 0.01) - region.mean(axis=0))
-    # The whole body follows without strain, so that nothing pulls back: what is left is the solver's tolerance.
+    # The whole body follows without strain, so that no force pulls back: exact up to the solver's tolerance.
     x = model.positions(result.state)[body.handles.frames[0].nodes]
     np.testing.assert_allclose(x, moved(body, target), atol=1e-6)
 
 
 def test_a_frame_follows_a_recorded_motion(scene_of, tmp_path, dim):
-    """The tracker saw a corner of the frame, at rest before the scene, and turned and shifted at its start."""
+    """The recorded corner of the frame is at rest before the scene, and rotated and translated at its start."""
     corner, shift, seen_at_rest = np.full(dim, -0.05), np.full(dim, 0.01), 0.4 * np.array(TURN[dim])
     pose = RigidPose.from_rotation_vector(np.array(TURN[dim]), np.zeros(dim))
     turned = pose.compose(RigidPose.from_rotation_vector(seen_at_rest, np.zeros(dim))).rotation_vector
@@ -145,7 +146,7 @@ def test_a_frame_follows_a_recorded_motion(scene_of, tmp_path, dim):
     body, model = scene_of(TRACKED, 0.0)
     result = model.start()
     assert result.converged, result.reason
-    # Without strain, as above: the whole body is where the corner's motion takes it, to the solver's tolerance.
+    # Without strain, as above: the whole body follows the corner's motion, up to the solver's tolerance.
     wanted = pose.rotate(body.mesh.points - corner) + corner + shift
     np.testing.assert_allclose(model.positions(result.state), wanted, atol=1e-6)
 

@@ -1,11 +1,11 @@
-"""Experiments of a few hundred cells, in 2D and 3D, that have all that `make demo` has."""
+"""Experiments of a few hundred cells, in 2D and 3D, with all parts of `make demo`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from runtime.mesh import write_mesh
-from runtime.mesh.box import box_mesh
+from softprint.runtime.mesh import write_mesh
+from softprint.runtime.mesh.box import box_mesh
 
 COMMON = """
 [experiment]
@@ -100,7 +100,7 @@ colliders = [{ name = "disc", keyframes = [
 
 
 def write_library_experiment(folder: Path) -> Path:
-    """The block again, learning from two shapes of the library for a scene with another."""
+    """The block again, trained on shapes of the library for a scene with another shape."""
     experiment = write_experiment(folder, 3)
     text = experiment.read_text()
     start, end = text.index("[[colliders]]"), text.index("[[scenes]]")
@@ -114,12 +114,12 @@ def write_library_experiment(folder: Path) -> Path:
     text += """
 [[training.models]]
 name = "thesis6"
-form = "descriptor"
+form = "thesis6"
 hidden = [16, 10]
 activation = "elu"
 differences = 4
 fade_depth = 2e-3
-[training.descriptor]
+[training.thesis6]
 steps = 50
 points = 16
 validations = 2

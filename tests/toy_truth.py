@@ -1,4 +1,4 @@
-"""A truth file of six samples whose numbers are made up, and an experiment with one short scene to play."""
+"""A truth file of six made-up samples, and an experiment with one short scene."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.colliders.pose import rotation_matrix
-from runtime.truth.truth_file import TruthHeader, create_truth
-from runtime.truth.truth_schema import TABLES, UNREACHED
+from softprint.runtime.colliders.pose import rotation_matrix
+from softprint.runtime.truth.truth_file import TruthHeader, create_truth
+from softprint.runtime.truth.truth_schema import TABLES, UNREACHED
 
 
 def turned(dim: int, angle: float) -> np.ndarray:
@@ -56,7 +56,7 @@ def write_truth(path: Path, body) -> None:
         truth.append("repeat", table("repeat", 0))
 
 
-# A ball that is pressed into a block of 0.1 x 0.05 m (`box.vtu`), without friction.
+# A ball in contact with a block of 0.1 x 0.05 m (`box.vtu`), without friction.
 PRESS = """
 [experiment]
 name = "toy"

@@ -1,16 +1,17 @@
 #!/bin/bash
-# Makes .venv with all that Softprint needs, on a fresh Debian 12 or 13; does next to nothing when all is there.
+# Makes .venv with everything that Softprint needs on a fresh Debian 12 or 13; fast if everything is installed.
 #
-#   tools/install.sh [--check]        --check: only say whether something is to be done (exit status 1 if so)
+#   tools/install.sh [--check]        --check: only report whether anything is missing (exit status 1 if so)
+#   tools/install.sh --docs           only what builds the documentation, in an environment of its own, .venv.docs
 #
-# Debian packages come first (with sudo where not root), then pinned wheels on top of them:
-#   * DOLFINx, PETSc, MPI and numpy's companions are Debian's: they must fit each other.
-#   * h5py is Debian's too. PyPI's wheel carries an HDF5 of its own, and importing DOLFINx before it crashes.
-#     So nothing here may ever pull h5py's wheel: Softprint itself is installed with --no-deps.
-#   * torch is a pinned wheel on Debian 12, whose own is too old. On Debian 13 it is Debian's. The wheel may bring
-#     several GB of CUDA; an index of CPU builds, named in PIP_INDEX_URL or PIP_EXTRA_INDEX_URL, spares them.
+# Debian packages first (with sudo if not root), then pinned wheels:
+#   * DOLFINx, PETSc, MPI and packages that depend on numpy are Debian's: their versions must match.
+#   * h5py is Debian's too. PyPI's wheel contains its own HDF5, and crashes if DOLFINx was imported first.
+#     So nothing here may install h5py's wheel: Softprint itself is installed with --no-deps.
+#   * torch is a pinned wheel on Debian 12, whose package is too old. On Debian 13 it is Debian's. The wheel may install
+#     several GB of CUDA; an index of CPU builds in PIP_INDEX_URL or PIP_EXTRA_INDEX_URL avoids that.
 #   * libopenblas0-serial, because Debian's reference BLAS makes factorisations some seven times slower, and because
-#     one thread for each MPI rank is what is wanted.
+#     each MPI rank needs one thread.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -41,7 +42,7 @@ case "$RELEASE" in
 esac
 
 wheels_fingerprint() {
-    # What the wheels in .venv were installed from, and where: a moved .venv does not work.
+    # The sources and location of the wheels in .venv: a moved .venv does not work.
     { pwd; "$SYSTEM_PYTHON" --version; printf '%s ' "${APT_PACKAGES[@]}"; cat "$CONSTRAINTS"; } | sha256sum
 }
 
@@ -50,7 +51,7 @@ project_fingerprint() {
 }
 
 has() {
-    # has STAMP FINGERPRINT: whether that part of .venv was finished, and from what is here now.
+    # has STAMP FINGERPRINT: whether that part of .venv was finished from the current sources.
     [ "$(cat "$VENV/$1" 2>/dev/null)" = "$2" ]
 }
 
@@ -76,7 +77,7 @@ install_debian_packages() {
     done
     [ ${#MISSING[@]} -eq 0 ] && return
     say "Installing Debian packages: ${MISSING[*]}"
-    as_root env DEBIAN_FRONTEND=noninteractive dpkg --configure -a # finishes what a killed run left half done
+    as_root env DEBIAN_FRONTEND=noninteractive dpkg --configure -a # finish an interrupted installation
     as_root env DEBIAN_FRONTEND=noninteractive apt-get update -q
     as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "${MISSING[@]}"
 }
@@ -86,12 +87,12 @@ PIP=("$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-
 install_wheels() {
     has wheels "$(wheels_fingerprint)" && return
     say "Installing Python packages into $VENV"
-    # --clear: a half-made environment, or one of another Python, is no base to build on.
+    # --clear: do not build on an incomplete environment, or one of another Python.
     "$SYSTEM_PYTHON" -m venv --clear --system-site-packages "$VENV"
-    # Without dependencies: the list is complete, and none of them may bring a package that Debian has.
+    # Without dependencies: the list is complete, and no wheel may install a package that Debian provides.
     grep -v '^torch==' "$CONSTRAINTS" > "$VENV/wheels.txt"
     "${PIP[@]}" --no-deps -r "$VENV/wheels.txt"
-    # torch with its dependencies: which they are differs between its builds for CPU and for CUDA.
+    # torch with its dependencies, which differ between its builds for CPU and for CUDA.
     if grep -q '^torch==' "$CONSTRAINTS"; then
         "${PIP[@]}" -c "$CONSTRAINTS" torch
     fi
@@ -100,15 +101,32 @@ install_wheels() {
 
 install_softprint() {
     "${PIP[@]}" --no-deps --no-build-isolation --editable .
+    say "Compiling the kernels of simulations"
+    "$VENV/bin/softprint" warm-up >&2
     project_fingerprint > "$VENV/installed"
 }
 
+install_docs() {
+    # In an environment of its own: what builds the documentation changes the output of programs that use numba.
+    local docs_venv=.venv.docs stamp
+    stamp="$(cat constraints/docs.txt; pwd)"
+    [ "$(cat "$docs_venv/installed" 2>/dev/null)" = "$stamp" ] && return
+    say "Installing what builds the documentation into $docs_venv"
+    "$SYSTEM_PYTHON" -m venv --clear "$docs_venv"
+    "$docs_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-input -r constraints/docs.txt
+    printf '%s' "$stamp" > "$docs_venv/installed"
+}
+
+if [ "${1:-}" = --docs ]; then
+    install_docs
+    exit 0
+fi
 if is_complete; then
     exit 0
 fi
 [ "${1:-}" = --check ] && exit 1
 exec {lock}> .venv.lock
-flock "$lock" # two installations into one .venv would spoil it
+flock "$lock" # two concurrent installations would corrupt .venv
 is_complete && exit 0
 install_debian_packages
 install_wheels

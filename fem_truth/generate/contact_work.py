@@ -1,4 +1,4 @@
-"""One unit of work: a planned contact, solved at all its depths, as rows of the truth file's tables."""
+"""One unit of work: a planned contact, solved at all its depths and returned as rows of the truth file's tables."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fem_truth.constrained import ConstrainedProblem, Solution
-from fem_truth.generate.shards import Tables
-from fem_truth.newton import NewtonSettings
-from fem_truth.sampling.approach import Approach, OutOfReach
-from fem_truth.sampling.contact_path import JUMP_SPEED, ContactPath, PathSample, node_speeds
-from fem_truth.sampling.contact_plan import (
+from softprint.fem_truth.constrained import ConstrainedProblem, Solution
+from softprint.fem_truth.generate.shards import Tables
+from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.sampling.approach import Approach, OutOfReach
+from softprint.fem_truth.sampling.contact_path import JUMP_SPEED, ContactPath, PathSample, node_speeds
+from softprint.fem_truth.sampling.contact_plan import (
     DEPTHS_STREAM,
     SIDEWAYS_STREAM,
     TURN_STREAM,
     ContactPlan,
     PlannedContact,
 )
-from fem_truth.sampling.depths import noisy_depths
-from fem_truth.sampling.rotations import random_rotation
-from runtime.arrays import Array, IntArray
-from runtime.colliders.collider import Collider
-from runtime.mesh import Mesh
-from runtime.truth.truth_schema import UNREACHED
+from softprint.fem_truth.sampling.depths import noisy_depths
+from softprint.fem_truth.sampling.rotations import random_rotation
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.mesh import Mesh
+from softprint.runtime.truth.truth_schema import UNREACHED
 
 _UNREACHED = "An earlier depth of the same contact did not converge, so there was nothing to start from."
 
 
 @dataclass(frozen=True, eq=False)
 class ContactWork:
-    """Everything that the contacts of a plan share.
+    """Data shared by the contacts of a plan.
 
-    colliders: those of the plan, made by the first call for each; rows: (n_states, n_rows, dim) and internal:
+    colliders: those of the plan, each built at its first use; rows: (n_states, n_rows, dim) and internal:
     (n_states, n_nodes, dim) internal equilibria [m] of the states; places: (n_states, n_places) mesh nodes; rotations:
-    (n_rotations, dim, dim); depths: how many a contact, up to max_depth [m], with noise as a share of their step.
+    (n_rotations, dim, dim); depths: number per contact, up to max_depth [m], with noise as a share of their step.
     """
 
     problem: ConstrainedProblem
@@ -49,11 +49,11 @@ class ContactWork:
     depths: int
     max_depth: float
     depth_noise: float
-    settings: NewtonSettings
+    settings: FullSpaceSettings
     _surfaces: dict[int, tuple[Array, Array]] = field(default_factory=dict)
 
     def solve(self, unit: int) -> Tables:
-        """The tables `contacts` (one row), `samples` and `repeat` of a unit; rows count from 0 within the
+        """The tables `contacts` (one row), `samples` and `repeat` of a unit; row numbers start at 0 within the
         unit."""
         contact = self.plan[unit]
         approach = self._approach(contact)
@@ -85,14 +85,15 @@ class ContactWork:
             self._surfaces[contact.state] = deformed.points[mesh.surface_nodes], deformed.surface_normals
         surface, normals = self._surfaces[contact.state]
         aimed = int(np.searchsorted(mesh.surface_nodes, place))
-        # Turned as a whole for each state and place: as well spread there, and no two places see the same rotations.
+        # The set is rotated as a whole for each state and place: it stays evenly spread, and no two places have the
+        # same rotations.
         turn = random_rotation(mesh.dim, self.plan.rng_of_place(TURN_STREAM, contact))
         rotation = self.rotations[contact.rotation] @ turn
         collider = self.colliders[contact.collider]()
         return Approach(collider, surface, surface[aimed], normals[aimed], rotation)
 
     def _sideways(self, contact: PlannedContact, approach: Approach) -> Array:
-        """A unit vector along the surface at the place, drawn for this contact alone."""
+        """A unit vector tangential to the surface at the place, drawn with the generator of this contact."""
         drawn = self.plan.rng(SIDEWAYS_STREAM, contact).standard_normal(len(approach.normal))
         along = drawn - (drawn @ approach.normal) * approach.normal
         return along / np.linalg.norm(along)
@@ -155,12 +156,12 @@ class ContactWork:
 
 
 def _displacement(solution: Solution | None, internal: Array) -> Array | None:
-    """Contact displacement [m], or None where there is no equilibrium."""
+    """Contact displacement [m], or None if there is no equilibrium."""
     return solution.x - internal if solution is not None and solution.converged else None
 
 
 def _stacked(displacements: list[Array | None], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """(n, n_nodes, dim) in the precision of the file, NaN where there is no equilibrium."""
+    """(n, n_nodes, dim) in the precision of the file, NaN for samples without an equilibrium."""
     stacked = np.full((len(displacements), *shape), np.nan, dtype=np.float32)
     for row, displacement in zip(stacked, displacements, strict=True):
         if displacement is not None:

@@ -1,10 +1,9 @@
-"""Sharing units of work among groups of MPI ranks: whichever group is free takes the next one.
+"""Dynamic distribution of units of work over groups of MPI ranks: a free group takes the next unit.
 
-A group is one rank, or several that hold a part of the body each and solve together. The number of the next unit is a
-counter in the memory of rank 0 that the first rank of a group reads and advances with one atomic, one-sided operation
-(MPI_Fetch_and_op), and tells its group. No rank hands out work, so none, rank 0 included, is idle; groups differ at
-the end by at most one unit. Which group does a unit has no influence on its result: that is for the unit's work to
-keep.
+A group is one rank, or several ranks that each have a part of the body and solve together. The number of the next unit
+is a counter in the memory of rank 0. The first rank of a group reads and increments it with one atomic, one-sided
+operation (MPI_Fetch_and_op) and broadcasts it to its group. There is no master rank, so no rank is idle; at the end,
+groups differ by at most one unit. The result of a unit must not depend on the group that computes it.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ from typing import TypeVar, cast
 import numpy as np
 from mpi4py import MPI
 
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Budget:
-    """When to stop taking new units: after ``units`` units in all, or at ``deadline`` (time.monotonic()
+    """When to stop taking new units: after ``units`` units in total, or at ``deadline`` (time.monotonic()
     [s])."""
 
     units: int | None = None
@@ -37,21 +36,21 @@ class Budget:
 
 @dataclass(frozen=True)
 class Groups:
-    """The ranks of a run, ``world``, in groups of as many each; solve: those of this rank's group."""
+    """The ranks of a run (``world``) in groups of equal size; solve: the communicator of this rank's group."""
 
     world: MPI.Intracomm
     solve: MPI.Intracomm
 
     @classmethod
     def of(cls, world: MPI.Intracomm, ranks_per_solve: int = 1) -> Groups:
-        """Collective. Neighbours in rank form a group, for launchers put those on one machine. Raises SoftprintError
-        where groups of this size would leave ranks over."""
+        """Collective. Consecutive ranks form a group, because launchers place those on one machine. Raises
+        SoftprintError if the number of ranks is not a multiple of the group size."""
         if ranks_per_solve < 1:
             raise SoftprintError(f"--ranks-per-solve {ranks_per_solve}: must be at least 1")
         if world.size % ranks_per_solve:
             raise SoftprintError(
-                f"--ranks-per-solve {ranks_per_solve}: {world.size} rank(s) do not make whole groups of so many; start "
-                f"a multiple of {ranks_per_solve} (mpirun -n {ranks_per_solve * (1 + world.size // ranks_per_solve)}), "
+                f"--ranks-per-solve {ranks_per_solve}: {world.size} rank(s) do not divide into groups of that size; "
+                f"start a multiple of it (mpirun -n {ranks_per_solve * (1 + world.size // ranks_per_solve)}), "
                 f"or choose a divisor of {world.size}"
             )
         if ranks_per_solve == 1:
@@ -60,12 +59,12 @@ class Groups:
 
     @property
     def leads(self) -> bool:
-        """Whether this rank is the first of its group: the one that writes what all of them have found."""
+        """Whether this rank is the first of its group: the one that writes the group's results."""
         return self.solve.rank == 0
 
 
 class Counter:
-    """A number that all ranks count up together. Collective to make and to free."""
+    """A counter shared by all ranks. Creating and freeing it is collective."""
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         size = MPI.INT64_T.Get_size()
@@ -77,7 +76,7 @@ class Counter:
         comm.Barrier()
 
     def next(self) -> int:
-        """The number before this call counted it up."""
+        """Increment the counter and return its previous value."""
         one, before = np.ones(1, dtype=np.int64), np.empty(1, dtype=np.int64)
         self._window.Lock(0, lock_type=MPI.LOCK_SHARED)
         self._window.Fetch_and_op(one, before, 0, 0, MPI.SUM)
@@ -95,12 +94,12 @@ def share_units(
     budget: Budget = Budget(),
     progress: Callable[[int], None] = lambda taken: None,
 ) -> None:
-    """Call work(unit) once for each of ``units`` on all ranks of one of the groups, in their order, until the budget is
+    """Call work(unit) once for each of ``units``, in order, on all ranks of one of the groups, until the budget is
     spent.
 
-    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. progress(n) is called as
-    this rank's group takes a unit, n being how many all groups have taken before. After an exception in ``work`` the
-    other ranks, those of the same group too, wait for ever: the command line ends them all
+    Collective, with the same ``units`` on every rank; returns on all ranks when all are done. progress(n) is called
+    when this rank's group takes a unit, where n is the number of units that all groups have taken before. After an
+    exception in ``work``, the other ranks (also those of the same group) wait for ever: the command line ends them all
     (`runtime.cli.ranks.end_all_ranks`).
     """
     last = len(units) if budget.units is None else min(len(units), budget.units)
@@ -120,14 +119,14 @@ def share_units(
 
 
 def wait_idly(comm: MPI.Comm) -> None:
-    """A barrier that sleeps: MPI's own spins, and would take a core from a rank that still works."""
+    """A barrier that sleeps. MPI's own barrier spins and would take a core from a rank that still works."""
     request = comm.Ibarrier()
     while not request.Test():
         time.sleep(0.01)
 
 
 def on_first_rank(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
-    """Do ``work`` on rank 0 only; all ranks get its result, or raise its SoftprintError."""
+    """Call ``work`` on rank 0 only; all ranks return its result, or raise its SoftprintError."""
     outcome: tuple[T | None, str | None] = (None, None)
     if comm.rank == 0:
         try:
@@ -142,7 +141,7 @@ def on_first_rank(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
 
 
 def first_rank_first(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
-    """Do ``work`` on all ranks, on rank 0 before the others: for what fills a cache that all use."""
+    """Call ``work`` on all ranks, on rank 0 before the others: for work that fills a shared cache."""
     made: list[T] = []
     on_first_rank(comm, lambda: made.append(work()))
     return made[0] if made else work()

@@ -6,52 +6,52 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from runtime.cli.context import Context
-from runtime.cli.ranks import end_with_launcher, is_launched
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.ranks import end_with_launcher, is_launched
+from softprint.runtime.cli.verb import Verb
 
 if TYPE_CHECKING:
-    from fem_truth.generate.pipeline import Run
+    from softprint.fem_truth.generate.pipeline import Run
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """How far to go in one run."""
+    """Add the options that limit one run."""
     parser.add_argument(
         "--units",
         type=int,
         metavar="K",
-        help="stop after K more contacts; the truth file then holds a useful part",
+        help="stop after K more contacts; the truth file then contains a usable part",
     )
     parser.add_argument(
-        "--time-budget", type=float, metavar="MINUTES", help="take up no new contact after so many minutes"
+        "--time-budget", type=float, metavar="MINUTES", help="start no new contact after this many minutes"
     )
     parser.add_argument(
         "--ranks-per-solve",
         type=int,
         default=1,
         metavar="K",
-        help="let K ranks hold a part of the body each and solve a contact together, for bodies that are too large for "
-        "one; K has to divide the number of ranks",
+        help="partition the body over K ranks, which solve each contact together, for bodies that are too large for "
+        "one rank; K has to divide the number of ranks",
     )
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Truth for the whole plan, or for as much of it as the options allow; truth.h5 and .xdmf in the run
+    """Compute the truth of the whole plan, or as much of it as the options allow; writes truth.h5 and .xdmf in the run
     directory."""
     if is_launched():
         end_with_launcher()
-    # h5py before DOLFINx: PyPI's wheel of h5py crashes when it comes second.
+    # Import h5py before DOLFINx: PyPI's wheel of h5py crashes if it is imported after it.
     import h5py  # noqa: F401
     from mpi4py import MPI
 
-    from fem_truth.generate.farm import first_rank_first
-    from fem_truth.generate.pipeline import Options, generate
-    from runtime.cli.run_body import body_of_run
-    from runtime.errors import SoftprintError
+    from softprint.fem_truth.generate.farm import first_rank_first
+    from softprint.fem_truth.generate.pipeline import Options, generate
+    from softprint.runtime.cli.run_body import body_of_run
+    from softprint.runtime.errors import SoftprintError
 
     for name, value in (("--units", args.units), ("--time-budget", args.time_budget)):
         if value is not None and not value >= 0:  # nan is not, either
-            raise SoftprintError(f"{name} {value}: must be a number that is not negative")
+            raise SoftprintError(f"{name} {value}: must not be negative")
     _warn_of_threads(context, MPI.COMM_WORLD.size)
     options = Options(
         units=args.units,
@@ -72,16 +72,16 @@ def _warn_of_threads(context: Context, ranks: int) -> None:
 
     if ranks > 1 and os.environ.get("OMP_NUM_THREADS") != "1":
         context.say(
-            "OMP_NUM_THREADS is not 1, so ranks will fight over the cores: OMP_NUM_THREADS=1 mpirun ..."
+            "OMP_NUM_THREADS is not 1, so the threads of all ranks compete for the cores: OMP_NUM_THREADS=1 mpirun ..."
         )
 
 
 def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
-    """What is in the truth file and what it cost, in a few lines."""
+    """Content and cost of the truth file, in a few lines."""
     import numpy as np
 
-    from runtime.truth.truth_file import load_truth
-    from runtime.truth.truth_schema import CONVERGED
+    from softprint.runtime.truth.truth_file import load_truth
+    from softprint.runtime.truth.truth_schema import CONVERGED
 
     with load_truth(done.truth) as truth:
         samples, n_contacts = truth.samples, len(truth.contacts)
@@ -89,7 +89,7 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
         converged = np.count_nonzero(samples["status"] == CONVERGED)
         lines = [
             f"{done.truth}: {n_contacts} of {truth.header.planned_contacts} contacts"
-            + ("" if truth.complete else " (partial: the same command goes on)"),
+            + ("" if truth.complete else " (partial: the same command continues)"),
             f"  {truth.n_samples} samples at {len(truth.states)} states ({len(truth.refused)} refused), "
             f"{100 * converged / n:.1f} % converged, "
             f"{np.count_nonzero(samples['branch_flag'])} flagged as jumps, "

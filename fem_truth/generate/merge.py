@@ -1,4 +1,4 @@
-"""Shards to truth file: all finished contacts in the order of the plan, one shard in memory at a time."""
+"""Merges shards into a truth file: all finished contacts in the order of the plan, one shard in memory at a time."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fem_truth.generate.shards import read_shard
-from runtime.body.body import ReducedBody
-from runtime.truth.truth_file import TruthHeader, create_truth
+from softprint.fem_truth.generate.shards import read_shard
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.truth.truth_file import TruthHeader, create_truth
 
 
 def merge_shards(
@@ -20,11 +20,9 @@ def merge_shards(
     refused: Mapping[str, object],
     shards: Iterable[Path],
 ) -> None:
-    """Write the truth file at ``path`` from the tables of states and the contacts' shards, in the order
-    given.
+    """Write the truth file at ``path`` from the tables of states and the contacts' shards, in the given order.
 
-    Indices that count within a shard (contacts of samples, samples of repeats) are shifted to count within
-    the file.
+    Indices within a shard (contacts of samples, samples of repeats) are shifted to indices within the file.
     """
     with create_truth(path, header, body) as truth:
         truth.append("states", states)

@@ -1,9 +1,8 @@
-"""The whole of `softprint generate`, the same on every rank: body, states, contacts, truth file."""
+"""All stages of `softprint generate`, the same on every rank: body, states, contacts, truth file."""
 
 from __future__ import annotations
 
 import fcntl
-import logging
 import resource
 import shutil
 import time
@@ -17,39 +16,45 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mpi4py import MPI
 
-from fem_truth.constrained import ConstrainedProblem
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.generate.contact_work import ContactWork
-from fem_truth.generate.farm import Budget, Groups, first_rank_first, on_first_rank, share_units, wait_idly
-from fem_truth.generate.merge import merge_shards
-from fem_truth.generate.plan_hash import check_manifest, fingerprint, refuse_changes, write_manifest
-from fem_truth.generate.shards import is_whole, write_shard
-from fem_truth.generate.state_stage import Columns, find_states
-from fem_truth.newton import NewtonSettings
-from fem_truth.parts.body_part import part_of_body
-from fem_truth.sampling.contact_places import places_by_state
-from fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactPlan
-from fem_truth.sampling.rotations import spread_rotations
-from runtime.arrays import IntArray
-from runtime.body.body import ReducedBody
-from runtime.cli.progress import Progress
-from runtime.colliders.build import build_collider
-from runtime.colliders.collider import Collider
-from runtime.contact import PenaltyContact
-from runtime.errors import SoftprintError
-from runtime.truth.truth_file import TruthHeader, load_truth, side_file, write_side_file
+from softprint.fem_truth.constrained import ConstrainedProblem
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.generate.contact_work import ContactWork
+from softprint.fem_truth.generate.farm import (
+    Budget,
+    Groups,
+    first_rank_first,
+    on_first_rank,
+    share_units,
+    wait_idly,
+)
+from softprint.fem_truth.generate.merge import merge_shards
+from softprint.fem_truth.generate.plan_hash import check_manifest, fingerprint, refuse_changes, write_manifest
+from softprint.fem_truth.generate.shards import is_whole, write_shard
+from softprint.fem_truth.generate.state_stage import Columns, find_states
+from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.parts.body_part import part_of_body
+from softprint.fem_truth.sampling.contact_places import places_by_state
+from softprint.fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactPlan
+from softprint.fem_truth.sampling.rotations import spread_rotations
+from softprint.runtime.arrays import IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.cli.progress import Progress
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.optimise import NewtonSettings
+from softprint.runtime.truth.truth_file import TruthHeader, load_truth, side_file, write_side_file
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment
-
-log = logging.getLogger(__name__)
+    from softprint.runtime.experiment import Experiment
 
 
 @dataclass(frozen=True)
 class Options:
-    """How far to go in this run. units: stop after so many new contacts; minutes: take no new contact after
-    so long; resume: keep finished work; ranks_per_solve: how many ranks hold a part of the body each and solve a
-    contact together; progress(total): makes the bar that counts contacts."""
+    """Limits of this run. units: stop after this many new contacts; minutes: start no new contact after this time;
+    resume: keep finished work; ranks_per_solve: number of ranks over which the body is partitioned, which solve a
+    contact together; progress(total): makes the progress bar of contacts."""
 
     units: int | None = None
     minutes: float | None = None
@@ -60,7 +65,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Run:
-    """What one call of :func:`generate` did: contacts solved now, wall time [s], largest memory of a rank
+    """Result of one call of :func:`generate`: contacts solved in it, wall time [s], largest memory of a rank
     [bytes]."""
 
     truth: Path
@@ -72,11 +77,11 @@ class Run:
 def generate(
     comm: MPI.Intracomm, experiment: Experiment, body: ReducedBody, out: Path, options: Options = Options()
 ) -> Run:
-    """Bring ``out``/truth.h5 up to what experiment and options ask for. Collective; raises SoftprintError on
+    """Compute ``out``/truth.h5 as far as experiment and options ask for. Collective; raises SoftprintError on
     all ranks.
 
-    All finished contacts are in the truth file when this returns, be it complete or not. Shards are kept
-    until it is.
+    When this returns, the truth file contains all finished contacts, whether it is complete or not. Shards are kept
+    until it is complete.
     """
     began = time.monotonic()
     groups = Groups.of(comm, options.ranks_per_solve)
@@ -133,7 +138,7 @@ def _write_truth(
     made_from: dict[str, str],
     text: str,
 ) -> int:
-    """Merge all finished contacts and return their number; the shards go when none is missing."""
+    """Merge all finished contacts and return their number; the shards are removed when none is missing."""
     finished = [unit for unit in range(len(plan)) if _shard(folder, unit).exists()]
     header = TruthHeader(
         body_hash=body.content_hash,
@@ -154,21 +159,20 @@ def _shard(folder: Path, unit: int) -> Path:
 
 
 def _is_complete(truth: Path, made_from: dict[str, str]) -> bool:
-    """Whether the truth file is there and whole; raises SoftprintError where it was made from something
-    else."""
+    """Whether the truth file exists and is complete; raises SoftprintError if it was made from other inputs."""
     if not truth.exists():
         return False
     try:
         with load_truth(truth) as data:
             before, complete = data.header.made_from, data.complete
     except SoftprintError as error:
-        raise SoftprintError(f"{error}; `softprint generate --no-resume` starts it anew") from error
+        raise SoftprintError(f"{error}; `softprint generate --no-resume` starts again") from error
     refuse_changes(truth, before, made_from)
     return complete
 
 
 def _tidy_up(truth: Path, folder: Path) -> None:
-    """What a kill after the truth file was whole left to do."""
+    """Finish the clean-up if an earlier run was killed after the truth file was complete."""
     shutil.rmtree(folder, ignore_errors=True)
     if not side_file(truth).is_file():
         write_side_file(truth)
@@ -212,16 +216,15 @@ def _contact_work(
         depths=sampling.depths,
         max_depth=sampling.max_depth,
         depth_noise=sampling.depth_noise,
-        settings=NewtonSettings(
-            gradient_tolerance=sampling.solver.residual,
-            decrement_tolerance=sampling.solver.decrement,
-            max_iterations=sampling.solver.max_iterations,
+        settings=FullSpaceSettings(
+            NewtonSettings(sampling.solver.max_iterations, sampling.solver.residual),
+            sampling.solver.decrement,
         ),
     )
 
 
 def sampled_collider(experiment: Experiment, name: str) -> Collider:
-    """One of the colliders that the truth is made with. Raises SoftprintError where it has no bounds."""
+    """One of the colliders that the truth is made with. Raises SoftprintError if it has no bounds."""
     collider = build_collider(experiment.collider(name), experiment.base_dir)
     if not np.isfinite(collider.upper - collider.lower).all():
         raise SoftprintError(
@@ -233,14 +236,14 @@ def sampled_collider(experiment: Experiment, name: str) -> Collider:
 
 def _places(body: ReducedBody, experiment: Experiment, count: int, n_states: int) -> IntArray:
     sampling = experiment.sampling
-    # Shapes of a library are all of one size.
+    # All shapes of a library have the same size.
     size = sampled_collider(experiment, experiment.sampled_colliders[0]).size
     return places_by_state(body, count, n_states, sampling.frame_clearance * size)
 
 
 @contextmanager
 def _only_generator(comm: MPI.Intracomm, out: Path) -> Iterator[None]:
-    """One `generate` at a time in a folder: a lock that the system takes back from a killed process."""
+    """Allow one `generate` at a time in a folder, by a lock that the operating system releases when a process ends."""
     lock = out / ".generate.lock"
 
     def take() -> None:
@@ -248,7 +251,7 @@ def _only_generator(comm: MPI.Intracomm, out: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise SoftprintError(
-                f"another `softprint generate` is at work in {out}: wait for it or end it"
+                f"another `softprint generate` is running in {out}: wait for it or end it"
             ) from error
 
     try:
@@ -262,6 +265,6 @@ def _only_generator(comm: MPI.Intracomm, out: Path) -> Iterator[None]:
 
 
 def _peak_memory(comm: MPI.Comm) -> int:
-    """Largest resident size any rank has had [bytes]."""
+    """Largest peak resident memory of any rank [bytes]."""
     kibibytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(comm.allreduce(kibibytes, op=MPI.MAX)) * 1024

@@ -1,8 +1,7 @@
-"""What a folder of shards was made from, so that two experiments are never mixed in one truth file.
+"""Manifest of the inputs of a folder of shards, so that two experiments are never mixed in one truth file.
 
-The manifest is a flat table of everything that decides the numbers: key of the experiment -> value, plus the
-hashes of the body and of the collider's file. It is compared key by key, so that a refusal can say what
-changed.
+The manifest is a flat table of everything that determines the numbers: key of the experiment -> value, plus the
+hashes of the body and of the collider's file. It is compared key by key, so that an error can say what changed.
 """
 
 from __future__ import annotations
@@ -12,23 +11,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.body.body import ReducedBody
-from runtime.errors import SoftprintError
-from runtime.experiment.sources import formulas_hash, scene_files
-from runtime.io.files import atomic_path
-from runtime.truth.truth_colliders import FORMULAS, flat_table, sampled_file_hashes, without_absent
-from runtime.truth.truth_schema import VERSION
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.sources import formulas_hash, scene_files
+from softprint.runtime.io.files import atomic_path
+from softprint.runtime.truth.truth_colliders import FORMULAS, flat_table, sampled_file_hashes, without_absent
+from softprint.runtime.truth.truth_schema import VERSION
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment
+    from softprint.runtime.experiment import Experiment
 
 MANIFEST = "manifest.json"
 _ABSENT = "(absent)"
-_HASH = " hash"  # how the keys of contents end, which truths of before may not have recorded
+_HASH = " hash"  # suffix of the keys of file contents, which older truth files may lack
 
 
 def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
-    """Everything that decides the truth of an experiment, flat: {"sampling.max_depth": "0.012", ...}."""
+    """Everything that determines the truth of an experiment, as a flat table: {"sampling.max_depth": "0.012", ...}."""
     content = experiment.model_dump(mode="json")
     deciding = {key: content[key] for key in ("body", "contact", "dynamics", "sampling")}
     deciding["colliders"] = {spec["name"]: spec for spec in content["colliders"]}
@@ -51,10 +50,10 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
 
 
 def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
-    """Whether the shards in ``folder`` may be kept: True if they were made from the same; False if there are
+    """Whether the shards in ``folder`` may be kept: True if they were made from the same inputs; False if there are
     none.
 
-    Raises SoftprintError naming what changed where they were made from something else.
+    Raises SoftprintError naming the changes if they were made from other inputs.
     """
     path = folder / MANIFEST
     if not path.is_file():
@@ -62,14 +61,13 @@ def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
     try:
         before: dict[str, str] = json.loads(path.read_text())
     except ValueError as error:
-        raise SoftprintError(f"{path}: damaged; --no-resume starts the truth anew") from error
+        raise SoftprintError(f"{path}: damaged; --no-resume starts again") from error
     refuse_changes(folder, before, present)
     return True
 
 
 def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str, str]) -> None:
-    """Raise SoftprintError naming each difference between what ``where`` was made from and the present
-    experiment."""
+    """Raise SoftprintError naming each difference between the inputs of ``where`` and the present experiment."""
     before, present = without_absent(before), without_absent(present)
     changes = [
         f"{key}: {before.get(key, _ABSENT)} -> {present.get(key, _ABSENT)}"
@@ -79,8 +77,8 @@ def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str,
     if changes:
         shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
         raise SoftprintError(
-            f"{where} holds finished work of a different experiment ({shown}). Undo the change to go on with "
-            "it, choose another --out, or start anew with --no-resume"
+            f"{where} contains finished work of a different experiment ({shown}). Undo the change to continue, "
+            "choose another --out, or start again with --no-resume"
         )
 
 

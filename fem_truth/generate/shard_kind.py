@@ -1,4 +1,4 @@
-"""What `softprint inspect` says of a shard. Nothing of full space is imported: it works wherever the file is."""
+"""What `softprint inspect` prints for a shard. Imports no full-space code, so that it works without DOLFINx."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from fem_truth.generate.shards import MAGIC, DamagedShard, read_shard
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary
-from runtime.truth.truth_schema import STATUS_NAMES
+from softprint.fem_truth.generate.shards import MAGIC, DamagedShard, read_shard
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary
+from softprint.runtime.truth.truth_schema import STATUS_NAMES
 
 
 def recognise(head: FileHead) -> bool:
@@ -20,12 +20,12 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Rows of each table; of a finished contact also the statuses of its samples. Checked by its digest."""
+    """Rows of each table; for a finished contact also the statuses of its samples. Checks the digest."""
     try:
         tables = read_shard(path)
     except DamagedShard as error:
         raise SoftprintError(
-            f"{path}: a shard that is truncated or altered; `softprint generate` makes it again"
+            f"{path}: a truncated or altered shard; `softprint generate` makes it again"
         ) from error
     facts: dict[str, Any] = {
         "rows": {name: len(next(iter(columns.values()))) for name, columns in tables.items() if columns},
@@ -33,13 +33,13 @@ def summarise(path: Path, part: Part) -> Summary:
             sum(np.asarray(c).nbytes for columns in tables.values() for c in columns.values())
         ),
     }
-    if "samples" in tables:  # and then a contact, as `contact_work` writes it
+    if "samples" in tables:  # then it is a contact, as written by `contact_work`
         codes, counts = np.unique(tables["samples"]["status"], return_counts=True)
         facts["samples by status"] = {
             STATUS_NAMES.get(int(code), f"code {code}"): int(n) for code, n in zip(codes, counts)
         }
         facts["core-seconds"] = float(np.sum(tables["contacts"]["seconds"]))
-    return Summary(path, "a shard: a finished part of a generation", {"shard": facts})
+    return Summary(path, "a shard: a finished part of `softprint generate`", {"shard": facts})
 
 
 KIND = Kind(recognise, summarise)

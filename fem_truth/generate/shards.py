@@ -1,7 +1,7 @@
-"""Shards: one file for each finished unit of work, whole or not there, with a digest that tells damage.
+"""Shards: one file for each finished unit of work, written atomically, with a digest that detects damage.
 
-Measured (HDF5 1.10.8, 15 kills each): of files appended to in place none to 14 survived a SIGKILL, of files
-written aside, synced and renamed all 15. So a unit's tables go into a shard of their own:
+Measured (HDF5 1.10.8, 15 kills each): of files appended to in place, 0 to 14 survived a SIGKILL; of files
+written under a temporary name, synced and renamed, all 15 did. So each unit's tables are written to a shard:
 
     softprint shard 1\\n  <sha256 of the rest, hex>\\n  <numpy .npz, keys "table/column">
 """
@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path
 
 MAGIC = b"softprint shard 1\n"
-_REMEDY = "the same command again does it anew"
+_REMEDY = "the same command computes it again"
 _HEADER_BYTES = len(MAGIC) + 64 + 1
 
 Column = NDArray[Any]
@@ -29,7 +29,7 @@ Tables = dict[str, dict[str, Column]]
 
 
 class DamagedShard(SoftprintError):
-    """The file is not a whole shard: it has to be made again, which the next run does."""
+    """The file is not a complete shard; the next run makes it again."""
 
 
 def write_shard(path: Path, tables: Mapping[str, Mapping[str, object]]) -> None:
@@ -49,7 +49,7 @@ def write_shard(path: Path, tables: Mapping[str, Mapping[str, object]]) -> None:
 def _plain(values: object) -> Column:
     array = np.asarray(values)
     if array.dtype.hasobject:
-        raise TypeError(f"a shard holds numbers and text, not {array.dtype}")
+        raise TypeError(f"a shard contains numbers and text, not {array.dtype}")
     return array
 
 
@@ -58,10 +58,10 @@ def read_shard(path: Path) -> Tables:
     try:
         content = path.read_bytes()
     except FileNotFoundError as error:
-        raise DamagedShard(f"{path}: is not there (any more); {_REMEDY}") from error
+        raise DamagedShard(f"{path}: does not exist (any more); {_REMEDY}") from error
     payload = content[_HEADER_BYTES:]
     if content[:_HEADER_BYTES] != MAGIC + hashlib.sha256(payload).hexdigest().encode() + b"\n":
-        raise DamagedShard(f"{path}: finished work was cut short or altered; {_REMEDY}")
+        raise DamagedShard(f"{path}: truncated or altered; {_REMEDY}")
     tables: Tables = {}
     with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
         for name in arrays.files:
@@ -71,7 +71,7 @@ def read_shard(path: Path) -> Tables:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether ``path`` is a shard that can be kept."""
+    """Whether ``path`` is a complete shard."""
     try:
         read_shard(path)
     except DamagedShard:

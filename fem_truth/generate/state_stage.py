@@ -1,4 +1,4 @@
-"""States of the truth: recorded frames in farthest-point order, until enough have a stable internal
+"""Selects the states of the truth: recorded frames in farthest-point order, until enough have a stable internal
 equilibrium."""
 
 from __future__ import annotations
@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_truth.constrained import ConstrainedProblem
-from fem_truth.generate.farm import Groups, on_first_rank, share_units
-from fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
-from fem_truth.sampling.recorded_states import record_scenes, spread_states
-from runtime.body.body import ReducedBody
-from runtime.errors import SoftprintError
+from softprint.fem_truth.constrained import ConstrainedProblem
+from softprint.fem_truth.generate.farm import Groups, on_first_rank, share_units
+from softprint.fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
+from softprint.fem_truth.sampling.recorded_states import record_scenes, spread_states
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment
+    from softprint.runtime.experiment import Experiment
 
 log = logging.getLogger(__name__)
 
-# How many candidates may be tried for each state wanted before the experiment is called unusable.
+# Number of candidates tried per requested state before the experiment is refused.
 _TRIES = 4
 
 Columns = dict[str, Column]
@@ -52,7 +52,7 @@ def find_states(
             raise SoftprintError(
                 f"only {len(accepted)} of sampling.states = {wanted} states could be found among "
                 f"{n_candidates} candidates ({reasons}): "
-                "ask for fewer states, or record more varied and gentler scenes"
+                "use fewer states, or record scenes that are more varied and less violent"
             )
         _solve_candidates(groups, folder, problem, recording, batch)
         for candidate in batch:
@@ -62,7 +62,7 @@ def find_states(
 
 
 def _record(path: Path, experiment: Experiment, body: ReducedBody) -> None:
-    """Keep the frames that may become states, in farthest-point order."""
+    """Save the candidate frames for states, in farthest-point order."""
     if is_whole(path):
         return
     recording = record_scenes(experiment, body)

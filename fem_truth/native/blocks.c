@@ -1,10 +1,10 @@
-/* Products with a symmetric matrix of DIM x DIM blocks of which the diagonal and the upper triangle are kept, and the
- * vector operations of projected conjugate gradients, each in one pass over memory.
+/* Products with a symmetric matrix of DIM x DIM blocks, stored as its diagonal and upper triangle, and the vector
+ * operations of projected conjugate gradients, each in one pass over memory.
  *
- * A node vector has WIDTH numbers a node (in 3D the fourth is padding), so that a node is one small vector register.
+ * A node vector has WIDTH numbers per node (in 3D the fourth is padding), so that a node fits one small vector register.
  * Blocks are stored row by row without padding. Above the diagonal a row is loaded as one register: the load may read
- * into the next block (the caller leaves a spare one at the end), and what it finds there meets the padding of the
- * vector, which stays zero.
+ * into the next block (the caller allocates one more at the end), and these values are multiplied by the padding of the
+ * vector, which is always zero.
  *
  * Compiled with -DDIM=2 or 3 and -DREAL=float or double and -DTILE=... for each use; see library.py.
  */
@@ -13,7 +13,7 @@
 
 #define WIDTH (DIM == 3 ? 4 : 2)
 #define SQUARE (DIM * DIM)
-#define CHUNK 512 /* nodes whose shares of a sum are added in `real`, before the sum goes on in double */
+#define CHUNK 512 /* nodes whose terms are summed in `real` before they are added to the sum in double */
 
 typedef REAL real;
 typedef real node __attribute__((vector_size(WIDTH * sizeof(REAL))));
@@ -69,7 +69,7 @@ double product(int64_t n, const int32_t *starts, const int32_t *columns, const r
             }
             store(y + j * WIDTH, yj);
         }
-        /* Rows above have left their share in y_i, and rows below leave none. */
+        /* Rows above have already added their terms to y_i; rows below add none. */
         node yi = clean(load(y + i * WIDTH)) + times(diagonal + i * SQUARE, xi);
         for (int r = 0; r < DIM; r++) yi[r] += sum(row[r]);
         store(y + i * WIDTH, yi);
@@ -78,7 +78,7 @@ double product(int64_t n, const int32_t *starts, const int32_t *columns, const r
     return energy;
 }
 
-/* c = Q^T v, (tiles * TILE, WIDTH) in double. Q is kept in tiles of TILE columns: (tiles, n, TILE). */
+/* c = Q^T v, (tiles * TILE, WIDTH) in double. Q is stored in tiles of TILE columns: (tiles, n, TILE). */
 void coordinates(int64_t n, int64_t tiles, const real *Q, const real *v, double *c) {
     memset(c, 0, tiles * TILE * WIDTH * sizeof(double));
     for (int64_t tile = 0; tile < tiles; tile++)
@@ -95,7 +95,7 @@ void coordinates(int64_t n, int64_t tiles, const real *Q, const real *v, double 
         }
 }
 
-/* (Q c)_i; four sums, for each waits for itself */
+/* (Q c)_i; four independent sums hide the latency of additions */
 static inline node lifted(int64_t n, int64_t tiles, const real *Q, const real *c, int64_t i) {
     node part[4] = {{0}};
     for (int64_t tile = 0; tile < tiles; tile++) {
@@ -131,7 +131,7 @@ double deflate(int64_t n, int64_t tiles, const real *Q, const real *c, const rea
     return rho;
 }
 
-/* inverse = B^-1 of the symmetric blocks (n, DIM, DIM). Those that are not positive definite (Sylvester) are left to the caller: their numbers go into `left`, their count is returned. */
+/* inverse = B^-1 of the symmetric blocks (n, DIM, DIM). Blocks that are not positive definite (Sylvester) are left to the caller: their indices are written to `left`, their count is returned. */
 int64_t invert(int64_t n, const double *blocks, real *inverse, int64_t *left) {
     int64_t count = 0;
     for (int64_t i = 0; i < n; i++) {

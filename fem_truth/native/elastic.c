@@ -12,11 +12,12 @@
  *                      + psi_J E(g_a, g_b) ],
  *     E_ik  = eps_ikm (F (g_a x g_b))_m  in 3D,   eps_ik (g_a x g_b)  in 2D.
  *
- * LANES cells are worked on at once: every quantity of a group of cells is an array over its lanes, which the
- * compiler turns into vector instructions. psi is linear in both moduli, which therefore come multiplied by the
- * volume; the last group is filled up with copies of a cell whose moduli are zero.
+ * LANES cells are processed at once: every quantity of a group of cells is an array over its lanes, which the
+ * compiler turns into vector instructions. psi is linear in both moduli, which are therefore passed multiplied by the
+ * volume; the last group is padded with copies of a cell whose moduli are zero.
  *
- * Compiled with -DDIM=2 or 3 and -DMODEL=... for each use; see library.py.
+ * Compiled with -DDIM=2 or 3 and -DDENSITY='"neo_hookean.h"', say, for each use: the header of the material's model in
+ * this folder; see library.py.
  */
 #include <math.h>
 #include <stdint.h>
@@ -34,33 +35,12 @@ typedef struct {
     int64_t groups;
     const int32_t *corners;   /* (groups, CORNERS, LANES) nodes, ascending over the corners of a cell */
     const int32_t *pairs;     /* (groups, PAIRS, LANES) blocks above the diagonal: corners 01, 02, .. 12, .. */
-    const double *gradients;  /* (groups, DIM, DIM, LANES) g_a of the corners but the first [1/m] */
+    const double *gradients;  /* (groups, DIM, DIM, LANES) g_a of all corners except the first [1/m] */
     const double *mu, *lambda;  /* (groups, LANES) moduli times volume [J] */
 } Cells;
 
-#define STABLE_NEO_HOOKEAN 1
-#define NEO_HOOKEAN 2
-
-#if MODEL == STABLE_NEO_HOOKEAN
-/* psi = mu/2 s - mu/2 log(1 + s/4) - 3/4 mu (J - 1) + lambda/2 (J - 1)^2 (Smith et al. 2018) */
-static inline double psi(double s, double J, double mu, double lambda) {
-    return mu * (0.5 * s - 0.5 * log(1.0 + 0.25 * s) - 0.75 * (J - 1.0)) + 0.5 * lambda * (J - 1.0) * (J - 1.0);
-}
-static inline double psi_s(double s, double mu) { return 0.5 * mu * (1.0 - 1.0 / (4.0 + s)); }
-static inline double psi_ss(double s, double mu) { return 0.5 * mu / ((4.0 + s) * (4.0 + s)); }
-static inline double psi_J(double J, double mu, double lambda) { return lambda * (J - 1.0) - 0.75 * mu; }
-static inline double psi_JJ(double J, double mu, double lambda) { return lambda; }
-#elif MODEL == NEO_HOOKEAN
-/* psi = mu/2 s - mu log J + lambda/2 (log J)^2; not a number where J <= 0 */
-static inline double psi(double s, double J, double mu, double lambda) {
-    double log_J = log(J);
-    return 0.5 * mu * s - mu * log_J + 0.5 * lambda * log_J * log_J;
-}
-static inline double psi_s(double s, double mu) { return 0.5 * mu; }
-static inline double psi_ss(double s, double mu) { return 0.0; }
-static inline double psi_J(double J, double mu, double lambda) { return (lambda * log(J) - mu) / J; }
-static inline double psi_JJ(double J, double mu, double lambda) { return (mu + lambda * (1.0 - log(J))) / (J * J); }
-#endif
+/* psi(s, J, mu, lambda) and its derivatives psi_s, psi_ss, psi_J, psi_JJ. */
+#include DENSITY
 
 /* F and cof F (row by row), s and J of one group, at the positions x (n_nodes, DIM). */
 static inline void kinematics(const double *x, const int32_t *corners, const double *g, lanes *F, lanes *C, lanes s,

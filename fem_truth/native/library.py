@@ -1,5 +1,5 @@
-"""Compiles the C sources of this folder for the processor at hand and loads them. A compiler is there wherever
-DOLFINx is: its forms are compiled with it too, and these libraries lie in the same cache, behind the same lock."""
+"""Compiles the C sources in this folder for this processor and loads them. DOLFINx needs a C compiler for its forms, so
+there always is one. The libraries are in the same cache as the forms, protected by the same lock."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ import sysconfig
 from functools import cache
 from pathlib import Path
 
-from fem_truth.form_cache import form_cache
-from runtime.errors import SoftprintError
+from softprint.fem_truth.form_cache import form_cache
+from softprint.runtime.errors import SoftprintError
 
 _FOLDER = Path(__file__).parent
-# Only what leaves every result as IEEE arithmetic would have it, but for a * b + c in one rounding: whether an energy
-# is finite is asked of these results.
+# Only flags that keep IEEE arithmetic, except that a * b + c may be rounded once: the code tests results for being
+# finite.
 _FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
 
 
 @cache
 def load_library(source: str, **macros: str | int) -> ctypes.CDLL:
-    """The library of ``source`` (such as "blocks.c") with -DNAME=VALUE for each macro; compiled where it has not
-    been for this source, these flags and this processor. Raises SoftprintError if the compiler is missing or fails.
+    """The library of ``source`` (such as "blocks.c") with -DNAME=VALUE for each macro. It is compiled if there is none
+    in the cache for this source, its headers, these flags and this processor. Raises SoftprintError if the compiler
+    is missing or fails.
     """
     path = _FOLDER / source
     compiler = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
     defines = [f"-D{name}={value}" for name, value in sorted(macros.items())]
     command = [*shlex.split(compiler), *_FLAGS, *defines, str(path)]
-    recipe = " ".join([path.read_text(), *command, _processor()])
+    texts = [path.read_text(), *(header.read_text() for header in sorted(_FOLDER.glob("*.h")))]
+    recipe = " ".join([*texts, *command, _processor()])
     with form_cache() as folder:
         library = folder / f"{path.stem}_{hashlib.sha256(recipe.encode()).hexdigest()[:16]}.so"
         if not library.exists():
@@ -40,7 +42,7 @@ def load_library(source: str, **macros: str | int) -> ctypes.CDLL:
 
 
 def _compile(command: list[str], library: Path) -> None:
-    """Under a name of its own until it is whole: a killed compiler leaves nothing that would be loaded."""
+    """Compile to a temporary name and rename when complete, so that the output of a killed compiler is never loaded."""
     unfinished = library.with_name(f"{library.name}.unfinished")
     try:
         done = subprocess.run(
@@ -51,15 +53,15 @@ def _compile(command: list[str], library: Path) -> None:
         os.replace(unfinished, library)
     except FileNotFoundError as error:
         raise SoftprintError(
-            f"there is no C compiler {command[0]!r}: full-space solves need one (apt-get install gcc), or let "
-            "CC name another"
+            f"there is no C compiler {command[0]!r}: full-space solves need one (apt-get install gcc, or set CC to "
+            "another)"
         ) from error
     finally:
         unfinished.unlink(missing_ok=True)
 
 
 def _processor() -> str:
-    """What decides -march=native: homes are shared between machines that differ."""
+    """The processor, which determines -march=native: different machines may share a home directory."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

@@ -1,8 +1,8 @@
-"""Freed memory stays with the process.
+"""Keeps freed memory in the process.
 
-A solve makes and drops vectors of some hundred kilobytes all the time. The C library gives memory of that size back
-to the system at once, and the system has to clear every page of it again: eight copies of a 60,000-cell body's
-positions took 0.8 ms, and 0.08 ms where memory is kept.
+A solve allocates and frees vectors of some hundred kilobytes all the time. By default, the C library returns memory of
+that size to the operating system at once, and the system clears every page again at the next allocation: eight copies
+of a 60,000-cell body's positions take 0.8 ms, and 0.08 ms if memory is kept.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from __future__ import annotations
 import ctypes
 import sys
 
-# From malloc.h of the GNU C library, for which alone the call is made.
+# From malloc.h of the GNU C library; other C libraries are left alone.
 _TRIM_THRESHOLD, _TOP_PAD, _MMAP_THRESHOLD = -1, -2, -3
-_KEPT = 512 * 2**20  # bytes that may lie idle before any are given back
-_STEP = 16 * 2**20  # bytes asked of the system at a time
-_LARGE = 32 * 2**20  # from here on an array gets pages of its own
+_KEPT = 512 * 2**20  # free bytes kept before memory is returned
+_STEP = 16 * 2**20  # bytes requested from the system at a time
+_LARGE = 32 * 2**20  # arrays of at least this size get their own pages
 
 
 def keep_freed_memory() -> None:
-    """For the whole process; does nothing on systems with another C library."""
+    """Keep freed memory in the whole process; does nothing with another C library."""
     if not sys.platform.startswith("linux"):
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)

@@ -1,7 +1,7 @@
-"""What a full-space solve needs to know of a body, for the cells and nodes that are on this rank.
+"""The body data that a full-space solve needs, for the cells and nodes on this rank.
 
-Vectors are in the body's order of nodes at the public interface of every solver, and in the part's order within:
-`take` and `whole` lead from one to the other. A whole body is the part of a rank that solves alone, and costs nothing.
+Vectors are in the body's node order at the public interface of every solver, and in the part's order inside: `take` and
+`whole` convert between the two. A rank that solves alone has the whole body as its part, at no extra cost.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mpi4py import MPI
 
-from fem_truth.parts.group import GroupShare, nodes_of_parts
-from fem_truth.parts.partition import partition
-from fem_truth.parts.share import WHOLE, Share
-from runtime.arrays import Array, IntArray
-from runtime.elasticity.materials import Material
-from runtime.errors import SoftprintError
-from runtime.mesh import Mesh
+from softprint.fem_truth.parts.group import GroupShare, nodes_of_parts
+from softprint.fem_truth.parts.partition import partition
+from softprint.fem_truth.parts.share import WHOLE, Share
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import Mesh
 
 if TYPE_CHECKING:
-    from runtime.body import ReducedBody
+    from softprint.runtime.body import ReducedBody
 
 
 @dataclass(frozen=True, eq=False)
 class BodyPart:
-    """The cells of one rank and their nodes, those that the rank owns first. mesh, material: of these cells."""
+    """The cells of one rank and their nodes, owned nodes first. mesh, material: of these cells."""
 
     body: ReducedBody
     mesh: Mesh
@@ -43,7 +43,7 @@ class BodyPart:
         return self.share.gather(values)
 
     def shares(self, values: Array) -> Array:
-        """As `take`, with 0 at nodes that another rank owns: a sum over all parts counts every node once."""
+        """Same as `take`, with 0 at nodes owned by another rank: a sum over all parts counts every node once."""
         shares = self.take(values)
         for run in self.share.runs[1:]:
             shares[run] = 0.0
@@ -55,7 +55,7 @@ class BodyPart:
 
     @cached_property
     def node_mass(self) -> Array:
-        """(n,) lumped [kg], as `shares`."""
+        """(n,) lumped masses [kg], as `shares`."""
         return self.shares(self.body.node_mass)
 
     @cached_property
@@ -82,7 +82,7 @@ class BodyPart:
         return self.take(areas)[self.surface_nodes]
 
     def local(self, nodes: IntArray) -> IntArray:
-        """Which of the part's nodes are among ``nodes`` of the body."""
+        """The part's nodes that are among ``nodes`` of the body."""
         among = np.zeros(self.body.n_nodes, dtype=bool)
         among[nodes] = True
         return np.flatnonzero(self.take(among))
@@ -94,14 +94,14 @@ def whole_body(body: ReducedBody) -> BodyPart:
 
 
 def part_of_body(body: ReducedBody, comm: MPI.Intracomm) -> BodyPart:
-    """This rank's part of a body that the ranks of ``comm`` solve together; each of them holds the whole body
-    already. Needs no communication. Raises SoftprintError where there are more ranks than cells."""
+    """This rank's part of a body that the ranks of ``comm`` solve together; each of them has already loaded the whole
+    body. Needs no communication. Raises SoftprintError if there are more ranks than cells."""
     if comm.size == 1:
         return whole_body(body)
     mesh = body.mesh
     if comm.size > mesh.n_cells:
         raise SoftprintError(
-            f"{body.name}: {comm.size} ranks cannot share a body of {mesh.n_cells} cells; let fewer solve together"
+            f"{body.name}: {comm.size} ranks cannot share a body of {mesh.n_cells} cells; use fewer ranks per solve"
         )
     part = partition(mesh.cell_centroids, comm.size)
     share = GroupShare(comm, nodes_of_parts(mesh.cells, part, comm.size, mesh.n_nodes))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from fem_truth.parts.share import Numbers, Share
-from runtime.arrays import Array, BoolArray, IntArray
+from softprint.fem_truth.parts.share import Numbers, Share
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 
 
 class GroupShare(Share):
-    """This rank's share of a body of which every rank of ``comm`` holds a part.
+    """This rank's share of a body that is partitioned over the ranks of ``comm``.
 
-    present: (n_ranks, n_nodes) whether a node of the body is on a rank. Needs no communication to make.
+    present: (n_ranks, n_nodes) whether a node of the body is on a rank. Constructed without communication.
     """
 
     def __init__(self, comm: MPI.Intracomm, present: BoolArray) -> None:
@@ -21,14 +21,14 @@ class GroupShare(Share):
         on_rank = present[comm.rank]
         own = np.flatnonzero(owner == comm.rank)
         foreign = np.flatnonzero(on_rank & (owner != comm.rank))
-        #: Nodes of the body on this rank, those that it owns first.
+        #: Nodes of the body on this rank, owned nodes first.
         self.nodes: IntArray = np.concatenate([own, foreign])
         self.owned = slice(0, len(own))
         self.runs = (self.owned, slice(len(own), None))
         number = np.empty(present.shape[1], dtype=np.int64)
         number[self.nodes] = np.arange(len(self.nodes))
         together = {rank: np.flatnonzero(on_rank & present[rank]) for rank in range(comm.size)}
-        #: Neighbours in the order of their ranks, and the nodes, as this rank counts them, that both have.
+        #: Neighbours in rank order, and the nodes (this rank's numbers) that both have.
         self._common = {
             rank: number[nodes] for rank, nodes in together.items() if len(nodes) and rank != comm.rank
         }
@@ -37,7 +37,8 @@ class GroupShare(Share):
         self._counts = np.bincount(owner, minlength=comm.size)
 
     def total(self, numbers: Numbers) -> Numbers:
-        """Added in the order of the ranks by each of them: the same bits everywhere, whatever MPI's own sums do."""
+        """Each rank adds the contributions in rank order, so that all get the same bits; MPI's own sums do not ensure
+        this."""
         added = self._from_all(numbers).sum(axis=0)
         return float(added) if isinstance(numbers, float) else added
 
@@ -54,7 +55,7 @@ class GroupShare(Share):
         own = shares[self._meeting]
         received = self._exchange(shares)
         shares[self._meeting] = 0.0
-        for rank in range(self._comm.size):  # in their order, so that all get the same sum
+        for rank in range(self._comm.size):  # in rank order, so that all get the same sum
             if rank == self._comm.rank:
                 shares[self._meeting] += own
             elif rank in received:
@@ -90,7 +91,7 @@ class GroupShare(Share):
         return every
 
     def _exchange(self, values: Array) -> dict[int, Array]:
-        """What the neighbours have at the nodes that they share with this rank."""
+        """The neighbours' values at the nodes they share with this rank."""
         sent = {rank: values[nodes] for rank, nodes in self._common.items()}
         received = {rank: np.empty_like(buffer) for rank, buffer in sent.items()}
         requests = [self._comm.Irecv([buffer, MPI.BYTE], source=rank) for rank, buffer in received.items()]

@@ -1,17 +1,17 @@
-"""Cells shared out among ranks, by recursive coordinate bisection: near cells together, as many in every part."""
+"""Partition of cells by recursive coordinate bisection: compact parts of equal size."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, IntArray
 
 
 def partition(centroids: Array, n_parts: int) -> IntArray:
     """The part (n_cells,) that each cell belongs to. centroids: (n_cells, dim).
 
-    Cells are cut in two across their longest extent, in proportion to the number of parts that either side is to
-    become, and so on with both. Numbers of cells in a part differ by a few at most.
+    Cells are cut in two across their longest extent, in proportion to the number of parts on either side, recursively.
+    Sizes of the parts differ by a few cells at most.
     """
     part = np.zeros(len(centroids), dtype=np.int64)
 

@@ -1,18 +1,18 @@
 """The nodes of a body that are on this rank, and sums over all of its nodes.
 
-A body that several ranks solve together is cut into parts by its cells. A rank holds the cells of its part and the
-nodes of these cells. Where parts meet, a node is on several ranks, and *owned* by the first of them; a rank counts
-its own nodes first. A vector over the nodes of a rank, (n, dim), is one of two things:
+A body that several ranks solve together is partitioned by cells. A rank has the cells of its part and the nodes of
+these cells. A node on the boundary between parts is on several ranks, and *owned* by the first of them; a rank numbers
+its owned nodes first. A vector over the nodes of a rank, (n, dim), is one of two things:
 
     values   positions, steps, residuals: at a node that is on several ranks, the same on all of them;
-    shares   of a gradient or a product with the Hessian: what the cells of this rank contribute, and for terms
-             that sum over nodes what its own nodes do. `assemble` adds them up and so makes values of them.
+    shares   of a gradient or a product with the Hessian: the contributions of this rank's cells, and for terms
+             that sum over nodes those of its owned nodes. `assemble` adds them up, which makes them values.
 
-Matrices and energies are always shares. So elements, contact and their matrices know nothing of other ranks.
+Matrices and energies are always shares. Therefore elements, contact and their matrices need no data of other ranks.
 
-**The rule:** what decides the course of a solve (a branch, the end of a loop) is computed from numbers that `total`,
-`smallest`, `largest` or another method here has returned, which are the same on all ranks to the last bit. Where
-ranks decide by numbers of their own, one leaves a loop in which the others wait for it for ever.
+**The rule:** everything that controls a solve (a branch, the end of a loop) is computed from numbers that `total`,
+`smallest`, `largest` or another method here has returned, which are bitwise equal on all ranks. If ranks decided by
+their local numbers, one could leave a loop in which the others wait for it for ever.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 Numbers = TypeVar("Numbers", float, Array)
 
@@ -29,7 +29,8 @@ Numbers = TypeVar("Numbers", float, Array)
 class Share:
     """All nodes are on this rank: each sum is complete as it is.
 
-    owned: the rows of a node vector that this rank owns; runs: `owned`, then the other nodes, if there are any.
+    owned: the rows of a node vector that this rank owns; runs: the ranges `owned` and, if there are any, the other
+    nodes.
     """
 
     owned: slice = slice(None)
@@ -48,22 +49,22 @@ class Share:
         return number
 
     def stacked(self, rows: Array) -> Array:
-        """The rows (k, ...) of all ranks, k differing, below each other."""
+        """The rows (k, ...) of all ranks stacked; k may differ."""
         return rows
 
     def assemble(self, shares: Array) -> None:
-        """Make values of shares (n, ...), in place."""
+        """Turn shares (n, ...) into values, in place."""
 
     def assembled(self, shares: Array) -> Array:
-        """The values that belong to shares (n, ...), which stay as they are."""
+        """The values of shares (n, ...), which are not changed."""
         return shares
 
     def agreed(self, values: Array) -> Array:
-        """Values (n, ...) with those of the owner where round-off has made them differ."""
+        """Values (n, ...) replaced by those of the owner, in case round-off has made them differ."""
         return values
 
     def n_nodes(self, values: Array) -> int:
-        """How many nodes the body has. values: any (n, ...)."""
+        """Number of nodes of the body. values: any (n, ...)."""
         return round(self.total(float(len(values[self.owned]))))
 
     def take(self, values: Array) -> Array:

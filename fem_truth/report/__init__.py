@@ -1,1 +1,1 @@
-"""The judge's verdict: held-out comparison of models with the full space, as a page and as JSON."""
+"""The report: held-out comparison of models with full space, as a page and as JSON."""

@@ -1,4 +1,4 @@
-"""Puts a report together: from the judged scenes, the truth file and the training to one summary and one
+"""Assembles a report: combines the evaluated scenes, the truth file and the training results into a summary and a
 page."""
 
 from collections.abc import Callable, Mapping, Sequence
@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from fem_truth.report import figures
-from fem_truth.report.comparison import ModelFrames, error_table, pool, relative_displacement_error
-from fem_truth.report.headline import headline_cards
-from fem_truth.report.held_out import Comparer, SceneComparison
-from fem_truth.report.learning import Learning
-from fem_truth.report.machine import machine_summary
-from fem_truth.report.motions import distances_over_time, free_running_row, timing_rows
-from fem_truth.report.page import PageContent, ScenePictures
-from fem_truth.report.picture import Picture, Renderer
-from fem_truth.report.report_json import (
+from softprint.fem_truth.report import figures
+from softprint.fem_truth.report.comparison import ModelFrames, error_table, pool, relative_displacement_error
+from softprint.fem_truth.report.headline import headline_cards
+from softprint.fem_truth.report.held_out import Comparer, SceneComparison
+from softprint.fem_truth.report.learning import Learning
+from softprint.fem_truth.report.machine import machine_summary
+from softprint.fem_truth.report.motions import distances_over_time, free_running_row, timing_rows
+from softprint.fem_truth.report.page import PageContent, ScenePictures
+from softprint.fem_truth.report.picture import Picture, Renderer
+from softprint.fem_truth.report.report_json import (
     REPORT_VERSION,
     body_summary,
     collider_summary,
@@ -26,22 +26,22 @@ from fem_truth.report.report_json import (
     file_summaries,
     plain,
 )
-from fem_truth.report.shapes import ShapeSection
-from fem_truth.report.showcase import showcase, shown_models
-from fem_truth.report.style import ModelStyle, styles_for
-from fem_truth.report.truth_quality import quality_columns, truth_summary
-from runtime.arrays import Array
-from runtime.body.body import ReducedBody
-from runtime.experiment import Experiment
-from runtime.io.files import provenance
-from runtime.scenes.motion_file import Motion
-from runtime.truth.truth_file import TruthData
+from softprint.fem_truth.report.shapes import ShapeSection
+from softprint.fem_truth.report.showcase import showcase, shown_models
+from softprint.fem_truth.report.style import ModelStyle, styles_for
+from softprint.fem_truth.report.truth_quality import quality_columns, truth_summary
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.experiment import Experiment
+from softprint.runtime.io.files import provenance
+from softprint.runtime.scenes.motion_file import Motion
+from softprint.runtime.truth.truth_file import TruthData
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedScene:
-    """A test scene with everything known about it. motions: the free runs by model, `full` among them;
-    comparison: None where the body never touches the collider."""
+    """A test scene with its results. motions: the free runs by model, including `full`;
+    comparison: None if the body never touches the collider."""
 
     name: str
     comparer: Comparer
@@ -50,8 +50,8 @@ class JudgedScene:
 
 
 @dataclass(frozen=True, eq=False)
-class Material:
-    """All that a report is made of."""
+class ReportInputs:
+    """All inputs of a report."""
 
     experiment: Experiment
     body: ReducedBody
@@ -65,66 +65,66 @@ class Material:
     shapes: ShapeSection | None = None
 
 
-def assemble(material: Material, make_renderer: Callable[[JudgedScene], Renderer] | None) -> PageContent:
-    """The page's content, its summary among it; make_renderer: None for a page without renderings."""
-    styles = styles_for(_models(material))
-    judged = [scene for scene in material.scenes if scene.comparison is not None]
-    summary = _what_was_run(material)
+def assemble(inputs: ReportInputs, make_renderer: Callable[[JudgedScene], Renderer] | None) -> PageContent:
+    """The page's content, including its summary; make_renderer: None for a page without renderings."""
+    styles = styles_for(_models(inputs))
+    judged = [scene for scene in inputs.scenes if scene.comparison is not None]
+    summary = _what_was_run(inputs)
     summary |= _pooled([scene.comparison for scene in judged if scene.comparison is not None])
-    summary["timings"] = timing_rows(_by_model(material.scenes))
+    summary["timings"] = timing_rows(_by_model(inputs.scenes))
     summary["phases"] = _phases(summary["timings"])
-    summary["truth"] = truth_summary(material.truth) if material.truth is not None else None
-    summary |= material.learning.summary()
-    shapes = material.shapes
+    summary["truth"] = truth_summary(inputs.truth) if inputs.truth is not None else None
+    summary |= inputs.learning.summary()
+    shapes = inputs.shapes
     summary["shapes"] = None if shapes is None else shapes.summary
 
     pictures: dict[str, ScenePictures] = {}
     summary["scenes"] = []
-    for number, scene in enumerate(material.scenes):
-        scene_summary, shown = _scene(scene, number, material.model, styles, make_renderer)
+    for number, scene in enumerate(inputs.scenes):
+        scene_summary, shown = _scene(scene, number, inputs.model, styles, make_renderer)
         summary["scenes"].append(scene_summary)
         pictures[scene.name] = shown
 
     summary["headline"] = {
-        "model": material.model,
-        "cards": [asdict(card) for card in headline_cards(plain(summary), material.model, styles)],
+        "model": inputs.model,
+        "cards": [asdict(card) for card in headline_cards(plain(summary), inputs.model, styles)],
         "hero_caption": "",
     }
     hero, summary["headline"]["hero_caption"] = _hero(summary, pictures)
     return PageContent(
         plain(summary),
         pictures,
-        _plots(material, summary, styles),
+        _plots(inputs, summary, styles),
         styles,
         hero,
         shapes.views if shapes else (),
     )
 
 
-def _models(material: Material) -> list[str]:
-    names = ["full", "bare", *material.learning.headers]
-    for scene in material.scenes:
+def _models(inputs: ReportInputs) -> list[str]:
+    names = ["full", "bare", *inputs.learning.headers]
+    for scene in inputs.scenes:
         names += [*scene.motions, *(scene.comparison.solved if scene.comparison else ())]
     return names
 
 
-def _what_was_run(material: Material) -> dict[str, Any]:
-    collider = material.scenes[0].comparer.collider
+def _what_was_run(inputs: ReportInputs) -> dict[str, Any]:
+    collider = inputs.scenes[0].comparer.collider
     return {
         "softprint_report": REPORT_VERSION,
         "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "experiment": experiment_summary(material.experiment),
-        "body": body_summary(material.body),
-        "collider": collider_summary(material.experiment, collider),
+        "experiment": experiment_summary(inputs.experiment),
+        "body": body_summary(inputs.body),
+        "collider": collider_summary(inputs.experiment, collider),
         "machine": machine_summary(),
         "versions": provenance(),
-        "files": file_summaries(material.folder, material.files),
-        "notes": list(material.notes),
+        "files": file_summaries(inputs.folder, inputs.files),
+        "notes": list(inputs.notes),
     }
 
 
 def _pooled(comparisons: Sequence[SceneComparison]) -> dict[str, Any]:
-    """The figures over all test scenes together."""
+    """The errors over all test scenes together."""
     return {
         "errors": error_table(_pool_models([c.everywhere for c in comparisons])),
         "errors_solved": error_table(_pool_models([c.solved for c in comparisons])),
@@ -192,15 +192,15 @@ def _scene(
         for name, frames in comparison.solved.items()
         if name not in comparison.everywhere
     }
-    press = np.zeros(len(times))
-    press[comparison.contact] = comparison.press
+    depth = np.zeros(len(times))
+    depth[comparison.contact] = comparison.depth
     plots["error"] = figures.over_time(
         f"error{number}",
         times,
         {name: 1e3 * curve for name, curve in curves.items()},
         styles,
         "RMS distance [mm]",
-        depth=1e3 * press,
+        depth=1e3 * depth,
         marks=marks,
     )
     summary["plotted"] = [name for name in styles if name in curves or name in marks]
@@ -218,7 +218,7 @@ def _errors(comparison: SceneComparison) -> dict[str, Any]:
         "n_contact": len(comparison.contact),
         "n_solved": 0 if solved is None else len(solved.frames),
         "contact_frames": comparison.contact,
-        "press_depth": comparison.press,
+        "press_depth": comparison.depth,
         "errors_all": error_table(comparison.everywhere),
         "errors_solved": error_table(comparison.solved),
         "contact_displacement": _displacement_errors([comparison]),
@@ -231,7 +231,7 @@ def _errors(comparison: SceneComparison) -> dict[str, Any]:
 
 
 def _spread(frames: ModelFrames, n_frames: int) -> Array:
-    """RMS over all frames of the motion, with gaps where there is no contact."""
+    """RMS over all frames of the motion, NaN in frames without contact."""
     values = np.full(n_frames, np.nan)
     values[frames.frames] = frames.rms
     return values
@@ -251,7 +251,7 @@ def _free_running(scene: JudgedScene) -> tuple[dict[str, Any], dict[str, Array]]
 def _hero(
     summary: dict[str, Any], pictures: Mapping[str, ScenePictures]
 ) -> tuple[list[tuple[str, Picture]], str]:
-    """The large picture: the cut (or, without one, the whole body) in the frame of deepest contact."""
+    """The large picture: the cut (or the whole body, without a cut) in the frame of deepest contact."""
     for scene in summary["scenes"]:
         for frame, numbers in zip(pictures[scene["name"]].frames, scene["shown"], strict=True):
             if "deepest contact" not in numbers["why"]:
@@ -269,7 +269,7 @@ def _hero(
 
 
 def _plots(
-    material: Material, summary: Mapping[str, Any], styles: Mapping[str, ModelStyle]
+    inputs: ReportInputs, summary: Mapping[str, Any], styles: Mapping[str, ModelStyle]
 ) -> dict[str, str]:
     plots = {}
     if summary["timings"]:
@@ -278,12 +278,12 @@ def _plots(
             for name, row in summary["timings"].items()
         }
         plots["phases"] = figures.phases("phases", milliseconds, styles)
-    if material.learning.histories:
-        plots["loss"] = figures.loss_curves("loss", material.learning.histories, styles)
-    if material.truth is not None:
-        plots["quality"] = figures.histograms("quality", quality_columns(material.truth))
-    if material.shapes is not None:
-        shapes = material.shapes.summary
+    if inputs.learning.histories:
+        plots["loss"] = figures.loss_curves("loss", inputs.learning.histories, styles)
+    if inputs.truth is not None:
+        plots["quality"] = figures.histograms("quality", quality_columns(inputs.truth))
+    if inputs.shapes is not None:
+        shapes = inputs.shapes.summary
         errors = {
             model: {shape: row["rms"] for shape, row in rows.items()}
             for model, rows in shapes["shapes"].items()

@@ -1,4 +1,4 @@
-"""How far a model's positions are from the full-space ones, in the thesis's own measure (table 5.2).
+"""Distance of a model's positions from the full-space ones, in the error measure of the thesis (table 5.2).
 
 For a frame of the full-space motion with positions x, the reduced state q is its projection
 (`ReducedBody.project`), and a model adds a displacement u to the reduced positions U q. Per node i,
@@ -9,16 +9,16 @@ and over a set T of frames,
 
     relative RMS error = sqrt( sum_{t in T} sum_i d_i(model)^2  /  sum_{t in T} sum_i d_i(bare)^2 ).
 
-The bare subspace has 100 % by definition and the full motion 0 %. The square of the figure is printed beside
-it, because the thesis does not say whether its percentages are of distances or of squared distances.
-Everything here is plain numpy on arrays; who computes u is the business of `held_out`."""
+The bare subspace has 100 % by definition and the full motion 0 %. The report also prints the square of this error,
+because the thesis does not say whether its percentages are of distances or of squared distances.
+Everything here is plain numpy on arrays; `held_out` computes u."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 
 
 def node_distances(positions: Array, full: Array) -> Array:
@@ -27,15 +27,15 @@ def node_distances(positions: Array, full: Array) -> Array:
 
 
 def root_mean_square(distances: Array) -> float:
-    """sqrt(mean d^2) [m]; 0 for an empty array, which has no error to speak of."""
+    """sqrt(mean d^2) [m]; 0 for an empty array."""
     return float(np.sqrt(np.mean(np.square(distances)))) if distances.size else 0.0
 
 
 @dataclass(frozen=True)
 class ModelFrames:
-    """What one model leaves in a sequence of frames; every array is (n_frames,), in metres.
+    """Errors of one model in a sequence of frames; every array is (n_frames,), in metres.
 
-    Sums of squares and not roots are kept, so that frames of several scenes can be pooled exactly.
+    Sums of squares are stored instead of roots, so that frames of several scenes can be pooled exactly.
     """
 
     squares: Array  # sum_i d_i^2 [m^2]
@@ -48,7 +48,7 @@ class ModelFrames:
     frames: IntArray  # frame numbers in the motion
 
     def take(self, keep: BoolArray) -> "ModelFrames":
-        """The same figures on a part of the frames; keep: (n_frames,) bool."""
+        """The errors on a part of the frames; keep: (n_frames,) bool."""
         return ModelFrames(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
 
     @property
@@ -59,7 +59,7 @@ class ModelFrames:
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One line of an error table; relative errors as fractions, lengths in metres."""
+    """One row of an error table; relative errors as fractions, lengths in metres."""
 
     relative_rms: float
     relative_rms_squared: float
@@ -99,7 +99,7 @@ def measure_frame(
 
 
 def error_row(model: ModelFrames) -> ErrorRow:
-    """The table line of one model over its frames (at least one)."""
+    """The table row of one model over its frames (at least one)."""
     if not model.frames.size:
         raise ValueError("an error table needs at least one frame")
     relative = model.relative
@@ -121,8 +121,7 @@ def error_row(model: ModelFrames) -> ErrorRow:
 
 
 def pool(parts: Sequence[ModelFrames]) -> ModelFrames:
-    """The frames of several comparisons (at least one) as one set, whose error is one exact quotient of
-    sums."""
+    """The frames of several comparisons (at least one) as one set; its error is an exact quotient of sums."""
     names = ModelFrames.__dataclass_fields__
     return ModelFrames(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
@@ -135,23 +134,24 @@ def error_table(models: Mapping[str, ModelFrames]) -> dict[str, dict[str, float]
 def relative_displacement_error(missed: Array, exact: Array) -> float:
     """sqrt(sum |u - u*|^2 / sum |u*|^2) of contact displacements u against exact ones u*.
 
-    missed, exact: (n_frames,) the two sums over the nodes in each frame [m^2]. This leaves out what no
-    contact correction can give (inertia, the internal deformation), and compares with the label-noise floor.
+    missed, exact: (n_frames,) the two sums (numerator, denominator) over the nodes in each frame [m^2]. This excludes
+    what no contact correction can reproduce (inertia, the internal deformation), and compares with the label-noise
+    floor.
     """
     return float(_root_ratio(missed.sum(), exact.sum()))
 
 
 def evenly_spaced(candidates: IntArray, count: int) -> IntArray:
-    """At most `count` of the candidates, evenly spaced, first and last among them."""
+    """At most `count` of the candidates, evenly spaced, including the first and the last."""
     if len(candidates) <= count:
         return candidates
     return candidates[np.unique(np.round(np.linspace(0, len(candidates) - 1, count)).astype(int))]
 
 
 def frames_to_show(contact: IntArray, full_depth: Array, model: ModelFrames) -> list[tuple[int, str]]:
-    """Frames for the pictures, by rule: (frame, why), in order of time and without repeats.
+    """Frames for the pictures, chosen by rule: (frame, why), in order of time and without repeats.
 
-    contact: (m,) frame numbers in contact; full_depth: (m,) how deep the collider presses in each of them
+    contact: (m,) frame numbers in contact; full_depth: (m,) depth of the collider in each of them
     [m]; model: the model whose worst frame (largest RMS distance) must be shown.
     """
     m = len(contact)
@@ -168,7 +168,7 @@ _QUARTILES = ((0.25, "first quartile"), (0.5, "middle of the contact"), (0.75, "
 
 
 def _root_ratio(numerator: Array | np.float64, denominator: Array | np.float64) -> Array:
-    """sqrt(a / b), where 0 / 0 is 0: a model cannot be wrong where there is nothing to add."""
+    """sqrt(a / b), with 0 / 0 = 0."""
     a, b = np.asarray(numerator, dtype=float), np.asarray(denominator, dtype=float)
     ratio = np.divide(a, b, out=np.where(a > 0, np.inf, 0.0), where=b > 0)
     return np.sqrt(ratio)

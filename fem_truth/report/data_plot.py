@@ -1,4 +1,4 @@
-"""The data plot: error on shapes never seen, against the contacts and the shapes that were learned from."""
+"""The data plot: error on unseen shapes, against the number of contacts and of shapes in training."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ matplotlib.use("Agg")  # before pyplot: reports are made where there is no displ
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from fem_truth.report.learning import read_table
-from runtime.errors import SoftprintError
+from softprint.fem_truth.report.learning import read_table
+from softprint.runtime.errors import SoftprintError
 
-#: What `benchmarks/how_much_truth.py` leaves in a run directory.
+#: What `reproduction/how_much_truth.py` leaves in a run directory.
 DATA = "bench_how_much_truth.json"
 
 
 def data_figure_of(run: Path) -> Figure | None:
-    """Of a run directory; None where the benchmark was not run. Raises SoftprintError for a file of something else."""
+    """The figure of a run directory; None if the benchmark was not run. Raises SoftprintError for an unrelated file."""
     path = run / DATA
     if not path.is_file():
         return None
@@ -28,12 +28,12 @@ def data_figure_of(run: Path) -> Figure | None:
         return data_figure(read_table(path)["rows"])
     except (KeyError, TypeError) as error:
         raise SoftprintError(
-            f"{path}: not what benchmarks.how_much_truth writes ({error!r}): make it again"
+            f"{path}: not what reproduction.how_much_truth writes ({error!r}): make it again"
         ) from error
 
 
 def data_figure(found: Sequence[Mapping[str, Any]]) -> Figure:
-    """Two panels: error against contacts of a shape, and against shapes. found: rows of the benchmark's table."""
+    """Two panels: error against contacts per shape, and against shapes. found: rows of the benchmark's table."""
     all_shapes, all_contacts = (max(row[key] for row in found) for key in ("shapes", "contacts"))
     panels = {
         ("contacts", "contacts of a shape in a state"): [row for row in found if row["shapes"] == all_shapes],
@@ -52,6 +52,6 @@ def data_figure(found: Sequence[Mapping[str, Any]]) -> Figure:
         panel.set_xlabel(label)
         panel.grid(alpha=0.3)
     axes[0].set_ylabel("relative RMS error [%]")
-    axes[0].set_ylim(bottom=0)  # of both: only now is everything drawn
+    axes[0].set_ylim(bottom=0)  # of both panels: here, after everything is drawn
     axes[0].legend()
     return figure

@@ -1,4 +1,4 @@
-"""The report's plots: matplotlib drawings as SVG text that takes its colours and its type from the page."""
+"""The report's plots: matplotlib drawings as SVG text with the colours and fonts of the page."""
 
 import io
 import re
@@ -12,12 +12,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fem_truth.report.style import INK, PAPER, RULE, ModelStyle, paint
-from runtime.arrays import Array
+from softprint.fem_truth.report.style import INK, PAPER, RULE, ModelStyle, paint
+from softprint.runtime.arrays import Array
 
 Values = Sequence[float] | Array
 
-#: How all plots look.
+#: Style of all plots.
 RC = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -48,9 +48,9 @@ RC = {
 
 
 def to_svg(figure: Figure, name: str, colours: Mapping[str, str]) -> str:
-    """The figure as inline SVG: no fixed size, ids made unique by `name`, stand-in colours as CSS variables.
+    """The figure as inline SVG: no fixed size, ids made unique by `name`, placeholder colours as CSS variables.
 
-    colours: stand-in hex colour -> CSS variable name (with its dashes).
+    colours: placeholder hex colour -> CSS variable name (with its dashes).
     """
     buffer = io.StringIO()
     # A fixed date and salt: the same numbers give the same page, byte for byte.
@@ -85,9 +85,9 @@ def over_time(
     depth: Values | None = None,
     marks: Mapping[str, tuple[Values, Values]] | None = None,
 ) -> str:
-    """Curves over time [s], one a model, with the depth of the contact [mm] as a thin strip below.
+    """Curves over time [s], one per model, with the depth of the contact [mm] as a thin strip below.
 
-    series: model -> one value a time; marks: model -> (times, values) known at some times only (dots).
+    series: model -> one value per time; marks: model -> (times, values) known at some times only (dots).
     """
     shown = [styles[key] for key in styles if key in series or key in (marks or {})]
     with plt.rc_context(RC):
@@ -116,7 +116,7 @@ def over_time(
 def phases(
     name: str, milliseconds: Mapping[str, Mapping[str, float]], styles: Mapping[str, ModelStyle]
 ) -> str:
-    """Where the time of a step goes: one horizontal bar a model, one tint a phase [ms]."""
+    """Time of a step by phase: one horizontal bar per model, one tint per phase [ms]."""
     models = [key for key in styles if key in milliseconds]
     names = list(dict.fromkeys(phase for key in models for phase in milliseconds[key]))
     tints = np.linspace(1.0, 0.25, len(names))
@@ -131,7 +131,7 @@ def phases(
             axes.text(left, row, f"  {left:.{3 if left < 1000 else 4}g} ms", va="center", ha="left")
         axes.set_yticks(range(len(models)), [styles[key].label for key in models])
         axes.invert_yaxis()
-        axes.set_xlabel("milliseconds a step, mean over the steps in contact")
+        axes.set_xlabel("milliseconds per step, mean over the steps in contact")
         axes.margins(x=0.12)
         axes.set_xlim(left=0)
         return to_svg(figure, name, _model_colours([styles[key] for key in models]))
@@ -167,7 +167,7 @@ def by_shape(
     order: Sequence[str],
     styles: Mapping[str, ModelStyle],
 ) -> str:
-    """Error of each shape, one dot a model, shapes from left to right in `order`; errors: model -> shape -> value."""
+    """Error of each shape, one dot per model, shapes from left to right in `order`; errors: model -> shape -> value."""
     shown = [styles[key] for key in styles if key in errors]
     with plt.rc_context(RC):
         figure, axes = plt.subplots(figsize=(8.6, 3.6), layout="constrained")
@@ -182,9 +182,9 @@ def by_shape(
 
 
 def histograms(name: str, columns: Mapping[str, Values]) -> str:
-    """Small histograms side by side, one for each quality column (title -> values).
+    """Small histograms side by side, one per quality column (title -> values).
 
-    Columns that spread over more than two decades and are positive are binned in the logarithm.
+    Positive columns that span more than two decades are binned logarithmically.
     """
     with plt.rc_context(RC):
         rows = -(-len(columns) // 3)

@@ -1,4 +1,4 @@
-"""Pictures drawn with matplotlib alone: two-dimensional bodies, and three-dimensional ones where GL is
+"""Pictures drawn with matplotlib alone: for two-dimensional bodies, and for three-dimensional ones if GL is
 missing."""
 
 import io
@@ -15,27 +15,27 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from PIL import Image
 
-from fem_truth.report.picture import Picture, encode
-from runtime.arrays import Array
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.drawing.colours import BODY, COLLIDER, ERROR_COLOURS
-from runtime.mesh import Mesh
+from softprint.fem_truth.report.picture import Picture, encode
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.drawing.colours import BODY, COLLIDER, ERROR_COLOURS
+from softprint.runtime.mesh import Mesh
 
 _INCHES, _DPI = (4.25, 3.25), 160
 _PIXELS = 260  # across the picture, for the collider's outline
 _GRID_LINES = 14
-# From the body towards the eye: from above, and from below where the collider is there.
+# View directions, from the body towards the camera: from above, and from below if the collider is below.
 VIEWS = {True: np.array([0.32, -1.0, 0.66]), False: np.array([0.32, -1.0, -0.5])}
 _HEAT = LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
 
 
 class FlatRenderer:
-    """Drawings of one body and one collider, from one side, without perspective; a `Renderer`."""
+    """Drawings of one body and one collider from one direction, in orthographic projection; a `Renderer`."""
 
     def __init__(self, mesh: Mesh, collider: Collider, description: str, from_above: bool = True) -> None:
         self.mesh, self.collider, self.description = mesh, collider, description
-        # Columns: right, up, and (in 3D) towards the eye. In 2D the drawing is the plane itself.
+        # Columns: right, up, and (in 3D) towards the camera. In 2D the drawing shows the plane itself.
         self._axes = np.eye(2) if mesh.dim == 2 else _camera_axes(VIEWS[from_above])
         rest = mesh.points @ self._axes[:, :2]
         self._centre = 0.5 * (rest.min(axis=0) + rest.max(axis=0))
@@ -110,7 +110,8 @@ class FlatRenderer:
         axes.add_collection(PolyCollection(list(flat), facecolors=shaded, edgecolors=shaded, linewidths=0.3))
 
     def _draw_collider(self, axes: Axes, pose: RigidPose, centre: Array, half: float) -> None:
-        """The collider's outline: where the least signed distance along the line of sight is negative."""
+        """The collider's silhouette: the region where the smallest signed distance along the line of sight is
+        negative."""
         across = centre[0] + half * np.linspace(-1, 1, _PIXELS)
         up = centre[1] + half * np.linspace(-1, 1, _PIXELS)
         x, y = np.meshgrid(across, up)
@@ -133,7 +134,7 @@ class FlatRenderer:
 
 
 def _camera_axes(view: Array) -> Array:
-    """Columns right, up and towards the eye, for an eye in direction `view` and z up."""
+    """Columns right, up and towards the camera, for a camera in direction `view` and z up."""
     towards = view / np.linalg.norm(view)
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)

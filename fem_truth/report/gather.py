@@ -1,8 +1,8 @@
-"""Many reports on one page: table 6.1 of the thesis, motions and the worst shapes of every body, from the report of
-each run; how fast they are, from its bench.json; and the studies of chapter 6 and of how much truth it takes, from what
-benchmarks left there.
+"""Many reports on one page: table 6.1 of the thesis, motions and the worst shapes of every body from the report of
+each run; speeds from its bench.json; the studies of chapter 6 and of the amount of training data from the files that
+benchmarks wrote.
 
-What the thesis measured stands beside it where the body is one of its four.
+For the four bodies of the thesis, its own results are shown beside ours.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from typing import Any
 import matplotlib.pyplot as plt
 from markupsafe import Markup
 
-from fem_truth.report.data_plot import data_figure_of
-from fem_truth.report.figures import RC, to_svg
-from fem_truth.report.learning import read_json, read_table
-from fem_truth.report.page import Numbers, look_up, page_style, page_template
-from fem_truth.report.picture import Picture
-from fem_truth.report.report_json import REPORT_VERSION, json_text, plain, write_text
-from fem_truth.report.thesis6_plots import thesis6_figure
-from fem_truth.report.worst_pictures import worst_pictures
-from runtime.errors import SoftprintError
+from softprint.fem_truth.report.data_plot import data_figure_of
+from softprint.fem_truth.report.figures import RC, to_svg
+from softprint.fem_truth.report.learning import read_json, read_table
+from softprint.fem_truth.report.page import Numbers, look_up, page_style, page_template
+from softprint.fem_truth.report.picture import Picture
+from softprint.fem_truth.report.report_json import REPORT_VERSION, json_text, plain, write_text
+from softprint.fem_truth.report.thesis6_plots import thesis6_figure
+from softprint.fem_truth.report.worst_pictures import worst_pictures
+from softprint.runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True)
 class ThesisRow:
-    """Table 6.1: samples are shapes x states x contacts; errors squared, in shares; frames a second."""
+    """A row of table 6.1: samples are shapes x states x contacts; squared errors as fractions; frames per second."""
 
     samples: str
     train: float
@@ -46,14 +46,14 @@ THESIS = {
     "finger": ThesisRow("30 x 1 x 32", 0.140, 0.155, 142, 1, 11),
 }
 
-# Of a model's line in bench.json; files of earlier versions have no mean and no slow frames.
-_MEASURED = ("steps", "frames_per_second", "step", "mean", "slow", "converged")
+# Of a model's line in bench.json; times of a frame [s].
+_MEASURED = ("steps", "frames_per_second", "mean", "p95", "median", "converged")
 
 
 def gather(runs: Sequence[Path], page: Path) -> dict[str, Any]:
     """Write the page and, beside it, the same numbers as JSON. Returns the numbers.
 
-    Raises SoftprintError where a run has no report, or one without shapes never seen.
+    Raises SoftprintError if a run has no report, or one without unseen shapes.
     """
     summary: dict[str, Any] = plain(
         {"softprint_gathered": 1, "rows": [_row(run, page.parent) for run in runs]}
@@ -67,13 +67,13 @@ def gather(runs: Sequence[Path], page: Path) -> dict[str, Any]:
 def _row(run: Path, seen_from: Path) -> dict[str, Any]:
     path = run / "report.json"
     if not path.is_file():
-        raise SoftprintError(f"{path} is not there: run `softprint report` for it first")
+        raise SoftprintError(f"{path} does not exist: run `softprint report` for it first")
     report = read_json(path)
     if not isinstance(report, dict) or report.get("softprint_report") != REPORT_VERSION:
         raise SoftprintError(f"{path}: not a report of this version: run `softprint report` again")
     if not report.get("shapes"):
         raise SoftprintError(
-            f"{path}: says nothing of shapes never seen; they need an experiment with a [library] and a trained model"
+            f"{path}: has no results on unseen shapes; they need an experiment with a [library] and a trained model"
         )
     judged = report["shapes"]["judged"]
     sides = {model: _sides(rows) for model, rows in report["shapes"]["sides"].items()}
@@ -97,7 +97,7 @@ def _row(run: Path, seen_from: Path) -> dict[str, Any]:
 
 
 def _sides(rows: Mapping[str, Any]) -> dict[str, Any]:
-    """learned and testing of one model, as far as they are there."""
+    """`learned` and `testing` of one model, as far as they exist."""
     keys = ("squared", "rms", "whole_squared", "whole_rms", "worst", "samples")
     return {side: {key: row[key] for key in keys} for side, row in rows.items()}
 
@@ -109,8 +109,8 @@ def _worst(shapes: Mapping[str, Any], shape: str) -> dict[str, Any]:
 
 
 def _motion(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """Errors of every model in a test scene: at the states of full space, and running alone. RMS in metres, `left` and
-    `worst` in shares of the bare subspace's."""
+    """Errors of every model in a test scene: at the states of full space, and in a free run. RMS in metres; `left` and
+    `worst` relative to the bare subspace."""
     given, alone = scene["errors_all"], scene["free"]
     return {
         "name": scene["name"],
@@ -131,8 +131,8 @@ def _motion(scene: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _speeds(run: Path, judged: str) -> dict[str, Any] | None:
-    """What `softprint bench` measured of the bare subspace, of full space and of the judged model, and under which
-    conditions; None where it was not run: what motions recorded is something else, for they draw no surface."""
+    """Speeds of the bare subspace, full space and the judged model measured by `softprint bench`, with its conditions;
+    None if it was not run. Timings recorded in motions are not comparable, because they do not include the surface."""
     path = run / "bench.json"
     if not path.is_file():
         return None
@@ -141,18 +141,18 @@ def _speeds(run: Path, judged: str) -> dict[str, Any] | None:
     rows = {
         name: by_model.get(model) for name, model in (("bare", "bare"), ("full", "full"), ("ours", judged))
     }
-    rates = {name: look_up(row or {}, "frames_per_second") for name, row in rows.items()}
+    means = {name: look_up(row or {}, "mean") for name, row in rows.items()}
     return {
         **{name: row and {key: row.get(key) for key in _MEASURED} for name, row in rows.items()},
-        "cost_of_bare": rates["bare"] / rates["ours"] if rates["bare"] and rates["ours"] else None,
-        "faster_than_full": rates["ours"] / rates["full"] if rates["ours"] and rates["full"] else None,
+        "cost_of_bare": means["ours"] / means["bare"] if means["ours"] and means["bare"] else None,
+        "faster_than_full": means["full"] / means["ours"] if means["full"] and means["ours"] else None,
         "conditions": table.get("conditions"),
     }
 
 
 @dataclass(frozen=True)
 class _Drawn:
-    """What a body has beside numbers: `worst_pictures`, and plots as SVG text."""
+    """Pictures and plots of a body: `worst_pictures`, and plots as SVG text."""
 
     worst: list[list[Picture]]
     thesis6: str | None
@@ -169,15 +169,15 @@ def _drawn(run: Path, name: str) -> _Drawn:
 
 
 def _render(summary: Mapping[str, Any], drawn: Sequence[_Drawn]) -> str:
-    template = page_template("fem_truth.report", "gather.html.j2")
+    template = page_template("softprint.fem_truth.report", "gather.html.j2")
     return template.render(s=summary, n=Numbers(summary), drawn=drawn, css=Markup(page_style()))
 
 
 def table_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Two tables as Markdown, for the console: errors of every model, squared and (root), of all that full space adds,
-    as the thesis counts, and of contact alone; and sizes and speeds of the bodies."""
+    """Two Markdown tables for the console: errors of every model, squared and (root), of the whole full-space
+    displacement, as in the thesis, and of contact alone; sizes and speeds of the bodies."""
     lines = [
-        "| body | model | learned from | never seen | thesis | contact alone: learned from | never seen "
+        "| body | model | training shapes | unseen | thesis | contact alone: training shapes | unseen "
         "| noise, median and 90 % |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]

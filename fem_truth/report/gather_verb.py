@@ -1,18 +1,18 @@
-"""`softprint gather`: the reports of many bodies on one page."""
+"""`softprint gather`: combines the reports of many bodies on one page."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The runs, and where the page goes."""
+    """Add the arguments: the runs and the output page."""
     parser.add_argument(
-        "runs", type=Path, nargs="+", metavar="RUN", help="run directories with a report of shapes never seen"
+        "runs", type=Path, nargs="+", metavar="RUN", help="run directories with a report on unseen shapes"
     )
     parser.add_argument(
         "--out", type=Path, default=Path("gathered.html"), metavar="PAGE.html", help="default: gathered.html"
@@ -20,13 +20,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Print the tables; PAGE.html and PAGE.json."""
-    from fem_truth.report.gather import gather, table_lines
-    from runtime.errors import SoftprintError
+    """Print the tables; write PAGE.html and PAGE.json."""
+    from softprint.fem_truth.report.gather import gather, table_lines
+    from softprint.runtime.errors import SoftprintError
 
     if args.out.suffix.lower() != ".html":
         raise SoftprintError(
-            f"--out {args.out}: the page is an .html file; its numbers go beside it as .json"
+            f"--out {args.out}: the page must be an .html file; its numbers are written beside it as .json"
         )
     for line in table_lines(gather(args.runs, args.out)):
         context.say(line)

@@ -1,17 +1,16 @@
-"""The few figures that a report puts on top, and prints when it is done."""
+"""The headline figures at the top of a report, which are also printed on the terminal."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fem_truth.report.page import format_number, look_up
-from fem_truth.report.style import ModelStyle
+from softprint.fem_truth.report.page import format_number, look_up
+from softprint.fem_truth.report.style import ModelStyle
 
 
 @dataclass(frozen=True)
 class Card:
-    """One headline figure: its value, how to write it (`page.format_number`), what it is, and what belongs
-    beside it."""
+    """One headline figure: its value, its style (see `page.format_number`), its label and a note."""
 
     value: float
     style: str
@@ -22,7 +21,7 @@ class Card:
 def headline_cards(
     summary: Mapping[str, Any], model: str | None, styles: Mapping[str, ModelStyle]
 ) -> list[Card]:
-    """Accuracy, contact displacement and speed of `model`, as far as they were measured."""
+    """Cards for accuracy, contact displacement and speed of `model`, as far as they were measured."""
     if model is None:
         return []
     cards = [_accuracy(summary, model, styles), _displacement(summary, model, styles)]
@@ -41,15 +40,15 @@ def _accuracy(summary: Mapping[str, Any], model: str, styles: Mapping[str, Model
     perfect = look_up(summary, "errors_solved/truth/relative_rms")
     if perfect is not None:
         others.append(
-            f"The exact contact displacement, without internal deformation, would leave {_percent(perfect)}."
+            f"With the exact contact displacement, without internal deformation: {_percent(perfect)}."
         )
     return Card(
         row["relative_rms"],
         "percent",
-        "of the bare subspace\u2019s error is left",
+        "of the bare subspace\u2019s error remains",
         " ".join(
             [
-                f"{row['n_frames']} frames in contact of motions never seen in training; "
+                f"{row['n_frames']} frames in contact of unseen motions; "
                 f"squared {_percent(row['relative_rms_squared'])}.",
                 *others,
             ]
@@ -86,8 +85,8 @@ def _speed(summary: Mapping[str, Any], model: str) -> list[Card]:
         Card(
             row["steps_per_second"],
             "plain",
-            "steps a second in contact",
-            f"{format_number(row['step'], 'ms')} a step, the surface not drawn, {row['iterations']:.1f} Newton "
+            "steps per second in contact",
+            f"{format_number(row['step'], 'ms')} per step without the surface, {row['iterations']:.1f} Newton "
             f"iterations, {_percent(row['converged'])} of the steps converged; "
             f"{summary['machine']['cores']} cores.{cost}",
         )

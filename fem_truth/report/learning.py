@@ -1,4 +1,4 @@
-"""What training left in the run directory: headers of the corrections, their curves, and the ablation
+"""Training results in the run directory: headers of the corrections, their training curves, and the ablation
 table."""
 
 import json
@@ -7,19 +7,19 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from runtime.errors import SoftprintError
-from runtime.learned.correction_file import CorrectionHeader, read_header
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.correction_file import CorrectionHeader, read_header
 
-# What `softprint bench` says of a measurement; files of earlier versions say less.
+# The columns that `softprint bench` writes for a measurement; files of earlier versions have fewer.
 _CONDITIONS = ("scene", "tolerance", "iterations", "cores_used", "time_step", "machine")
 
 
 @dataclass(frozen=True)
 class Learning:
-    """What is known of the corrections of a run, by name.
+    """Training results of the corrections of a run, by name.
 
-    headers: what their files say of them; curves: what training wrote beside them (`history` and errors on
-    held-out states); ablation, benchmarks: tables with `columns` and `rows`, see `read_table`."""
+    headers: the headers of their files; curves: the JSON files that training wrote beside them (`history` and errors
+    on held-out states); ablation, benchmarks: tables with `columns` and `rows`, see `read_table`."""
 
     headers: Mapping[str, CorrectionHeader] = field(default_factory=dict)
     curves: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -65,7 +65,7 @@ def table_of(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Tables inside a record become columns of their own."""
+    """Nested tables in a record become separate columns."""
     flat: dict[str, Any] = {}
     for key, value in record.items():
         if isinstance(value, Mapping):
@@ -76,12 +76,12 @@ def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def columns_of(records: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
-    """A list of records with the same keys, as one list for each key."""
+    """A list of records with the same keys, as one list per key."""
     return {key: [record[key] for record in records] for key in records[0]} if records else {}
 
 
 def read_json(path: Path) -> Any:
-    """The content of a JSON file; SoftprintError where it is damaged."""
+    """The content of a JSON file. Raises SoftprintError if it is damaged."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -105,7 +105,7 @@ def load_learning(corrections: Mapping[str, Path], folder: Path) -> Learning:
 
 
 def read_curves(path: Path) -> dict[str, Any]:
-    """What training wrote beside a correction: an object with `history`, a list of records of numbers with
+    """The training curves beside a correction: an object with `history`, a list of records of numbers with
     the same keys."""
     content = read_json(path)
     history = content.get("history") if isinstance(content, dict) else None
@@ -119,7 +119,7 @@ def read_curves(path: Path) -> dict[str, Any]:
         and isinstance(content.get("held_out", {}), dict)
     ):
         raise SoftprintError(
-            f"{path}: not the curves of a training: train the model again, or remove the file"
+            f"{path}: does not contain training curves: train the model again, or remove the file"
         )
     return dict(content)
 

@@ -1,4 +1,4 @@
-"""The machine a report was made on: figures of time mean nothing without it."""
+"""The machine on which a report was made, without which timings are meaningless."""
 
 import os
 import platform

@@ -1,4 +1,4 @@
-"""The work behind `softprint report`: read the run directory, judge, draw, and write both files."""
+"""The work of `softprint report`: read the run directory, evaluate the models, draw, and write both files."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_truth.constrained import ConstrainedProblem
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.report.assemble import JudgedScene, Material, assemble
-from fem_truth.report.comparison import evenly_spaced
-from fem_truth.report.headline import Card, console_lines
-from fem_truth.report.held_out import Comparer, Corrected, HeldOutMotion, compare
-from fem_truth.report.learning import load_learning
-from fem_truth.report.page import render_page
-from fem_truth.report.picture import Renderer
-from fem_truth.report.renderings import make_renderer
-from fem_truth.report.report_json import json_text, write_text
-from fem_truth.report.run_files import (
+from softprint.fem_truth.constrained import ConstrainedProblem
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.report.assemble import JudgedScene, ReportInputs, assemble
+from softprint.fem_truth.report.comparison import evenly_spaced
+from softprint.fem_truth.report.headline import Card, console_lines
+from softprint.fem_truth.report.held_out import Comparer, HeldOutMotion, compare
+from softprint.fem_truth.report.learning import load_learning
+from softprint.fem_truth.report.page import render_page
+from softprint.fem_truth.report.picture import Renderer
+from softprint.fem_truth.report.renderings import make_renderer
+from softprint.fem_truth.report.report_json import json_text, write_text
+from softprint.fem_truth.report.run_files import (
     FULL,
     RunFiles,
     find_run_files,
@@ -31,25 +31,26 @@ from fem_truth.report.run_files import (
     missing_notes,
     used_paths,
 )
-from fem_truth.report.shapes import judge_shapes
-from fem_truth.report.solves import FrameSolves, SolveStore, solve_frame
-from runtime.body.body import ReducedBody
-from runtime.cli.run_body import body_of_run
-from runtime.colliders.collider import Collider
-from runtime.contact import PenaltyContact
-from runtime.io.files import content_hash
-from runtime.learned.correction_file import load_correction
-from runtime.scenes.scene import scene_parts
-from runtime.truth.truth_file import load_truth
+from softprint.fem_truth.report.shapes import judge_shapes
+from softprint.fem_truth.report.solves import FrameSolves, SolveStore, solve_frame
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.io.files import content_hash
+from softprint.runtime.learned.correction_file import load_correction
+from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.scenes.scene import scene_parts
+from softprint.runtime.truth.truth_file import load_truth
 
 if TYPE_CHECKING:
-    from runtime.cli.context import Context
-    from runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.cli.context import Context
+    from softprint.runtime.experiment import Experiment, SceneSpec
 
 
 @dataclass(frozen=True)
 class Made:
-    """Where the report is, and the lines that sum it up."""
+    """Path of the report, and its summary lines."""
 
     page: Path
     numbers: Path
@@ -57,7 +58,7 @@ class Made:
 
 
 def make_report(context: Context, pictures: bool = True) -> Made:
-    """Judge every scene of role `test` that can be, and write report.html and report.json into the run directory."""
+    """Evaluate every suitable scene with role `test`, and write report.html and report.json in the run directory."""
     experiment, folder = context.experiment, context.out_dir
     files = find_run_files(folder, experiment)
     body = body_of_run(context)
@@ -65,7 +66,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
     with ExitStack() as stack:
         truth = None if files.truth is None else stack.enter_context(load_truth(files.truth, body))
         model = _judged_model(experiment, files)
-        material = Material(
+        inputs = ReportInputs(
             experiment=experiment,
             body=body,
             scenes=scenes,
@@ -78,9 +79,9 @@ def make_report(context: Context, pictures: bool = True) -> Made:
             shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
         )
         context.say("drawing")
-        content = assemble(material, _renderer if pictures else None)
+        content = assemble(inputs, _renderer if pictures else None)
     page, numbers = folder / "report.html", folder / "report.json"
-    html = render_page(content)  # before anything is written: both files change, or none
+    html = render_page(content)  # before anything is written, so that either both files change or none
     write_text(numbers, json_text(content.summary))
     write_text(page, html)
     cards = [Card(**card) for card in content.summary["headline"]["cards"]]
@@ -88,17 +89,17 @@ def make_report(context: Context, pictures: bool = True) -> Made:
 
 
 def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpec) -> JudgedScene:
-    """Compare all models on one test scene; full-space solves that an earlier run finished are read."""
+    """Compare all models on one test scene; full-space solves of an earlier run are read from its files."""
     experiment = context.experiment
     motions = load_motions(files, experiment, scene, body)
     collider = _collider(experiment, scene)
     full = motions[FULL]
-    # A frame is asked for by several models in a row: keep the last ones.
+    # Several models in a row read the same frame: cache the last ones.
     motion = HeldOutMotion(
         full.times, full.colliders[collider.name].poses, lru_cache(maxsize=4)(full.positions)
     )
     comparer = Comparer(body, collider, motion, _corrections(files, body, collider))
-    contact, press = comparer.contact_frames()
+    contact, depth = comparer.contact_frames()
     if not len(contact):
         return JudgedScene(scene.name, comparer, None, motions)
 
@@ -127,7 +128,7 @@ def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: Sce
             progress.update()
             return solves
 
-        return JudgedScene(scene.name, comparer, compare(comparer, contact, press, solve, n_solved), motions)
+        return JudgedScene(scene.name, comparer, compare(comparer, contact, depth, solve, n_solved), motions)
 
 
 def _collider(experiment: Experiment, scene: SceneSpec) -> Collider:
@@ -135,17 +136,17 @@ def _collider(experiment: Experiment, scene: SceneSpec) -> Collider:
     return scene_parts(experiment, scene).colliders[0].collider
 
 
-def _corrections(files: RunFiles, body: ReducedBody, collider: Collider) -> dict[str, Corrected]:
+def _corrections(files: RunFiles, body: ReducedBody, collider: Collider) -> dict[str, StaticCorrection]:
     """Every correction of the run directory."""
     return {
-        name: Corrected.of(load_correction(path, body, collider), body)
+        name: StaticCorrection(load_correction(path, body, collider), body)
         for name, path in files.corrections.items()
     }
 
 
 def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider) -> str:
-    """Names everything besides the frame that decides a full-space solve. The collider is named by its
-    distance at points around it, so that a changed mesh file is noticed too."""
+    """Identifies everything besides the frame that determines a full-space solve. The collider is identified by its
+    signed distance at points around it, so that a changed mesh file is noticed too."""
     probes = np.random.default_rng(0).uniform(1.5 * collider.lower, 1.5 * collider.upper, (64, collider.dim))
     problem = {
         "gravity": experiment.dynamics.gravity,
@@ -162,7 +163,7 @@ def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider
 
 
 def _judged_model(experiment: Experiment, files: RunFiles) -> str | None:
-    """The correction that the report is about: `[report] model` if it is there, else the last by name."""
+    """The correction that the report is about: `[report] model` if it exists, otherwise the last by name."""
     if experiment.report.model in files.corrections:
         return experiment.report.model
     return max(files.corrections, default=None)

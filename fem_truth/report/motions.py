@@ -1,17 +1,16 @@
-"""What models did when they ran on their own: distance from the full space over time, and the time it
-took."""
+"""Free runs of the models: distance from full space over time, and timings."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from fem_truth.report.comparison import node_distances, root_mean_square
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.errors import SoftprintError
-from runtime.scenes.motion_file import Motion
+from softprint.fem_truth.report.comparison import node_distances, root_mean_square
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.scenes.motion_file import Motion
 
-TOTAL = "total"  # the timing that holds all the others, and what no phase claims
+TOTAL = "total"  # the timing that includes all others, and the remainder
 
 
 def distances_over_time(motion: Motion, full: Motion) -> Array:
@@ -31,8 +30,7 @@ def distances_over_time(motion: Motion, full: Motion) -> Array:
 
 
 def free_running_row(motion: Motion, distances: Array, bare_rms: float | None) -> dict[str, Any]:
-    """A line of the table of free runs; bare_rms: RMS distance of the bare subspace [m], where it was
-    simulated."""
+    """A row of the table of free runs; bare_rms: RMS distance of the bare subspace [m], if it was simulated."""
     rms = root_mean_square(distances)
     return {
         "rms": rms,
@@ -45,10 +43,10 @@ def free_running_row(motion: Motion, distances: Array, bare_rms: float | None) -
 
 
 def timing_rows(motions: Mapping[str, Sequence[Motion]]) -> dict[str, dict[str, Any]]:
-    """Mean time of a step in contact by model, by phase, the share of these steps that converged, and the ratios to the
-    full space and to the bare subspace. Nobody drew the surface in this time.
+    """Time of a step in contact by model: mean, 95th percentile, median, and mean by phase; the share of these steps
+    that converged, and ratios of means to the full space and to the bare subspace. The surface is not drawn.
 
-    motions: model -> its motions in the test scenes. A model that never touches a collider has no line.
+    motions: model -> its motions in the test scenes. A model that never touches a collider has no row.
     """
     rows: dict[str, dict[str, Any]] = {}
     for name, recorded in motions.items():
@@ -60,8 +58,11 @@ def timing_rows(motions: Mapping[str, Sequence[Motion]]) -> dict[str, dict[str, 
             for phase in recorded[0].timings
         }
         step = phases.pop(TOTAL)
+        totals = _joined([motion.timings[TOTAL] for motion in recorded], touching)
         rows[name] = {
             "step": step,
+            "p95": float(np.quantile(totals, 0.95)),
+            "median": float(np.median(totals)),
             "steps_per_second": 1.0 / step,
             "steps": int(sum(mask.sum() for mask in touching)),
             "iterations": _mean_over([motion.iterations for motion in recorded], touching),
@@ -75,8 +76,8 @@ def timing_rows(motions: Mapping[str, Sequence[Motion]]) -> dict[str, dict[str, 
 
 
 def _steps_in_contact(motion: Motion) -> BoolArray:
-    """(n_frames,); frame 0 is where the scene starts, and no step led there. Without the first of several: there, once
-    on a machine, kernels are compiled."""
+    """(n_frames,) mask. Frame 0 is the start of the scene, which no step computed. The first of several is left out,
+    because kernels may be compiled in it."""
     touching = np.asarray(motion.penetration > 0)
     touching[0] = False
     if np.count_nonzero(touching) > 1:
@@ -85,4 +86,9 @@ def _steps_in_contact(motion: Motion) -> BoolArray:
 
 
 def _mean_over(values: Sequence[Array | IntArray | BoolArray], masks: Sequence[BoolArray]) -> float:
-    return float(np.mean(np.concatenate([v[m] for v, m in zip(values, masks, strict=True)])))
+    return float(np.mean(_joined(values, masks)))
+
+
+def _joined(values: Sequence[Array | IntArray | BoolArray], masks: Sequence[BoolArray]) -> Array:
+    """What the masks let through, of all motions in one array."""
+    return np.concatenate([v[m] for v, m in zip(values, masks, strict=True)])

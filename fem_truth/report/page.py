@@ -1,8 +1,7 @@
-"""The page: one HTML text that holds everything it shows. Its numbers come from the JSON summary and only
-from there.
+"""The page: one self-contained HTML text. All its numbers come from the JSON summary.
 
 Every number on the page is written by `Numbers`, which looks it up in the summary by its path and emits
-`<data value="..." data-key="path">`; so page and JSON cannot disagree, and a reader can find the full digits.
+`<data value="..." data-key="path">`, so that page and JSON cannot disagree and a reader can find the full digits.
 """
 
 import math
@@ -14,18 +13,18 @@ from typing import Any
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 
-from fem_truth.report.picture import Picture
-from fem_truth.report.style import ModelStyle
-from runtime.drawing.colours import ERROR_COLOURS
+from softprint.fem_truth.report.picture import Picture
+from softprint.fem_truth.report.style import ModelStyle
+from softprint.runtime.drawing.colours import ERROR_COLOURS
 
 _THIN_SPACE = "\u202f"
 
 
 @dataclass(frozen=True)
 class ShownFrame:
-    """The pictures of one frame: rows of views, one cell a model (None where there is no picture)."""
+    """The pictures of one frame: rows of views, one cell per model (None if there is no picture)."""
 
-    index: int  # in scenes/N/shown of the summary, where the frame's numbers are
+    index: int  # in scenes/N/shown of the summary, which has the frame's numbers
     frame: int
     why: str
     models: Sequence[str]
@@ -36,7 +35,7 @@ class ShownFrame:
 
 @dataclass(frozen=True)
 class ScenePictures:
-    """What a test scene shows besides numbers: plots (SVG text) by name, and frames."""
+    """Plots (SVG text) by name and pictures of frames of a test scene."""
 
     plots: Mapping[str, str] = field(default_factory=dict)
     frames: Sequence[ShownFrame] = ()
@@ -45,7 +44,8 @@ class ScenePictures:
 
 @dataclass(frozen=True)
 class ShapeView:
-    """The worst sample of one shape: the whole, and (model, picture) of each cut open, full space first."""
+    """The worst sample of one shape: a picture of the whole, and (model, picture) of each cut open, full space
+    first."""
 
     whole: Picture
     cut: Sequence[tuple[str, Picture]]
@@ -65,7 +65,7 @@ class PageContent:
 
 def render_page(content: PageContent) -> str:
     """The whole page as HTML text."""
-    template = page_template("fem_truth.report", "page.html.j2")
+    template = page_template("softprint.fem_truth.report", "page.html.j2")
     return template.render(
         s=content.summary,
         n=Numbers(content.summary),
@@ -81,7 +81,7 @@ def render_page(content: PageContent) -> str:
 
 
 class Numbers:
-    """`n("path/to/value", "percent")` in the template: the number as text, with its exact value beside it."""
+    """`n("path/to/value", "percent")` in the template: the number as text, with its exact value in an attribute."""
 
     def __init__(self, summary: Mapping[str, Any]) -> None:
         self._summary = summary
@@ -96,7 +96,7 @@ class Numbers:
 
 
 def look_up(summary: Mapping[str, Any], path: str) -> Any:
-    """The value at a path ("scenes/0/frames"); None if any part of it is not there."""
+    """The value at a path ("scenes/0/frames"); None if any part of it is missing."""
     value: Any = summary
     for part in path.split("/"):
         if isinstance(value, Mapping):
@@ -114,8 +114,8 @@ def look_up(summary: Mapping[str, Any], path: str) -> Any:
 
 
 def format_number(value: float | int, style: str) -> str:
-    """A number for people. Lengths come in metres and are shown in millimetres, times in seconds or
-    milliseconds."""
+    """A number as text for the page. Lengths are given in metres and shown in millimetres, times are shown in seconds
+    or milliseconds."""
     if style == "int":
         return f"{round(value):,}".replace(",", _THIN_SPACE)
     scale, unit = _SCALES[style]
@@ -156,7 +156,7 @@ _SUPERSCRIPT = str.maketrans(
 
 def page_style() -> str:
     """The style sheet of all pages that Softprint writes."""
-    return template_text("fem_truth.report", "page.css")
+    return template_text("softprint.fem_truth.report", "page.css")
 
 
 def page_template(package: str, name: str) -> Template:
@@ -177,7 +177,7 @@ def template_text(package: str, name: str) -> str:
 
 
 def _safe_plots(pictures: ScenePictures) -> ScenePictures:
-    """SVG text made by `figures` may enter the page as it is."""
+    """SVG text made by `figures` needs no escaping."""
     plots = {name: Markup(svg) for name, svg in pictures.plots.items()}
     return ScenePictures(plots, pictures.frames, pictures.description)
 

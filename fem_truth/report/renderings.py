@@ -1,5 +1,4 @@
-"""Pictures of three-dimensional bodies with PyVista, off screen (EGL: neither a display nor xvfb is
-needed)."""
+"""Pictures of three-dimensional bodies with PyVista, off screen (by EGL, without a display or xvfb)."""
 
 import os
 import subprocess
@@ -10,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem_truth.report.flat_renderings import VIEWS, FlatRenderer
-from fem_truth.report.picture import Picture, Renderer, encode
-from runtime.arrays import Array
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.drawing.colours import BODY, COLLIDER, ERROR_COLOURS, SECTION
-from runtime.mesh import Mesh
+from softprint.fem_truth.report.flat_renderings import VIEWS, FlatRenderer
+from softprint.fem_truth.report.picture import Picture, Renderer, encode
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.drawing.colours import BODY, COLLIDER, ERROR_COLOURS, SECTION
+from softprint.runtime.mesh import Mesh
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -29,13 +28,13 @@ _LOW = 0.25  # of the body's height: a collider whose middle is lower is seen fr
 _GRID_AXES = np.array([[1.0, 0.32, 0.0], [0.32, -1.0, 0.0], [0.0, 0.0, np.hypot(1.0, 0.32)]]) / np.hypot(
     1.0, 0.32
 )
-_ELSEWHERE = 0.2  # how far a body goes before the camera goes along, in its extents
+_ELSEWHERE = 0.2  # displacement from which the camera follows the body, in its extents
 _PROBE = "import pyvista; pyvista.Plotter(off_screen=True, window_size=(8, 8)).screenshot(None)"
 
 
 def make_renderer(mesh: Mesh, collider: Collider, pose: RigidPose) -> Renderer:
-    """PyVista for 3D bodies where GL works, else plain drawings (always for 2D bodies, which need no
-    more). pose: where the collider usually is, which decides from where all is seen."""
+    """PyVista for 3D bodies if GL works, otherwise plain drawings, which 2D bodies always get. pose: typical pose of
+    the collider, which determines the view direction."""
     if mesh.dim == 2:
         return FlatRenderer(mesh, collider, "Drawn with matplotlib.")
     from_above = _from_above(mesh, collider, pose)
@@ -52,16 +51,16 @@ def make_renderer(mesh: Mesh, collider: Collider, pose: RigidPose) -> Renderer:
 
 
 def _from_above(mesh: Mesh, collider: Collider, pose: RigidPose) -> bool:
-    """Whether that is the side from which the collider is seen."""
+    """Whether the collider is viewed from above."""
     middle = pose.apply(0.5 * (collider.lower + collider.upper)[None])[0, 2]
     lower, upper = mesh.points[:, 2].min(), mesh.points[:, 2].max()
     return bool(middle > lower + _LOW * (upper - lower))
 
 
 def gl_problem() -> str:
-    """Why PyVista cannot draw off screen here; empty if it can.
+    """The reason why PyVista cannot draw off screen here; empty if it can.
 
-    Tried in a process of its own: a missing GL driver ends a process, it does not raise.
+    Tested in a separate process, because a missing GL driver ends the process instead of raising an exception.
     """
     environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}
     try:
@@ -89,8 +88,8 @@ class GlRenderer:
         self._centre = 0.5 * (lower + upper)
         self._extent = float(np.linalg.norm(upper - lower))
         self._side = float((upper - lower).max())
-        # Lines of constant rest position, seen from the camera: across, along the line of sight, and up. They
-        # sit half a spacing off the ends, where they would run along the body's own edges.
+        # Lines of constant rest position, as seen from the camera: across, along the line of sight, and up. They
+        # are half a spacing away from the ends, where they would coincide with the body's own edges.
         self._rest = mesh.points @ _GRID_AXES
         spacing = self._side / _GRID_LINES
         ends = zip(self._rest.min(axis=0), self._rest.max(axis=0), strict=True)
@@ -152,7 +151,7 @@ class GlRenderer:
         return _shot(build, alt, self._from_above)
 
     def _surface(self, positions: Array, values: Array | None = None) -> "pv.PolyData":
-        """The body's skin with normals that are smooth except at true edges."""
+        """The body's surface with normals that are smooth except at sharp edges."""
         import pyvista as pv
 
         surface = pv.PolyData.from_regular_faces(positions, self.mesh.facets)
@@ -190,8 +189,7 @@ class GlRenderer:
                 plotter.add_mesh(lines, color=colour, line_width=1.3, opacity=0.5, lighting=False)
 
     def _lift(self, towards: Array) -> Array:
-        """Lines float a little towards the camera: drawn in the surface, they would flicker in and out of
-        it."""
+        """Offset of the lines towards the camera, which avoids z-fighting with the surface."""
         return 2e-3 * self._extent * towards
 
     @cached_property
@@ -216,7 +214,7 @@ class GlRenderer:
     def _whole_view(self, plotter: "pv.Plotter", positions: Array) -> None:
         room = np.array([0.0, 0.0, 0.05 * self._extent * np.sign(self._view[2])])  # for the collider
         moved = 0.5 * (positions.min(axis=0) + positions.max(axis=0)) - self._centre
-        # One camera for all frames, unless the body goes elsewhere: then it goes along.
+        # One camera for all frames; it follows the body only if that moves far away.
         along = moved if np.linalg.norm(moved) > _ELSEWHERE * self._extent else np.zeros(3)
         _look(plotter, self._centre + along + room, self._view, 0.82 * self._extent)
 

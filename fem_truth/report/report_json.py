@@ -1,5 +1,4 @@
-"""The JSON side of a report: plain numbers, text and lists, and what the experiment and the body say of
-themselves."""
+"""The JSON file of a report: plain numbers, text and lists, and summaries of the experiment and the body."""
 
 import hashlib
 import json
@@ -10,18 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.body import ReducedBody
-from runtime.colliders.collider import Collider
-from runtime.experiment import Experiment
-from runtime.io.files import atomic_path
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.experiment import Experiment
+from softprint.runtime.io.files import atomic_path
 
 REPORT_VERSION = 1
 
 
 def plain(value: Any) -> Any:
-    """The same content in JSON's own types. Numbers that are not finite become None: JSON has no word for
-    them."""
+    """The same content in JSON types. Numbers that are not finite become None, because JSON cannot represent them."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -34,17 +32,17 @@ def plain(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, bool | int | str):
         return value
-    raise TypeError(f"a report holds numbers, text, lists and tables, not {type(value).__name__}")
+    raise TypeError(f"a report contains numbers, text, lists and tables, not {type(value).__name__}")
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
+    """Write a text file atomically."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def json_text(summary: Mapping[str, Any]) -> str:
-    """The summary as JSON text; it must be `plain` already."""
+    """The summary as JSON text; it must already be `plain`."""
     return json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

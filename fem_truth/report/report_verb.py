@@ -1,24 +1,23 @@
-"""`softprint report`: judge the models on the held-out motions, and say so as a page and as JSON."""
+"""`softprint report`: evaluates the models on the held-out motions; writes a page and a JSON file."""
 
 from __future__ import annotations
 
 import argparse
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """What to leave out when in a hurry."""
+    """Add the option to leave out the renderings."""
     parser.add_argument(
-        "--no-pictures", action="store_true", help="leave out the renderings (numbers and plots stay)"
+        "--no-pictures", action="store_true", help="leave out the renderings (keep numbers and plots)"
     )
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """report.html and report.json in the run directory; full-space solves are kept in heldout/ and
-    resumed."""
-    from fem_truth.report.make import make_report
+    """Write report.html and report.json in the run directory; full-space solves are kept in heldout/ and reused."""
+    from softprint.fem_truth.report.make import make_report
 
     made = make_report(context, pictures=not args.no_pictures)
     for line in made.headline:
@@ -31,7 +30,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
 VERB = Verb(
     name="report",
     order=50,
-    summary="Judge the models on the held-out motions: report.html and report.json.",
+    summary="Evaluate the models on the held-out motions: report.html and report.json.",
     example="softprint report examples/jelly3d_small.toml",
     run=run,
     needs=("dolfinx", "h5py", "jinja2", "matplotlib", "pyvista"),

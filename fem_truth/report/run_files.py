@@ -1,21 +1,22 @@
-"""What a run directory holds of one experiment, and which verb makes what is missing."""
+"""The files of one experiment in a run directory, and the commands that make missing ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from runtime.body.body import ReducedBody
-from runtime.errors import SoftprintError
-from runtime.experiment import Experiment, SceneSpec
-from runtime.scenes.motion_file import Motion, load_motion
-from runtime.scenes.simulate import inputs_hash, motion_path
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import Experiment, SceneSpec
+from softprint.runtime.mechanics.mechanics_file import PATTERN as MECHANICS_FILES
+from softprint.runtime.scenes.motion_file import Motion, load_motion
+from softprint.runtime.scenes.simulate import inputs_hash, motion_path
 
 FULL, BARE = "full", "bare"
 
 
 @dataclass(frozen=True)
 class RunFiles:
-    """Paths of the files that are there; corrections by name, in alphabetical order."""
+    """Paths of the existing files; corrections by name, in alphabetical order."""
 
     folder: Path
     body: Path
@@ -24,13 +25,13 @@ class RunFiles:
 
     @property
     def models(self) -> list[str]:
-        """The models that can have simulated a scene."""
+        """The models with which a scene may have been simulated."""
         return [FULL, BARE, *self.corrections]
 
 
 def judged_scenes(experiment: Experiment) -> list[SceneSpec]:
-    """The test scenes that a report is about: those with one collider, which is led, as full space has to play them and
-    contact is compared under one."""
+    """The test scenes that a report evaluates: those with one collider with keyframes, because full space must be able
+    to simulate them and contact is compared for a single collider."""
     return [scene for scene in experiment.scenes_of_role("test") if _can_be_judged(scene)]
 
 
@@ -39,25 +40,25 @@ def _can_be_judged(scene: SceneSpec) -> bool:
 
 
 def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
-    """Look through the run directory. Raises SoftprintError where a report makes no sense yet: without a
-    body, without a test scene, or without a full-space motion of every test scene."""
+    """Find the files in the run directory. Raises SoftprintError if there is no body, no test scene, or no full-space
+    motion of a test scene."""
     verb = _Commands(experiment, folder)
     body = folder / "body.h5"
     if not body.is_file():
         raise SoftprintError(
-            f"{body} is not there, so there is nothing to report on: run {verb('body')} first"
+            f"{body} does not exist, so there is nothing to report on: run {verb('body')} first"
         )
     scenes = judged_scenes(experiment)
     if not scenes:
         raise SoftprintError(
             f'{experiment.path}: a report needs a held-out motion; add a [[scenes]] table with role = "test" and one '
-            "collider that is led along keyframes"
+            "collider that moves along keyframes"
         )
     for scene in scenes:
         path = motion_path(folder, scene.name, FULL)
         if not path.is_file():
             raise SoftprintError(
-                f"{path} is not there: a report compares with the full-space motion of every test scene; "
+                f"{path} does not exist: a report compares with the full-space motion of every test scene; "
                 f"run {verb('simulate', '--model full')} first"
             )
     truth = folder / "truth.h5"
@@ -66,11 +67,11 @@ def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
 
 
 def missing_notes(files: RunFiles, experiment: Experiment) -> list[str]:
-    """Sentences on what the report has to do without, and which verb makes it."""
+    """Sentences on missing inputs of the report, and the commands that make them."""
     verb = _Commands(experiment, files.folder)
     notes = [
-        f"The scene \u201c{scene.name}\u201d is not judged: a report compares the contact of one collider that is led "
-        "along keyframes."
+        f"The scene \u201c{scene.name}\u201d is not evaluated: a report compares the contact of one collider "
+        "that moves along keyframes."
         for scene in experiment.scenes_of_role("test")
         if not _can_be_judged(scene)
     ]
@@ -92,8 +93,8 @@ def missing_notes(files: RunFiles, experiment: Experiment) -> list[str]:
 def load_motions(
     files: RunFiles, experiment: Experiment, scene: SceneSpec, body: ReducedBody
 ) -> dict[str, Motion]:
-    """The motions of a scene by model, full space first; those of another body, or of what the experiment and
-    the corrections were before, are refused."""
+    """The motions of a scene by model, full space first. Raises SoftprintError for those of another body, or of an
+    earlier version of the experiment or the corrections."""
     again = _Commands(experiment, files.folder)
     motions: dict[str, Motion] = {}
     for name in files.models:
@@ -112,9 +113,10 @@ def load_motions(
 
 
 def used_paths(files: RunFiles, scenes: Sequence[SceneSpec]) -> list[Path]:
-    """Every file that goes into the report."""
+    """Every input file of the report."""
     motions = [motion_path(files.folder, scene.name, name) for scene in scenes for name in files.models]
-    paths = [files.body, files.truth, *files.corrections.values(), *motions]
+    mechanics = sorted(files.folder.glob(MECHANICS_FILES))
+    paths = [files.body, files.truth, *mechanics, *files.corrections.values(), *motions]
     return [path for path in paths if path is not None and path.is_file()]
 
 

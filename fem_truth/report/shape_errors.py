@@ -1,11 +1,12 @@
-"""How far corrections are from the truth of a library's samples: on shapes that they learned from, and on others.
+"""Errors of corrections relative to the truth of a library's samples: on training shapes and on unseen ones.
 
 For samples S, with node volumes V_i, u* the exact contact displacement and u that of a model at the same state,
 
     squared error = sum_{s in S} sum_i V_i |u_i - u*_i|^2 / sum_{s in S} sum_i V_i |u*_i|^2,
 
-the mean square of what is missed over the mean square of what there is, as in table 6.1 of the thesis, and its root.
-There the displacement is all that full space adds to the subspace; here both are measured: that, and contact alone.
+the mean squared error relative to the mean squared displacement, as in table 6.1 of the thesis, and its root.
+In the thesis, the displacement is everything that full space adds to the subspace; here both are measured: that, and
+contact alone.
 """
 
 from __future__ import annotations
@@ -17,21 +18,21 @@ from pathlib import Path
 
 import numpy as np
 
-from fem_truth.report.held_out import Corrected
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.body.body import ReducedBody
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path
-from runtime.truth.truth_file import TruthData
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path
+from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.truth.truth_file import TruthData
 
-# Samples with less than this share of the mean squared displacement hardly touch, and say nothing of the worst case.
+# Samples with less than this share of the mean squared displacement hardly touch; they are left out of the worst case.
 _TELLING = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class SampleErrors:
-    """Of every usable sample (n,) of a truth file, sums over the nodes in m^5: contact, the squared exact contact
-    displacement; missed_contact, what a model misses of it; whole, missed_whole: the same with the internal
+    """For every usable sample (n,) of a truth file, sums over the nodes in m^5. contact: the squared exact contact
+    displacement; missed_contact: the squared error of a model; whole, missed_whole: the same with the internal
     displacement. sample: rows of the truth file."""
 
     sample: IntArray
@@ -44,8 +45,8 @@ class SampleErrors:
         return SampleErrors(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
     def row(self) -> dict[str, float]:
-        """The line of a table: the formula above, its root, and of contact alone the median and the worst sample, each
-        relative to its own displacement; among the worst are only samples in which there is something to miss."""
+        """A table row: the formula above, its root, and for contact alone the median and the worst sample, each
+        relative to its own displacement; samples with hardly any displacement are left out of the worst."""
         squared = float(self.missed_contact.sum() / self.contact.sum())
         whole = float(self.missed_whole.sum() / self.whole.sum())
         relative = np.sqrt(self.missed_contact / self.contact)
@@ -64,10 +65,10 @@ class SampleErrors:
 def measure_samples(
     truth: TruthData,
     body: ReducedBody,
-    corrected: Callable[[str], Corrected],
+    corrected: Callable[[str], StaticCorrection],
     progress: Callable[[int], None],
 ) -> SampleErrors:
-    """Errors of one model at all usable samples. corrected: the model bound to the collider of that name."""
+    """Errors of one model at all usable samples. corrected: returns the model bound to the collider of that name."""
     volumes = body.mesh.node_volumes[:, None]
     samples = np.flatnonzero(truth.usable)
     number = truth.contacts["collider"][truth.samples["contact"][samples]]
@@ -79,16 +80,16 @@ def measure_samples(
             sample, state = samples[place], truth.sample_state[samples[place]]
             rows = truth.states["rows"][state]
             exact = truth.displacement(int(sample)).astype(np.float64)
-            missed = model.contact_along(rows, truth.way(int(sample))) - exact
-            missed_internal = model.internal_displacement(rows) - internal[state]
-            fields = (exact, missed, exact + internal[state], missed + missed_internal)
+            error = model.displacement_along(rows, truth.approach_path(int(sample))) - exact
+            missed_internal = model.condensed_displacement(rows) - internal[state]
+            fields = (exact, error, exact + internal[state], error + missed_internal)
             columns[:, place] = [float((volumes * field**2).sum()) for field in fields]
             progress(1)
     return SampleErrors(samples, *columns)
 
 
 def remembered(path: Path, made_of: Mapping[str, str], measure: Callable[[], SampleErrors]) -> SampleErrors:
-    """What an earlier run measured of the same things, or a new measurement that is kept."""
+    """The measurement of an earlier run with the same inputs, or a new one, which is saved."""
     if path.is_file():
         try:
             kept = json.loads(path.read_text())
@@ -108,7 +109,7 @@ def remembered(path: Path, made_of: Mapping[str, str], measure: Callable[[], Sam
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Which samples (n,) are of shapes learned from, of shapes that models were chosen by, and of testing shapes."""
+    """Masks (n,) of samples of training shapes, of validation shapes, and of testing shapes."""
 
     learned: BoolArray
     validation: BoolArray
@@ -120,7 +121,7 @@ class Sides:
 
 
 def sides_of(truth: TruthData, sample: IntArray, training: set[str], validation: set[str]) -> Sides:
-    """The sides of samples, from the names of the training shapes (validation shapes among them)."""
+    """The side of each sample, from the names of the training shapes (which include validation shapes)."""
     names = np.array(truth.header.colliders)[truth.contacts["collider"][truth.samples["contact"][sample]]]
     trained, chosen = np.isin(names, sorted(training)), np.isin(names, sorted(validation))
     return Sides(trained & ~chosen, chosen, ~trained)
@@ -133,9 +134,9 @@ def shape_rows(truth: TruthData, errors: SampleErrors) -> dict[str, dict[str, fl
 
 
 def worst_sample(truth: TruthData, errors: SampleErrors, shape: str) -> int:
-    """Row of the truth file of the shape's sample of which most is missed, in absolute terms."""
+    """Row of the truth file of the shape's sample with the largest absolute error."""
     number = truth.contacts["collider"][truth.samples["contact"][errors.sample]]
     of_shape = np.flatnonzero(number == truth.header.colliders.index(shape))
     if not of_shape.size:
-        raise SoftprintError(f"{truth.path}: has no usable sample of {shape!r}")
+        raise SoftprintError(f"{truth.path}: no usable sample of {shape!r}")
     return int(errors.sample[of_shape[np.argmax(errors.missed_contact[of_shape])]])

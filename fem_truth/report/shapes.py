@@ -1,4 +1,4 @@
-"""The report's section on shapes never seen: errors by side of the split and by shape, and pictures of the worst."""
+"""The report's section on unseen shapes: errors by side of the split and by shape, and pictures of the worst."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import runtime
-from fem_truth.report.held_out import Corrected
-from fem_truth.report.page import ShapeView
-from fem_truth.report.renderings import make_renderer
-from fem_truth.report.run_files import RunFiles
-from fem_truth.report.shape_errors import (
+from softprint import runtime
+from softprint.fem_truth.report.page import ShapeView
+from softprint.fem_truth.report.renderings import make_renderer
+from softprint.fem_truth.report.run_files import RunFiles
+from softprint.fem_truth.report.shape_errors import (
     SampleErrors,
     measure_samples,
     remembered,
@@ -23,27 +22,28 @@ from fem_truth.report.shape_errors import (
     sides_of,
     worst_sample,
 )
-from runtime.body.body import ReducedBody
-from runtime.colliders.build import build_collider
-from runtime.colliders.collider import Collider
-from runtime.experiment.experiment import ANY_COLLIDER
-from runtime.io.files import file_hash, sources_hash
-from runtime.learned.correction_file import TrainedCorrection, read_correction
-from runtime.shapes import names, validation_names
-from runtime.truth.truth_colliders import require_same_colliders
-from runtime.truth.truth_file import TruthData
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.experiment.experiment import ANY_COLLIDER
+from softprint.runtime.io.files import file_hash, sources_hash
+from softprint.runtime.learned.correction_file import TrainedCorrection, read_correction
+from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.shapes import names, validation_names
+from softprint.runtime.truth.truth_colliders import require_same_colliders
+from softprint.runtime.truth.truth_file import TruthData
 
 if TYPE_CHECKING:
-    from runtime.cli.context import Context
+    from softprint.runtime.cli.context import Context
 
-# How many of the testing shapes with the largest errors are shown.
+# Number of testing shapes shown, those with the largest errors.
 WORST = 5
 
 
 @dataclass(frozen=True)
 class ShapeSection:
     """summary: sides (model -> side -> row), shapes (model -> shape -> row), worst (rows of the judged model's worst
-    testing shapes), testing (names); views: a picture for each of the worst."""
+    testing shapes), testing (names); views: pictures of each of the worst."""
 
     summary: dict[str, Any]
     views: list[ShapeView]
@@ -52,9 +52,10 @@ class ShapeSection:
 def judge_shapes(
     context: Context, files: RunFiles, body: ReducedBody, truth: TruthData, judged: str | None, pictures: bool
 ) -> ShapeSection | None:
-    """Every correction for any collider, at every usable sample of a library's truth; None where there is none."""
+    """Errors of every correction for any collider, at every usable sample of a library's truth; None if there is no
+    such correction."""
 
-    # All of them are kept for the next model: making one takes a second, and keeping it ten megabytes.
+    # All colliders are cached for the next model: building one takes a second, and it needs ten megabytes.
     @cache
     def collider(name: str) -> Collider:
         return build_collider(context.experiment.collider(name), context.experiment.base_dir)
@@ -87,15 +88,15 @@ def judge_shapes(
 
 
 class _OnAny:
-    """A correction for any collider, bound to one after the other."""
+    """A correction for any collider, bound to one collider at a time."""
 
     def __init__(
         self, trained: TrainedCorrection, body: ReducedBody, collider: Callable[[str], Collider]
     ) -> None:
         self._trained, self._body, self._collider = trained, body, collider
 
-    def __call__(self, name: str) -> Corrected:
-        return Corrected.of(self._trained.on(self._collider(name)), self._body)
+    def __call__(self, name: str) -> StaticCorrection:
+        return StaticCorrection(self._trained.on(self._collider(name)), self._body)
 
 
 def _measured(
@@ -151,8 +152,8 @@ def _view(
     settled = body.reduced_positions(rows) + truth.states["internal"][state]
     full = settled + truth.displacement(sample)
     model = models[judged](collider.name)
-    ours = body.reduced_positions(rows) + model.internal_displacement(rows)
-    ours += model.contact_along(rows, truth.way(sample))
+    ours = body.reduced_positions(rows) + model.condensed_displacement(rows)
+    ours += model.displacement_along(rows, truth.approach_path(sample))
     surface = body.mesh.surface_nodes
     deepest = full[surface[int(np.argmin(collider.sdf(pose.apply_inverse(full[surface]))))]]
     renderer = make_renderer(body.mesh, collider, pose)

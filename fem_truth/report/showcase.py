@@ -1,21 +1,20 @@
-"""The frames that a report shows: which ones, which models beside each other, and their pictures."""
+"""The frames that a report shows: their choice, the models shown side by side, and their pictures."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from fem_truth.report.comparison import frames_to_show, node_distances
-from fem_truth.report.held_out import Comparer, SceneComparison
-from fem_truth.report.page import ShownFrame
-from fem_truth.report.picture import Picture, Renderer
-from fem_truth.report.style import ModelStyle
-from runtime.arrays import Array
+from softprint.fem_truth.report.comparison import frames_to_show, node_distances
+from softprint.fem_truth.report.held_out import Comparer, SceneComparison
+from softprint.fem_truth.report.page import ShownFrame
+from softprint.fem_truth.report.picture import Picture, Renderer
+from softprint.fem_truth.report.style import ModelStyle
+from softprint.runtime.arrays import Array
 
 
 def shown_models(comparison: SceneComparison, model: str | None) -> list[str]:
-    """Full space, bare subspace, the thesis's network and the model the report is about, as far as they are
-    there."""
+    """Full space, bare subspace, the thesis's network and the model the report is about, as far as they exist."""
     wanted = ["full", "bare", "thesis5", model]
     return [name for name in wanted if name is not None and name in comparison.everywhere]
 
@@ -29,7 +28,7 @@ def showcase(
 ) -> tuple[list[ShownFrame], list[dict[str, Any]]]:
     """Pictures of the chosen frames, and their numbers for the JSON."""
     judged = comparison.everywhere[models[-1]]
-    chosen = frames_to_show(comparison.contact, comparison.press, judged)
+    chosen = frames_to_show(comparison.contact, comparison.depth, judged)
     bare = comparison.everywhere["bare"]
     limit = max(
         float(bare.worst_node[bare.frames == frame][0]) for frame, _ in chosen
@@ -45,7 +44,7 @@ def showcase(
                 "frame": frame,
                 "time": float(comparer.motion.times[frame]),
                 "why": why,
-                "depth": float(comparison.press[at][0]),
+                "depth": float(comparison.depth[at][0]),
                 "heat_limit": limit,
                 "relative": {name: float(comparison.everywhere[name].relative[at][0]) for name in models[1:]},
             }
@@ -74,7 +73,7 @@ def _pictures(
         label, x = styles[name].label, positions[name]
         outside.append(renderer.outside(x, pose, f"{label}, frame {frame}: the body and the collider"))
         cut.append(
-            renderer.cut(x, pose, centre, f"{label}, frame {frame}: the dent under the collider, cut open")
+            renderer.cut(x, pose, centre, f"{label}, frame {frame}: the contact under the collider, cut open")
         )
         if name == "full":
             heat.append(None)  # its place is taken by the colour bar

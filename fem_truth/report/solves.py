@@ -1,10 +1,8 @@
-"""The full-space solves at a frame of the held-out motion, kept in the run directory so that nothing is
-solved twice.
+"""The full-space solves at a frame of the held-out motion, cached in the run directory.
 
-At the reduced state q of a frame, with the collider where it was: the internal equilibrium, the linear
-response about it, and the exact constrained equilibrium. The last starts from the frame's own positions
-(which satisfy the constraint), so that where equilibria are several, it finds the one on the branch that the
-motion was on."""
+At the reduced state q of a frame, with the collider's recorded pose: the internal equilibrium, the linear response
+about it, and the exact constrained equilibrium. The last starts from the frame's own positions (which satisfy the
+constraint), so that of several equilibria it finds the one on the branch of the motion."""
 
 import logging
 import time
@@ -14,15 +12,15 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from fem_truth.constrained import ConstrainedProblem, Solution
-from runtime.arrays import Array
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.io.files import atomic_path, content_hash
+from softprint.fem_truth.constrained import ConstrainedProblem, Solution
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.io.files import atomic_path, content_hash
 
 log = logging.getLogger(__name__)
 
-_VERSION = "frame solves 3"  # raise it when the meaning of what is kept changes
+_VERSION = "frame solves 3"  # increase it when the meaning of the stored data changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +28,7 @@ class FrameSolves:
     """Displacements at the nodes, (n_nodes, dim) [m].
 
     internal: internal equilibrium minus U q; linear, exact: contact displacement, from the internal
-    equilibrium, of the linear response and of the constrained truth; seconds: of all three; problem: why the
+    equilibrium, of the linear response and of the constrained truth; seconds: total time; problem: why the
     frame cannot be used, or ""."""
 
     internal: Array
@@ -64,14 +62,14 @@ def _complaint(name: str, solution: Solution) -> str:
 
 
 class SolveStore:
-    """Finished frame solves in a folder, one file a frame, each written whole; `context` names the rest of
-    the problem (body, material, collider, contact), so that a changed experiment is solved anew."""
+    """Finished frame solves in a folder, one file per frame, each written atomically; `context` identifies the rest of
+    the problem (body, material, collider, contact), so that a changed experiment is solved again."""
 
     def __init__(self, folder: Path, context: str) -> None:
         self._folder, self._context = folder, context
 
     def load(self, frame: int, full: Array, pose: RigidPose) -> FrameSolves | None:
-        """The solves of this very frame if they are there."""
+        """The solves of this frame, if they exist."""
         path = self._path(frame)
         if not path.is_file():
             return None
@@ -86,7 +84,7 @@ class SolveStore:
                     seconds=float(kept["seconds"]),
                     problem=str(kept["problem"]),
                 )
-        # RuntimeError: where damage makes the archive look encrypted or of a kind that zipfile does not know.
+        # RuntimeError: damage can make the archive look encrypted or of a kind unknown to zipfile.
         except (OSError, ValueError, KeyError, BadZipFile, RuntimeError) as error:
             log.warning("%s: not readable (%s); the frame is solved again", path, error)
             return None

@@ -1,9 +1,9 @@
-"""One look for every model: its name for people, its colour on light and on dark, its line, its order.
+"""The style of every model: its label, its colours on light and dark pages, its line style, its order.
 
-The colours are those of Okabe and Ito (2008), which stay apart for colour-blind readers; the dark-page
-variants are lighter tints of the same hues. Lines differ in dash as well, so that the plots survive grey
-printing. Figures are drawn with stand-in colours (`paint`) that become CSS variables of the page, and so one
-SVG follows the page from light to dark.
+The colours are those of Okabe and Ito (2008), which colour-blind readers can distinguish; the dark-page
+variants are lighter tints of the same hues. Lines also differ in dash, so that the plots are readable in grey.
+Figures are drawn with placeholder colours (`paint`) that become CSS variables of the page, so that one
+SVG works on light and dark pages.
 """
 
 import re
@@ -55,7 +55,7 @@ _KNOWN = (
     ModelStyle(
         "mechanics",
         "Mechanics",
-        "ours before anything is learned: linear elasticity",
+        "ours before training: linear elasticity",
         "#9b2c4d",
         "#f28ba6",
         _DASH_DOT,
@@ -84,7 +84,7 @@ _SPARE = (("#5b4bb5", "#a79cf0"), ("#2a7f9e", "#7fd0ea"), ("#8a6d3b", "#d8bd8a")
 
 
 def styles_for(models: Iterable[str]) -> dict[str, ModelStyle]:
-    """A style for every named model, known ones first in the order of the error tables."""
+    """A style for every named model; known ones come first, in the order of the error tables."""
     names = list(dict.fromkeys(models))
     known = {style.key: style for style in _KNOWN if style.key in names}
     for i, name in enumerate(sorted(set(names) - set(known))):
@@ -93,12 +93,12 @@ def styles_for(models: Iterable[str]) -> dict[str, ModelStyle]:
     return known
 
 
-# Stand-ins that no drawing uses by accident; `figures.to_svg` turns them into CSS variables.
+# Placeholder colours that no drawing uses otherwise; `figures.to_svg` turns them into CSS variables.
 INK = "#010203"
 RULE = "#010204"
 PAPER = "#010205"
 
 
 def paint(index: int) -> str:
-    """The stand-in colour of the index-th model of a figure."""
+    """The placeholder colour of the index-th model of a figure."""
     return f"#0103{index:02x}"

@@ -1,4 +1,4 @@
-"""Figures 6.3 to 6.7 of the thesis as plots, from what the benchmarks left in a run directory."""
+"""Figures 6.3 to 6.7 of the thesis as plots, from what reproduction/ left in a run directory."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from fem_truth.report.learning import read_json
-from fem_truth.report.style import INK
-from runtime.errors import SoftprintError
+from softprint.fem_truth.report.learning import read_json
+from softprint.fem_truth.report.style import INK
+from softprint.runtime.errors import SoftprintError
 
 TABLE, FIGURES, WAYS = "bench_thesis6_ablation.json", "thesis6_figures.json", "descriptor_ways.json"
-#: The files, and the benchmarks that write them.
+#: The files, and the modules of reproduction/ that write them.
 NEEDED = {TABLE: "thesis6_ablation", FIGURES: "thesis6_figures", WAYS: "descriptor_ways"}
 DIRECT, RANDOM, CORNERS, MIXED, SHIPS = "#3b6ea5", "#c0504d", "#7f6084", "#d08a3e", "#4f8f5b"
 SHORT = {"half of the samples": "half", "the centre alone": "centre"}
@@ -27,7 +27,7 @@ SHORT = {"half of the samples": "half", "the centre alone": "centre"}
 
 def thesis6_figure(run: Path) -> Figure | None:
     """The panels for which the run has the files, three a row; None where it has none of them. Raises SoftprintError
-    for a file that does not hold what its benchmark writes."""
+    for a file that does not hold what its module writes."""
     known = {file: read_json(run / file) for file in NEEDED if (run / file).is_file()}
     shown = [(file, panel) for file, panel in _PANELS if file in known]
     if not shown:
@@ -45,13 +45,13 @@ def thesis6_figure(run: Path) -> Figure | None:
         except (KeyError, IndexError, TypeError, ValueError) as error:
             plt.close(figure)
             raise SoftprintError(
-                f"{run / file}: not what benchmarks.{NEEDED[file]} writes ({error!r}): make it again"
+                f"{run / file}: not what reproduction.{NEEDED[file]} writes ({error!r}): make it again"
             ) from error
     return figure
 
 
 def _jumps(panel: Any, figures: dict[str, Any]) -> None:
-    """Share of paths that flicker more than so much."""
+    """Share of paths with more flicker than a threshold."""
     for name, values in figures["jump"].items():
         x = np.sort(values)
         panel.step(x, 1.0 - np.arange(len(x)) / len(x), where="post", label=name)
@@ -62,7 +62,7 @@ def _jumps(panel: Any, figures: dict[str, Any]) -> None:
 
 
 def _bars(panel: Any, table: dict[str, Any], names: tuple[str, ...], column: str, title: str) -> None:
-    """Means, and half of what seeds are apart."""
+    """Means over seeds, with half of their range as error bars."""
     rows = {row["variant"]: row for row in table["rows"]}
     heights = [100 * rows[name][column] for name in names]
     spread = [50 * rows[name][f"{column}, spread"] for name in names]
@@ -72,7 +72,7 @@ def _bars(panel: Any, table: dict[str, Any], names: tuple[str, ...], column: str
 
 
 def _void(panel: Any, figures: dict[str, Any]) -> None:
-    """At both depths, side by side; a point a seed."""
+    """Both depths side by side; one point per seed."""
     void: dict[str, list[list[float]]] = figures["void"]
     names = list(void)
     for side, (depth, colour) in enumerate((("1 mm deep", DIRECT), ("3 mm", MIXED))):
@@ -85,24 +85,24 @@ def _void(panel: Any, figures: dict[str, Any]) -> None:
                 [x] * len(void[name]), [100 * row[side] for row in void[name]], ".", color=INK, markersize=4
             )
     panel.set_xticks(range(len(names)), [SHORT.get(name, name) for name in names], fontsize=8)
-    panel.set_title("6.6: what a void behind changes [%]", fontsize=10)
+    panel.set_title("6.6: change by a void behind [%]", fontsize=10)
     panel.legend(fontsize=7)
 
 
 def _traces(panel: Any, rows: list[dict[str, Any]]) -> None:
-    """How one node moves while the collider goes slowly by."""
+    """The path of one node while the collider moves slowly past it."""
     ways = {row["way"]: row for row in rows}
     random, direct = ways["direct, random tangents"]["trace"], ways["direct, one bias (thesis)"]["trace"]
     steps = 0.02 * np.arange(len(direct))
     panel.plot(steps, random, color=RANDOM, linewidth=0.8, label="random tangents")
     panel.plot(steps, direct, color=DIRECT, label="biased")
     panel.set_xlabel("collider moved [mm]")
-    panel.set_title("6.5: one node's way [mm]", fontsize=10)
+    panel.set_title("6.5: path of one node [mm]", fontsize=10)
     panel.legend(fontsize=7)
 
 
 def _cost(panel: Any, rows: list[dict[str, Any]]) -> None:
-    """Flicker over the network's work."""
+    """Flicker over the cost of the network."""
     ways = {row["way"]: row for row in rows}
     drawn = {
         "direct, two biases blended": DIRECT,
@@ -116,12 +116,12 @@ def _cost(panel: Any, rows: list[dict[str, Any]]) -> None:
         panel.plot(row["MFLOP"], row["turned"], "^", color=colour)
     panel.set_xlim(0.0, 1.8)
     panel.set_ylim(0.0, 0.2)
-    panel.set_xlabel("network, MFLOP a point")
-    panel.set_title("6.7: flicker (triangles: where frames turn)", fontsize=10)
+    panel.set_xlabel("network, MFLOP per point")
+    panel.set_title("6.7: flicker (triangles: where frames rotate)", fontsize=10)
     panel.legend(fontsize=7)
 
 
-# In the order of the thesis: the file that a panel needs, and what draws it.
+# In the order of the thesis: the file that a panel needs, and the function that draws it.
 _PANELS: tuple[tuple[str, Callable[[Any, Any], None]], ...] = (
     (FIGURES, _jumps),
     (

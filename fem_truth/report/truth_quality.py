@@ -1,12 +1,12 @@
-"""What the truth file says about itself: statuses, residuals, iterations, time, and the label-noise floor."""
+"""Quality of the truth file: statuses, residuals, iterations, time, and the label-noise floor."""
 
 from typing import Any
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.truth.truth_file import TruthData
-from runtime.truth.truth_schema import CONVERGED, STATUS_NAMES
+from softprint.runtime.arrays import Array
+from softprint.runtime.truth.truth_file import TruthData
+from softprint.runtime.truth.truth_schema import CONVERGED, STATUS_NAMES
 
 
 def truth_summary(truth: TruthData) -> dict[str, Any]:
@@ -15,7 +15,7 @@ def truth_summary(truth: TruthData) -> dict[str, Any]:
     status, spread = samples["status"], truth.repeat["spread"]
     spread = spread[np.isfinite(spread)]
     counts = {name: int(np.sum(status == code)) for code, name in STATUS_NAMES.items()}
-    # Second paths are part of a contact's time, so the cost of a sample counts all work, also what failed.
+    # A contact's time includes second paths, so that the cost of a sample counts all work, also failed solves.
     seconds = float(truth.contacts["seconds"].sum() + truth.states["seconds"].sum())
     return {
         "samples": len(samples),
@@ -49,6 +49,6 @@ def quality_columns(truth: TruthData) -> dict[str, Array]:
         "relative Newton decrement": samples["decrement"][good],
         "Newton iterations": samples["newton_iterations"][good],
         "smallest det F": samples["min_det_F"][good],
-        "penetration left [mm]": 1e3 * samples["max_depth"][good],
+        "remaining penetration [mm]": 1e3 * samples["max_depth"][good],
         "core-seconds a sample": samples["seconds"][good],
     }

@@ -1,4 +1,4 @@
-"""Small pictures of the shapes that a report found worst, taken out of its page, which carries them inside itself."""
+"""Small pictures of the worst shapes of a report, extracted from the images embedded in its page."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fem_truth.report.picture import Picture, encode
+from softprint.fem_truth.report.picture import Picture, encode
 
-# Pixels: five stand beside each other.
+# Pixels: five are shown side by side.
 _WIDTH = 340
 
 
 def worst_pictures(page: Path) -> list[list[Picture]]:
-    """Of every shape that the page shows, worst first: the contact, full space cut open, and the judged model. Empty
-    for a page without pictures."""
+    """For every shape on the page, worst first: the contact, full space cut open, and the judged model. Empty for a
+    page without pictures."""
     if not page.is_file():
         return []
     reader = _Shapes()
     reader.feed(page.read_text(encoding="utf-8"))
-    # The bare subspace stands between full space and the judged model.
+    # The bare subspace is between full space and the judged model.
     return [[_small(*shape[at]) for at in (0, 1, -1)] for shape in reader.shapes if len(shape) > 2]
 
 

@@ -1,8 +1,8 @@
-"""Where truth is worth computing (thesis 5.3.2): states, places, rotations and depths of contact, each
-sampled alone.
+"""Sampling of the truth (thesis 5.3.2): states, places, rotations and depths of contact, each sampled
+independently.
 
 Q        recorded_states   handle states of recorded dynamics, spread by farthest point without rigid motion
 dX       contact_places    surface nodes, spread by geodesic distance
 SO(dim)  rotations         of the collider, spread by angle
-D        contact_path      depths of one contact, shallow to deep, each solved from the last
+D        contact_path      depths of one contact, shallow to deep, each solve started from the previous one
 """

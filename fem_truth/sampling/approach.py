@@ -1,9 +1,9 @@
-"""Bringing a collider along a line until it is exactly so deep below a surface.
+"""Moves a collider along a line to an exact depth below a surface.
 
-The collider's origin travels on the line p + s n, inward as s falls, its rotation fixed. Its depth below the
-surface nodes x_i is -min_i sdf(R^T (x_i - p - s n)). The pose wanted is the *first* one, coming from outside,
-at which that depth is reached: a signed distance has slope at most one, so steps no longer than the distance
-still to go cannot jump over it (sphere tracing), and a bracketing root finder does the rest.
+The collider's origin moves on the line p + s n, inward as s decreases, with fixed rotation. Its depth below the
+surface nodes x_i is -min_i sdf(R^T (x_i - p - s n)). The result is the *first* pose, coming from outside, at which the
+depth is reached. A signed distance has slope at most one, so steps no longer than the remaining distance cannot jump
+over it (sphere tracing); a bracketing root finder does the rest.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
 
-# Root finder's tolerance and shortest march, in sizes of the collider. The first is the exactness of every
-# depth; the second only bounds how far the march may overstep before the root is bracketed.
+# Tolerance of the root finder and shortest marching step, relative to the collider's size. The first is the accuracy of
+# every depth; the second only bounds how far the march may overstep before the root is bracketed.
 _EXACT = 1e-12
 _SHORTEST_STEP = 1e-3
-# A collider goes in to this share of its thickness, which is looked for in steps of so many sizes of the collider; the
-# depth has stopped growing where it gains less than a share of the step.
+# A collider goes in to at most this share of its thickness. The thickness is found in steps relative to the collider's
+# size; the depth has stopped growing if it increases by less than a share of the step.
 _THICKNESS_SHARE, _THICKNESS_STEP, _STILL_GROWING = 0.75, 0.02, 0.2
-# A node that a corner grazes at less than this share of the depth asked for says nothing of its thickness.
+# A node that a corner grazes at less than this share of the requested depth is ignored in measuring the thickness.
 _GRAZE = 0.1
 
 
 class OutOfReach(Exception):
-    """The collider cannot be brought so deep on this line; the message says so for the file."""
+    """The collider cannot reach the depth on this line; the message is recorded in the file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +51,13 @@ class Approach:
         return RigidPose(self.rotation, self.place + s * self.normal)
 
     def depth(self, s: float) -> float:
-        """Depth of the collider's deepest point below the surface [m]; negative while it is clear of it."""
+        """Depth of the collider's deepest point below the surface [m]; negative without contact."""
         return -float(self.collider.sdf(self.pose(s).apply_inverse(self.surface)).min())
 
     def poses_at(self, depths: Array) -> list[RigidPose]:
-        """Poses at ascending depths (k,) [m]; each is the first on the way in that is so deep.
+        """Poses at ascending depths (k,) [m]; each is the first on the path inward with that depth.
 
-        Raises OutOfReach where a depth is more than collider and body allow on this line.
+        Raises OutOfReach if a depth is more than collider and body allow on this line.
         """
         s = self.clear_of_surface
         deepest = _DeepestPoint(self, s)
@@ -68,11 +68,11 @@ class Approach:
         return poses
 
     def sensible(self, depth: float) -> float:
-        """As much of a depth [m] as the collider is thick enough for where it comes in.
+        """The depth [m], limited by the collider's thickness where it enters.
 
-        Nodes that come nearer to the other side of a wall, a rim or a prong than to the side that met them would be
-        pushed out there: what the signed distance says of them is no longer what happens. Followed on the way in, the
-        depth then stops growing; a share of where it does is taken.
+        Nodes nearer to the far side of a wall, a rim or a prong than to the side that met them would be pushed out on
+        the far side: their signed distance no longer gives the penetration. On the path inward the depth then stops
+        growing; a share of the depth at which this happens is the limit.
         """
         step = _THICKNESS_STEP * self._length
         s, reached = self.clear_of_surface, -np.inf
@@ -87,14 +87,13 @@ class Approach:
 
     @property
     def _length(self) -> float:
-        """A length that belongs to both the collider and the surface: half spaces have no size of their
-        own."""
+        """A common length of the collider and the surface; half spaces have no size of their own."""
         extent = float(np.ptp(self.surface, axis=0).max())
         return min(self.collider.size, extent)
 
     @property
     def _radius(self) -> float:
-        """Radius of a ball about the collider's origin that holds the solid, or one that reaches past the
+        """Radius of a ball about the collider's origin that contains the solid, or of one that reaches past the
         surface."""
         corners = np.maximum(np.abs(self.collider.lower), np.abs(self.collider.upper))
         reach = float(np.linalg.norm(self.surface - self.place, axis=1).max())
@@ -102,7 +101,7 @@ class Approach:
 
     @property
     def clear_of_surface(self) -> float:
-        """The s at which the march begins: every node lies beyond the collider's ball [m]."""
+        """The s at which the march begins: every node is outside the collider's ball [m]."""
         return float(((self.surface - self.place) @ self.normal).max()) + self._radius
 
     def _march(self, deepest: _DeepestPoint, s: float, depth: float) -> float:
@@ -121,7 +120,7 @@ class Approach:
                 tolerances = {"xtol": _EXACT * self._length, "rtol": 4 * np.finfo(float).eps}
                 try:
                     return float(brentq(lambda t: depth - deepest.depth(t), s, last, **tolerances))
-                except ValueError as error:  # a distance much steeper than one: nodes were taken to be far
+                except ValueError as error:  # a slope far above one: near nodes were taken to be far
                     raise OutOfReach(
                         f"On this line the distance of collider {self.collider.name!r} changes too fast to find "
                         f"where it is {depth:.4g} m below the surface: give it a finer `resolution`."
@@ -130,10 +129,10 @@ class Approach:
 
 
 class _DeepestPoint:
-    """`Approach.depth` for many s near each other: nodes that cannot be the deepest are not looked at again.
+    """`Approach.depth` for many nearby s: skips nodes that cannot be the deepest.
 
-    A node whose distance was v at s' is no closer than v - slope |s - s'| at s, the slope of a distance being
-    1, and of one that is smoothed or interpolated from a grid a little more.
+    A node whose distance was v at s' is no closer than v - slope |s - s'| at s. The slope of an exact distance is 1,
+    and a little more for one that is smoothed or interpolated from a grid.
     """
 
     _SLOPE = 1.2

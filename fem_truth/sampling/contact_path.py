@@ -1,17 +1,16 @@
-"""One contact: a collider pressed along one line, shallow to deep, each depth solved from the last
-(DESIGN.md, part 6).
+"""One contact: a collider moved along one line, shallow to deep, each solve started from the previous
+depth.
 
-Contact truth can be multi-valued. What is recorded is the branch that a slow press from outside reaches:
+Contact truth can be multi-valued. The recorded branch is the one that slow loading from outside reaches:
 
-* the first depth starts from the state's internal equilibrium, every further one from the depth before it;
-* a depth that does not converge is tried again in smaller steps; where that fails too, its sample gets the
-  solver's status and the deeper ones are `unreached`: a path that has broken off has no truth beyond;
-* a sample whose fastest node moved much faster than the collider since the depth before is flagged as a jump.
+* the first depth starts from the state's internal equilibrium, every further one from the previous depth;
+* a depth that does not converge is tried again in smaller steps; if that fails too, its sample gets the
+  solver's status and the deeper ones are `unreached`: there is no truth beyond the end of a path;
+* a sample whose fastest node moved much faster than the collider since the previous depth is flagged as a jump.
 
 A share of the contacts is solved a second time *from the side*: before every depth the collider is moved
-sideways by one step of depth, and slides back at full depth to the recorded pose. Where truth is
-single-valued both ways end in the same place, up to the solver's tolerance; the spread between them is the
-label noise.
+sideways by one depth step, and slides back at full depth to the recorded pose. If the truth is single-valued, both
+paths end in the same solution, up to the solver's tolerance; the spread between them is the label noise.
 """
 
 from __future__ import annotations
@@ -21,24 +20,24 @@ from functools import cached_property
 
 import numpy as np
 
-from fem_truth.constrained import ConstrainedProblem, Press, Solution
-from fem_truth.newton import NewtonSettings
-from fem_truth.sampling.approach import Approach
-from runtime.arrays import Array
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
+from softprint.fem_truth.constrained import ConstrainedProblem, Press, Solution
+from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.sampling.approach import Approach
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
 
-# A step that fails is halved so often: four small steps in place of one.
+# How often a failed step is halved: twice makes four small steps of one.
 _HALVINGS = 2
 
-# The fastest node of a smooth path hardly outruns the collider that pushes it: speeds up to 1.5 were seen,
-# and from 2 upwards (to 6) where the equilibrium snapped to another branch.
+# On a smooth path, the fastest node is hardly faster than the collider that pushes it: measured speeds are up to 1.5,
+# and from 2 to 6 where the equilibrium snaps to another branch.
 JUMP_SPEED = 2.0
 
 
 @dataclass
 class Work:
-    """What a sample cost, extra steps included."""
+    """The cost of a sample, including extra steps."""
 
     newton_iterations: int = 0
     cg_iterations: int = 0
@@ -52,7 +51,7 @@ class Work:
 
 @dataclass(frozen=True, eq=False)
 class PathSample:
-    """One depth of a path. solution is None where the path broke off before; work: all that it took."""
+    """One depth of a path. solution: None if the path ended before it; work: total cost."""
 
     depth: float
     pose: RigidPose
@@ -66,18 +65,18 @@ class PathSample:
 
 @dataclass(frozen=True, eq=False)
 class ContactPath:
-    """The presses of one line of approach. rows: the state; internal: (n_nodes, dim) its internal equilibrium
-    [m]."""
+    """The contact solves along one line of approach. rows: the state; internal: (n_nodes, dim) its internal
+    equilibrium [m]."""
 
     problem: ConstrainedProblem
     collider: Collider
     rows: Array
     internal: Array
     approach: Approach
-    settings: NewtonSettings
+    settings: FullSpaceSettings
 
     def load(self, depths: Array) -> list[PathSample]:
-        """Press to ascending depths (k,) [m], from the internal equilibrium."""
+        """Solve at ascending depths (k,) [m], starting from the internal equilibrium."""
         samples: list[PathSample] = []
         x, reached = self.internal, 0.0
         for depth, pose in zip(depths, self.approach.poses_at(depths), strict=True):
@@ -93,7 +92,7 @@ class ContactPath:
     def from_the_side(self, samples: list[PathSample], direction: Array) -> list[Solution | None]:
         """Solve the same samples again, sliding into each pose along ``direction`` (dim,), a unit vector.
 
-        None where this path broke off before it came to a sample.
+        None for samples that this path did not reach.
         """
         again: list[Solution | None] = []
         x: Array | None = self.internal
@@ -109,8 +108,7 @@ class ContactPath:
     def _advance(
         self, x: Array, reached: float, depth: float, pose: RigidPose, halvings: int, work: Work
     ) -> Solution:
-        """Go from x at depth ``reached`` to ``depth``; in two halves where one step fails, as often as
-        allowed."""
+        """Solve from x at depth ``reached`` to ``depth``; a failed step is halved, as often as allowed."""
         solution = self._solve(x, pose)
         work.add(solution)
         if solution.converged or halvings == 0:
@@ -127,7 +125,7 @@ class ContactPath:
 
     @cached_property
     def _press(self) -> Press:
-        """Keeps the elastic Hessian from one solve to the next while it serves."""
+        """The sequence of contact solves, which reuses the elastic Hessian while it converges fast enough."""
         return self.problem.press(self.rows, self.collider, self.internal)
 
 
@@ -136,7 +134,7 @@ def node_speeds(displacements: list[Array | None], depths: Array) -> Array:
     unknown.
 
     v_j = max_i |u_i(d_j) - u_i(d_{j-1})| / (d_j - d_{j-1}), with u = 0 at d_0 = 0. A linear extrapolation
-    along the path predicts about 1: what is pushed goes with the collider. More than `JUMP_SPEED` is a jump
+    along the path predicts about 1: pushed nodes move with the collider. More than `JUMP_SPEED` is a jump
     to another branch.
     """
     speeds = np.full(len(depths), np.nan)

@@ -1,7 +1,7 @@
 """Places of contact: surface nodes spread by geodesic distance on the rest surface (thesis 5.3.2).
 
-Distances are shortest paths along surface edges: deterministic, the same code in 2D and 3D, and good enough
-to spread points evenly (they overestimate the true geodesic by a mesh-dependent factor that hardly varies
+Distances are shortest paths along surface edges: deterministic, the same code in 2D and 3D, and accurate enough
+to spread points evenly (they overestimate the true geodesic distance by a mesh-dependent factor that hardly varies
 over the surface).
 """
 
@@ -12,11 +12,11 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from fem_truth.sampling.farthest import farthest_selection
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.body.body import ReducedBody
-from runtime.errors import SoftprintError
-from runtime.mesh import Mesh
+from softprint.fem_truth.sampling.farthest import farthest_selection
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import Mesh
 
 
 def surface_distances(mesh: Mesh, sources: IntArray) -> Array:
@@ -35,10 +35,10 @@ def surface_distances(mesh: Mesh, sources: IntArray) -> Array:
 
 
 def candidate_places(body: ReducedBody, clearance: float) -> BoolArray:
-    """(n_surface,) which surface nodes may be pressed: those farther than ``clearance`` [m] from every rigid
-    frame.
+    """(n_surface,) mask of the surface nodes allowed as contact places: those farther than ``clearance`` [m] from
+    every rigid frame.
 
-    A frame does not give way, so a collider aimed close to one would mostly press on the frame.
+    A frame does not deform, so a collider aimed close to one would mostly press on the frame.
     """
     nodes, frame_nodes = body.mesh.surface_nodes, body.handles.frame_nodes
     if len(frame_nodes) == 0:
@@ -48,17 +48,17 @@ def candidate_places(body: ReducedBody, clearance: float) -> BoolArray:
 
 
 def places_by_state(body: ReducedBody, count: int, n_states: int, clearance: float) -> IntArray:
-    """(n_states, count) places: those of a state spread over the surface, and no two states with the same ones as long
-    as the surface has enough nodes, so that a model learns from as many places as it can."""
+    """(n_states, count) places, spread over the surface for each state. Different states have different places as long
+    as the surface has enough nodes, so that the training data has as many places as possible."""
     n_allowed = int(candidate_places(body, clearance).sum())
     sets = int(np.clip(n_allowed // max(count, 1), 1, n_states))
     places = spread_places(body, sets * count, clearance)
-    # Each state every so manieth of all, in farthest-point order: spread as well as all of them are.
+    # Each state gets every sets-th place in farthest-point order, which is spread as well as all places are.
     return np.stack([places[state % sets :: sets] for state in range(n_states)])
 
 
 def spread_places(body: ReducedBody, count: int, clearance: float) -> IntArray:
-    """``count`` surface nodes (mesh numbers) in farthest-point order; the first is the one farthest from the
+    """``count`` surface nodes (mesh numbers) in farthest-point order, beginning with the one farthest from the
     frames.
 
     Without frames the first is the surface node farthest from the body's centroid.

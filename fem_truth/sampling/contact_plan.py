@@ -1,12 +1,12 @@
-"""The plan: every contact (state, collider, place, rotation), in an order of which any first part is useful.
+"""The plan: every contact (state, collider, place, rotation), in an order whose every prefix is a useful data set.
 
-    for k in turns, p in places, c in colliders, s in states:
+    for k in range(turns), p in places, c in colliders, s in states:
         contact (s, c, place p + d c mod n_places, rotation a p + b s + a b c + k mod n_rotations)
 
-a Latin arrangement: every run of n_states contacts has each state once; every run of n_states * n_places contacts of
-a collider has each (state, place) once, with all rotations spread evenly over them (a, b coprime to n_rotations where
-it can be). Places and rotations are in farthest-point order themselves, so a part of the first run is spread as well
-as it can be; colliders begin at different places. A collider may have fewer places than others.
+This is a Latin arrangement: every block of n_states contacts has each state once; every block of n_states * n_places
+contacts of a collider has each (state, place) once, with all rotations spread evenly over them (a, b coprime to
+n_rotations where possible). Places and rotations are themselves in farthest-point order, so a prefix of the first block
+is spread as well as possible; colliders begin at different places. A collider may have fewer places than others.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from math import gcd
 
 import numpy as np
 
-# Streams of random numbers: each use of the seed has its own, so that none depends on how often another
-# draws.
+# Random number streams: each use of the seed has its own, so that none depends on how many numbers another draws.
 ROTATIONS_STREAM, DEPTHS_STREAM, REPEATS_STREAM, SIDEWAYS_STREAM, TURN_STREAM = 1, 2, 3, 4, 5
 
 _GOLDEN = 0.5 * (5**0.5 - 1)
@@ -28,7 +27,7 @@ _GOLDEN = 0.5 * (5**0.5 - 1)
 @dataclass(frozen=True)
 class PlannedContact:
     """One contact; unit: its number in the order of work; collider: index into the colliders; place: index into the
-    places; repeated: solved twice."""
+    places; repeated: whether it is solved twice."""
 
     unit: int
     state: int
@@ -42,8 +41,8 @@ class PlannedContact:
 class ContactPlan:
     """All contacts of an experiment.
 
-    places: of each collider, how many places it meets; turns: how often it meets each, with another rotation every
-    time; repeat_share: share of contacts solved twice, one drawn from each block.
+    places: number of places of each collider; turns: number of contacts of a collider at each place, each with a
+    different rotation; repeat_share: share of contacts solved twice, one drawn from each block.
     """
 
     n_states: int
@@ -85,7 +84,7 @@ class ContactPlan:
         return PlannedContact(unit, state, collider, place, rotation, self._repeated(unit))
 
     def rng(self, stream: int, contact: PlannedContact) -> np.random.Generator:
-        """The generator of one contact: the same whichever rank solves it, and in whatever order."""
+        """The generator of one contact: independent of the rank that solves it and of the order."""
         return np.random.default_rng(
             [self.seed, stream, self._setting(contact), contact.place, contact.rotation]
         )
@@ -108,6 +107,6 @@ class ContactPlan:
 
 
 def _coprime_stride(n: int) -> int:
-    """The number coprime to n that is nearest to n times the golden section: multiples of it spread evenly
+    """The number coprime to n that is nearest to n times the golden ratio conjugate: its multiples are spread evenly
     mod n."""
     return min((k for k in range(1, n + 1) if gcd(k, n) == 1), key=lambda k: (abs(k - _GOLDEN * n), k))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 
 def noisy_depths(count: int, max_depth: float, noise: float, rng: np.random.Generator) -> Array:

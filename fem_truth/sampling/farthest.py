@@ -1,8 +1,7 @@
 """Greedy farthest-point selection with any distance: each choice is the farthest from all chosen before
 (thesis 5.3.2).
 
-Every prefix of the result is spread as well as a greedy choice of that length can be: a part of the plan is
-useful.
+Every prefix of the result is the greedy choice of that length, so that a part of the plan is useful.
 """
 
 from __future__ import annotations
@@ -11,14 +10,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, IntArray
 
 
 def farthest_selection(distance_from: Callable[[int], Array], first: int, count: int) -> IntArray:
     """``count`` candidates in order of choice, beginning with ``first``.
 
     distance_from(k): (n,) distances of all candidates from candidate k. Ties go to the lowest index. The
-    result is shorter than ``count`` where every further candidate coincides with a chosen one.
+    result is shorter than ``count`` if every further candidate coincides with a chosen one.
     """
     chosen = [first]
     nearest = np.array(distance_from(first), dtype=float)

@@ -1,8 +1,8 @@
-"""States worth solving contacts at: frames of recorded dynamics, spread by farthest point (thesis 5.3.2).
+"""States for contact samples: frames of recorded dynamics, spread by farthest point (thesis 5.3.2).
 
 The scenes with ``role = "record"`` are run with the bare reduced model. States come from dynamics and not
-from noise, because a random handle state can sit at a saddle, from which the lightest touch makes the body
-snap (DESIGN.md, part 6).
+from noise, because a random handle state can be at a saddle point, from which the lightest contact makes the body
+snap.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_truth.sampling.farthest import farthest_selection
-from fem_truth.sampling.rigid_free import RigidFreeDescriptor
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.dynamics.state import ReducedState
-from runtime.errors import SoftprintError
-from runtime.scenes.playing import bare_model, play
-from runtime.scenes.scene import scene_steps
+from softprint.fem_truth.sampling.farthest import farthest_selection
+from softprint.fem_truth.sampling.rigid_free import RigidFreeDescriptor
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.dynamics.state import ReducedState
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.scenes.playing import bare_model, play
+from softprint.runtime.scenes.scene import scene_steps
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.experiment import Experiment, SceneSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Recording:
 
 
 def record_scenes(experiment: Experiment, body: ReducedBody) -> Recording:
-    """Play every scene with ``role = "record"`` in the bare subspace; raises SoftprintError if there is
+    """Simulate every scene with ``role = "record"`` in the bare subspace; raises SoftprintError if there is
     none."""
     frames = [
         (scene.name, number, state.time, state.rows)
@@ -49,7 +49,7 @@ def record_scenes(experiment: Experiment, body: ReducedBody) -> Recording:
     ]
     if not frames:
         raise SoftprintError(
-            f'{experiment.path}: no scene has role = "record", and the states to sample come from such'
+            f'{experiment.path}: no scene has role = "record", but states are sampled from such scenes'
         )
     names, numbers, times, rows = zip(*frames, strict=True)
     return Recording(np.array(rows), list(names), np.array(numbers, dtype=np.int64), np.array(times))
@@ -61,11 +61,11 @@ def _states_of(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> I
 
 
 def spread_states(body: ReducedBody, rows: Array, count: int) -> IntArray:
-    """Indices of ``count`` of the states ``rows`` (n, n_rows, dim) in farthest-point order, the rest-most one
-    first.
+    """Indices of ``count`` of the states ``rows`` (n, n_rows, dim) in farthest-point order, beginning with the one
+    nearest to rest.
 
-    Distance: Euclidean between normalised rigid-free descriptors, so that a rigid motion of states changes
-    nothing. Fewer are returned where the others all equal a chosen one.
+    Distance: Euclidean between normalised rigid-free descriptors, hence invariant to rigid motions. Fewer are returned
+    if all others equal a chosen one.
     """
     with_rest = np.concatenate([body.rest_rows[None], rows])
     numbers = RigidFreeDescriptor.of(body).normalised(with_rest)

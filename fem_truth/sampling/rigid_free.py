@@ -1,11 +1,10 @@
 """The rigid-free configuration of a handle state: relative handle transformations over a graph (thesis
 5.3.2).
 
-The graph joins each handle to its nearest neighbours at rest, and by a spanning tree whatever that leaves
-apart. An edge (i, j) contributes the position of handle j relative to handle i, seen from an orientation that
-turns with the body (the first frame's, or where there is no frame the best-fit rotation of all handles), and
-the rotation of any frame at its ends relative to that orientation. A rigid motion of the whole state changes
-none of these numbers.
+The graph joins each handle to its nearest neighbours at rest; a spanning tree joins components that this leaves
+separate. An edge (i, j) contributes the position of handle j relative to handle i in a corotated orientation (that of
+the first frame, or without frames the best-fit rotation of all handles), and the rotation of any frame at its ends
+relative to that orientation. All these numbers are invariant to a rigid motion of the whole state.
 """
 
 from __future__ import annotations
@@ -16,18 +15,18 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.body.handles import Handles
-from runtime.body.rotations import nearest_rotation
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.handles import Handles
+from softprint.runtime.body.rotations import nearest_rotation
 
-# An edge whose numbers vary by less than this share of its rest length does not take part in distances.
+# An edge whose numbers vary by less than this share of its rest length is left out of distances.
 _STILL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class RigidFreeDescriptor:
-    """Maps handle rows to their rigid-free numbers; made by :meth:`of`.
+    """Maps handle rows to their rigid-free numbers; constructed by :meth:`of`.
 
     edges: (n_edges, 2) numbers of handles, points first; lengths: (n_edges,) at rest [m]; rest_positions:
     (n_handles, dim) of the handles [m].
@@ -46,8 +45,7 @@ class RigidFreeDescriptor:
         return cls(body.handles, edges, lengths, rest)
 
     def edge_numbers(self, rows: Array) -> list[Array]:
-        """For each edge its numbers: relative position over the rest length, then rotations of frames at its
-        ends."""
+        """The numbers of each edge: relative position over the rest length, then rotations of frames at its ends."""
         positions, rotations = _positions(self.handles, rows), _rotations(self.handles, rows)
         orientation = rotations[0] if rotations else self._best_fit(positions)
         relative = (
@@ -64,8 +62,8 @@ class RigidFreeDescriptor:
         """(n_states, n_numbers) descriptors of states (n_states, n_rows, dim), each edge scaled to unit
         variance.
 
-        The numbers of one edge share one scale, so that an edge that moves little counts as much as one that
-        moves a lot, and its directions keep their proportions.
+        The numbers of one edge share one scale, so that an edge with little motion counts as much as one with a lot,
+        and the proportions of its directions are kept.
         """
         table = [self.edge_numbers(rows) for rows in states]
         columns = []
@@ -77,13 +75,13 @@ class RigidFreeDescriptor:
         return np.concatenate(columns, axis=1)
 
     def _best_fit(self, positions: Array) -> Array:
-        """R (dim, dim) that turns the rest positions of the handles nearest to the present ones (Kabsch)."""
+        """R (dim, dim) that best fits the rest positions of the handles to the present ones (Kabsch)."""
         rest = self.rest_positions - self.rest_positions.mean(axis=0)
         return nearest_rotation((positions - positions.mean(axis=0)).T @ rest)
 
 
 def _positions(handles: Handles, rows: Array) -> Array:
-    """(n_handles, dim) where the handles are: points first, then the pivots of the frames [m]."""
+    """(n_handles, dim) positions of the handles: points first, then the pivots of the frames [m]."""
     pivots = [handles.position(rows, frame.name) for frame in handles.frames]
     return np.vstack([rows[: handles.n_points], *pivots])
 

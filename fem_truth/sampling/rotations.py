@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fem_truth.sampling.farthest import farthest_selection
-from runtime.arrays import Array
+from softprint.fem_truth.sampling.farthest import farthest_selection
+from softprint.runtime.arrays import Array
 
-# Candidates for each rotation wanted: with 100, the greedy choice is within a few per cent of a much larger
-# pool's.
+# Candidates per requested rotation: with 100, the greedy choice is within a few per cent of that from a much larger
+# pool.
 _POOL_FACTOR = 100
 _POOL_LEAST = 2000
 
@@ -18,8 +18,8 @@ _POOL_LEAST = 2000
 def spread_rotations(dim: int, count: int, rng: np.random.Generator) -> Array:
     """(count, dim, dim) rotations in farthest-point order.
 
-    2D: evenly spaced angles with a random offset. 3D: the first is the identity (the collider as it was
-    modelled), the others come from a large pool of uniformly random rotations.
+    2D: evenly spaced angles with a random offset. 3D: the first is the identity (the collider as modelled), the others
+    come from a large pool of uniformly random rotations.
     """
     if dim == 2:
         return _spread_in_the_plane(count, rng)
@@ -32,7 +32,7 @@ def spread_rotations(dim: int, count: int, rng: np.random.Generator) -> Array:
 
 
 def random_rotation(dim: int, rng: np.random.Generator) -> Array:
-    """(dim, dim), drawn evenly from SO(dim)."""
+    """(dim, dim), drawn uniformly from SO(dim)."""
     if dim == 2:
         c, s = np.cos(angle := 2 * np.pi * rng.random()), np.sin(angle)
         return np.array([[c, -s], [s, c]])
@@ -41,9 +41,9 @@ def random_rotation(dim: int, rng: np.random.Generator) -> Array:
 
 def _spread_in_the_plane(count: int, rng: np.random.Generator) -> Array:
     angles = 2 * np.pi * (np.arange(count) + rng.random()) / count
-    turned = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    order = farthest_selection(lambda k: np.arccos(np.clip(turned @ turned[k], -1.0, 1.0)), 0, count)
-    c, s = turned[order].T
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    order = farthest_selection(lambda k: np.arccos(np.clip(directions @ directions[k], -1.0, 1.0)), 0, count)
+    c, s = directions[order].T
     return np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
 
 

@@ -1,1 +1,1 @@
-"""`softprint verify`: cases with known answers, and how near Softprint comes to them."""
+"""`softprint verify`: cases with known solutions, and Softprint's errors in them."""

@@ -1,4 +1,4 @@
-"""What a case of `softprint verify` is: a stated problem, numbers from elsewhere, and ours beside them."""
+"""A case of `softprint verify`: a problem statement, independent reference values, and ours compared with them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
-#: How our number has to stand to the reference: equal to it, at most it, at least it; each but for the tolerance.
+#: Required relation of our number to the reference: equal, at most or at least, each within the tolerance.
 Relation = Literal["=", "<=", ">="]
 
 
@@ -16,10 +16,10 @@ Relation = Literal["=", "<=", ">="]
 class Row:
     """One compared number.
 
-    quantity: what it is ("lateral stretch at stretch 2"); unit: "" if none; reference: what it should be; source:
-    where the reference comes from, in words that a reader can follow (paper, equation, published set), never this
-    code; tolerance: allowed |ours - reference|, absolute, in the unit; tolerance_reason: why so much; order: the
-    observed order of convergence where there is one; relation: "<=" and ">=" for bounds.
+    quantity: its name ("lateral stretch at stretch 2"); unit: "" if none; reference: the expected value; source: of the
+    reference, so that a reader can find it (paper, equation, published data set), never this code; tolerance: allowed
+    |ours - reference|, absolute, in the unit; tolerance_reason: justification of the tolerance; order: the observed
+    order of convergence if there is one; relation: "<=" and ">=" for bounds.
     """
 
     quantity: str
@@ -34,22 +34,22 @@ class Row:
 
     @property
     def scale(self) -> float:
-        """What errors are measured against: the reference, or 1 (absolute errors) where that is zero."""
+        """The scale of relative errors: the reference, or 1 (absolute errors) if it is zero."""
         return abs(self.reference) or 1.0
 
     @property
     def excess(self) -> float:
-        """How far ours is from what is asked, in the unit: zero on the right side of a bound."""
+        """Deviation of ours from the reference, in the unit: zero if a bound is satisfied."""
         difference = self.ours - self.reference
         if self.relation == "=":
             return abs(difference)
-        # `max` would turn a number that is none into zero
+        # `max` would turn NaN into zero
         beyond = difference if self.relation == "<=" else -difference
         return 0.0 if beyond <= 0.0 else beyond
 
     @property
     def error(self) -> float:
-        """Relative; absolute, in the unit, where the reference is zero."""
+        """The relative error; absolute, in the unit, if the reference is zero."""
         return self.excess / self.scale
 
     @property
@@ -59,21 +59,21 @@ class Row:
 
     @property
     def share(self) -> float:
-        """The error as a share of what is allowed: at most 1 if the row has passed."""
+        """The error relative to the allowed error: at most 1 if the row has passed."""
         if self.excess == 0.0:
             return 0.0
         return self.excess / self.tolerance if self.tolerance > 0 else float("inf")
 
     @property
     def passed(self) -> bool:
-        """False for an answer that is no number."""
+        """Whether the error is allowed; False if ours is NaN."""
         return self.excess <= self.tolerance
 
 
 @dataclass(frozen=True)
 class Line:
     """One line of a plot. style: "measured" (dots joined by a line), "curve" (a line), "dots", or "reference" (thin and
-    dashed: what theory or others say)."""
+    dashed: theory or results of others)."""
 
     label: str
     x: Sequence[float] | Array
@@ -83,7 +83,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Curve:
-    """Something worth plotting; log: both axes logarithmic."""
+    """One plot; log: both axes logarithmic."""
 
     title: str
     x_label: str
@@ -94,7 +94,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What a case found. notes: what a reader should know besides, in plain sentences."""
+    """Results of a case. notes: additional remarks, in plain sentences."""
 
     rows: tuple[Row, ...]
     curves: tuple[Curve, ...] = ()
@@ -103,11 +103,11 @@ class CaseResult:
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with a known answer.
+    """A problem with a known solution.
 
-    name: what the command line selects it by; statement: the problem, its equations and what is shown, a paragraph of
-    plain text; run(quick): quick is coarse and takes a few seconds, for the tests. What hinders a case from running at
-    all is a SoftprintError.
+    name: for selection on the command line; statement: the problem, its equations and what is shown, in plain text;
+    run(quick): quick is coarse and takes a few seconds, for the tests. Raises SoftprintError if the case cannot run at
+    all.
     """
 
     name: str

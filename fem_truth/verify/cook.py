@@ -1,8 +1,8 @@
 """Cook's membrane: a tapered panel, clamped on the left, sheared by a traction on the right.
 
 Corners (0, 0), (48, 44), (48, 60), (0, 44) mm, 1 mm thick; 1 N in total, upward and dead, on the right edge; energy
-mu/2 (J^(-2/3) I_C - 3) + kappa/4 (J^2 - 1 - 2 log J), mu = 422.5 kPa. What is asked for is how far the upper right
-corner rises [mm].
+mu/2 (J^(-2/3) I_C - 3) + kappa/4 (J^2 - 1 - 2 log J), mu = 422.5 kPa. The result is the rise of the upper right
+corner [mm].
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import ufl
 
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.verify.equilibrium import DeadLoad, Solid, equilibrium
-from fem_truth.verify.higher_order import HigherOrderElasticity
-from fem_truth.verify.import_witness import import_witness
-from runtime.arrays import Array
-from runtime.elasticity.materials import Material, make_material
-from runtime.mesh import Mesh, box_mesh
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.verify.equilibrium import DeadLoad, Solid, equilibrium
+from softprint.fem_truth.verify.higher_order import HigherOrderElasticity
+from softprint.fem_truth.verify.import_witness import import_witness
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.materials import Material, make_material
+from softprint.runtime.mesh import Mesh, box_mesh
 
 MU = 422.5e3  # Pa
 WIDTH, EDGE, THICKNESS, FORCE = 0.048, 0.016, 0.001, 1.0  # m, m, m, N
@@ -32,7 +32,7 @@ def material(poisson: float) -> Material:
 
 
 def _tapered(unit: Array) -> Array:
-    """The panel's points (n, dim) [m] for those of the unit square or cube, half as thick as the panel."""
+    """Maps points of the unit square or cube to points (n, dim) [m] of the panel, with half of its thickness."""
     s, t = unit[:, 0], unit[:, 1]
     panel = 1e-3 * np.column_stack([48.0 * s, 44.0 * s + t * (44.0 * (1.0 - s) + 16.0 * s)])
     return np.column_stack([panel, 0.5 * THICKNESS * unit[:, 2:]])
@@ -43,7 +43,7 @@ def _traction(v: ufl.Argument, X: ufl.SpatialCoordinate) -> ufl.Form:
 
 
 def plane_strain(poisson: float, degree: int, count: int) -> float:
-    """Triangles of the degree, `count` of them along each edge, in plane strain."""
+    """Triangles of this degree, `count` along each edge, in plane strain."""
     box = box_mesh([0.0] * 2, [1.0] * 2, [count] * 2)
     return _rise(
         HigherOrderElasticity(
@@ -53,7 +53,7 @@ def plane_strain(poisson: float, degree: int, count: int) -> float:
 
 
 def free_faces(poisson: float, degree: int, count: int) -> float:
-    """Tetrahedra, one layer for the half of the thickness above the plane of symmetry, the face above it free."""
+    """Tetrahedra, one layer for half of the thickness, from the plane of symmetry to the free face."""
     box = box_mesh([0.0] * 3, [1.0] * 3, [count, count, 1])
     return _rise(
         HigherOrderElasticity(
@@ -87,11 +87,11 @@ def softprint(poisson: float, count: int) -> float:
 
 
 def witness(poisson: float, count: int) -> float:
-    """scikit-fem's answer in plane strain with Taylor and Hood's quadrilaterals, which do not lock."""
+    """scikit-fem's result in plane strain with Taylor and Hood's quadrilaterals, which do not lock."""
     import_witness()
     import skfem
 
-    from fem_truth.verify.mixed_witness import MixedWitness
+    from softprint.fem_truth.verify.mixed_witness import MixedWitness
 
     ticks = np.linspace(0.0, 1.0, count + 1)
     unit = skfem.MeshQuad.init_tensor(ticks, ticks)

@@ -7,21 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem_truth.block_matrix import BlockMatrix
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.newton import NewtonSettings, minimise
-from fem_truth.null_space import NullSpace
-from fem_truth.potentials import Potential
-from fem_truth.total_energy import Gradient, TotalEnergy
-from runtime.arrays import Array, BoolArray
-from runtime.elasticity.materials import Material
-from runtime.errors import SoftprintError
-from runtime.mesh import Mesh
+from softprint.fem_truth.block_matrix import BlockMatrix
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.newton import FullSpaceSettings, minimise
+from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.potentials import Potential
+from softprint.fem_truth.total_energy import Gradient, TotalEnergy
+from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import Mesh
+from softprint.runtime.optimise import NewtonSettings
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A mesh and what it is made of."""
+    """A mesh and its material."""
 
     mesh: Mesh
     material: Material
@@ -29,7 +30,7 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class DeadLoad:
-    """W = - sum_i f_i . (x_i - X_i): forces that neither turn nor change. force: f (n_nodes, dim) [N]."""
+    """W = - sum_i f_i . (x_i - X_i): constant forces, independent of the deformation. force: f (n_nodes, dim) [N]."""
 
     force: Array
     rest: Array
@@ -45,7 +46,7 @@ class DeadLoad:
 
 
 class HeldComponents(NullSpace):
-    """Displacements that are zero in the held components: rollers and planes of symmetry. held: (n_nodes, dim)."""
+    """Displacements that are zero in fixed components: rollers and planes of symmetry. held: (n_nodes, dim) mask."""
 
     def __init__(self, held: BoolArray) -> None:
         super().__init__(np.zeros((len(held), 0)), np.flatnonzero(held.all(axis=1)))
@@ -62,9 +63,10 @@ class HeldComponents(NullSpace):
 
 
 class _LoadedEnergy(TotalEnergy):
-    """Residuals are measured against the elastic forces, reactions included, and decrements against the elastic energy.
+    """Force scale: the elastic forces including reactions; energy scale: the elastic energy.
 
-    Forces below 1e-4 of those at a strain of one are measured against that: they are sums of terms that cancel.
+    The force scale is at least 1e-4 of the forces at a strain of one, because smaller ones are sums of terms that
+    cancel.
     """
 
     elastic: FullSpaceElasticity
@@ -83,16 +85,15 @@ def equilibrium(
     terms: Sequence[Potential] = (),
     tolerance: float = 1e-10,
 ) -> Array:
-    """Where the body comes to rest, (n_nodes, dim), from `start`, whose held components stay as they are.
+    """Equilibrium positions (n_nodes, dim), started from `start`, whose fixed components do not change.
 
-    held: (n_nodes, dim); tolerance: of the residual, relative to the elastic forces. Raises SoftprintError if the
-    minimiser does not reach it.
+    held: (n_nodes, dim) mask of fixed components; tolerance: of the residual, relative to the elastic forces. Raises
+    SoftprintError if the minimiser does not reach it.
     """
     problem = _LoadedEnergy(elasticity, terms, HeldComponents(held))
-    settings = NewtonSettings(
-        gradient_tolerance=tolerance,
+    settings = FullSpaceSettings(
+        NewtonSettings(max_iterations=100, tolerance=tolerance),
         decrement_tolerance=1e-12,
-        max_iterations=100,
         cg_tolerance_min=1e-5,
         cg_max_iterations=20000,
     )

@@ -2,8 +2,8 @@
 
     F = 4/3 E* sqrt(R) d^(3/2),   a = sqrt(R d),   p_0 = 2 E* a / (pi R),   E* = E / (1 - nu^2)
 
-with R the radius of the ball [m], d its approach [m], a the radius of contact [m]. What is beyond the block is put on
-its outer faces: they are moved as Boussinesq's half-space moves there under the force that is found.
+with R the radius of the ball [m], d its approach [m], a the radius of contact [m]. The half-space outside the block is
+replaced by displacements of its outer faces: those of Boussinesq's half-space under the computed force.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.potentials import SurfaceContact
-from fem_truth.verify.equilibrium import Solid, equilibrium
-from runtime.arrays import Array
-from runtime.colliders import RigidPose, Sphere
-from runtime.contact import PenaltyContact
-from runtime.elasticity.materials import make_material
-from runtime.mesh import Mesh, box_mesh
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.potentials import SurfaceContact
+from softprint.fem_truth.verify.equilibrium import Solid, equilibrium
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.mesh import Mesh, box_mesh
 
 _BLOCK = 8.0  # edge of the quarter block, in radii of contact
-_FINE = 1.5  # about how far, in radii of contact, the cells stay of one size
+_FINE = 1.5  # extent of the region of uniform cell size, in radii of contact
 
 
 @dataclass(frozen=True)
 class Hertz:
-    """The problem and its exact answers. young [Pa]; radius, approach [m]."""
+    """The problem and its exact solution. young [Pa]; radius, approach [m]."""
 
     young: float
     poisson: float
@@ -55,13 +55,14 @@ class Hertz:
         return 2.0 * self.modulus * self.contact_radius / (np.pi * self.radius)
 
     def stiffness(self, penetration: float) -> float:
-        """The penalty [N/m^4] at which the peak pressure takes that share of the approach."""
+        """The penalty stiffness [N/m^4] with which the penetration at the peak pressure is this share of the
+        approach."""
         return self.peak_pressure / (penetration * self.approach) ** 2
 
 
 @dataclass(frozen=True, eq=False)
 class Pressed:
-    """What was found: force on the ball [N], radius of contact [m], nodal radii (n,) [m] and pressures (n,) [Pa]."""
+    """Results: force on the ball [N], radius of contact [m], nodal radii (n,) [m] and pressures (n,) [Pa]."""
 
     force: float
     contact_radius: float
@@ -80,7 +81,7 @@ def boussinesq(force: float, young: float, poisson: float, points: Array) -> Arr
 
 
 def press(problem: Hertz, cells: int, penetration: float) -> Pressed:
-    """The block under the ball. cells: along a radius of contact; penetration: see `Hertz.stiffness`."""
+    """Solve for the block under the ball. cells: along a radius of contact; penetration: see `Hertz.stiffness`."""
     mesh = _quarter_block(problem.contact_radius, cells)
     points = mesh.points
     edge = _BLOCK * problem.contact_radius
@@ -106,14 +107,14 @@ def press(problem: Hertz, cells: int, penetration: float) -> Pressed:
     x = points.copy()
 
     def settle(assumed: float) -> float:
-        """The force on the ball [N] with the outer faces where a force of `assumed` moves them; x is where it rests."""
+        """The force on the ball [N] with the outer faces displaced by the force `assumed`, and the equilibrium x."""
         nonlocal x
         x[outer] = points[outer] + boussinesq(assumed, problem.young, problem.poisson, points[outer])
         x[held & (points == 0.0)] = 0.0
         x = equilibrium(elasticity, held, x, (contact,), tolerance=1e-6)
         return 4.0 * float(contact.gradient(x)[:, 2].sum())
 
-    # The force found is nearly linear in the force assumed: two answers tell where they agree.
+    # The computed force is nearly linear in the assumed force: two solutions give their intersection.
     first = settle(0.0)
     second = settle(first)
     force = settle(first / (2.0 - second / first))
@@ -125,7 +126,7 @@ def press(problem: Hertz, cells: int, penetration: float) -> Pressed:
 
 
 def _quarter_block(radius: float, cells: int) -> Mesh:
-    """x, y >= 0 and z <= 0, fine about the origin."""
+    """The block x, y >= 0 and z <= 0, with fine cells near the origin."""
     # Cells of size h sqrt(1 + (x / c)^2) along each axis, so that a finer mesh is finer everywhere.
     span = np.arcsinh(_BLOCK / _FINE)
     count = round(_FINE * cells * span)
@@ -134,7 +135,7 @@ def _quarter_block(radius: float, cells: int) -> Mesh:
 
 
 def _top_areas(mesh: Mesh) -> Array:
-    """(n_nodes,) [m^2] lumped from the facets of the face z = 0 alone: a plane of symmetry is no surface."""
+    """(n_nodes,) lumped areas [m^2] of the facets of the face z = 0 only: a plane of symmetry is not a surface."""
     on_top = (mesh.points[mesh.facets, 2] == 0.0).all(axis=1)
     shares = np.linalg.norm(mesh.facet_vectors[on_top], axis=1) / 3.0
     areas = np.zeros(mesh.n_nodes)

@@ -1,6 +1,6 @@
-"""Softprint's energies on elements of higher order, which remedy what linear elements cannot do.
+"""Softprint's energies on higher-order elements, for problems that linear elements cannot solve.
 
-The forms are those of `fem_truth.elasticity_form`, the spaces DOLFINx's, the solver Newton's method with a sparse
+The forms are those of `fem_truth.energy_densities`, the spaces DOLFINx's, the solver Newton's method with a sparse
 factorisation (MUMPS): small problems only.
 """
 
@@ -14,23 +14,23 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from fem_truth import dolfinx_version as dfx
-from fem_truth.elasticity_form import energy_density
-from fem_truth.verify.equilibrium import Solid
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.errors import SoftprintError
+from softprint.fem_truth import dolfinx_version as dfx
+from softprint.fem_truth.energy_densities import energy_density
+from softprint.fem_truth.verify.equilibrium import Solid
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.errors import SoftprintError
 
-#: A linear form of a test function v and the place X, as UFL: the work of a load [J].
+#: A linear form of a test function v and the position X, as UFL: the work of a load [J].
 Load = Callable[[ufl.Argument, ufl.SpatialCoordinate], ufl.Form]
 
-_ITERATIONS = 12  # of Newton's method: more are a sign of too large a step
+_ITERATIONS = 12  # iterations of Newton's method: more mean that the load step is too large
 _SMALLEST_STEP = 1e-3
 
 
 class HigherOrderElasticity:
     """W(u) of a solid of one material, with displacements of the given degree.
 
-    nodes: (n, dim) where the unknowns are; load: (n, dim) [N] their share of the load.
+    nodes: (n, dim) positions of the unknowns; load: (n, dim) [N] nodal loads.
     """
 
     def __init__(self, solid: Solid, degree: int, load: Load, quadrature_degree: int = 4) -> None:
@@ -53,9 +53,9 @@ class HigherOrderElasticity:
         self.nodes = np.asarray(self.space.tabulate_dof_coordinates())[:, :dim]
 
     def solve(self, held: BoolArray, start: Array, tolerance: float = 1e-9) -> Array:
-        """Displacements (n, dim) in equilibrium; those held (n, dim) stay as they are in `start`.
+        """Displacements (n, dim) in equilibrium; components in the mask held (n, dim) keep their values in `start`.
 
-        The load is put on in steps, halved where Newton's method does not converge. tolerance: of the residual,
+        The load is applied in steps, halved if Newton's method does not converge. tolerance: of the residual,
         relative to the forces. Raises SoftprintError if steps of a thousandth of the load do not converge.
         """
         free = np.flatnonzero(~held.ravel())
@@ -73,7 +73,7 @@ class HigherOrderElasticity:
         return u.reshape(start.shape)
 
     def _newton(self, start: Array, free: IntArray, share: float, tolerance: float) -> Array | None:
-        """Displacements in equilibrium with that share of the load; None if they are not found."""
+        """Displacements in equilibrium with this share of the load; None without convergence."""
         u, load = start.copy(), share * self.load.ravel()
         for _ in range(_ITERATIONS):
             force = self._force(u)
@@ -87,7 +87,7 @@ class HigherOrderElasticity:
         return None
 
     def norm(self, difference: Callable[[ufl.SpatialCoordinate], ufl.core.expr.Expr], degree: int) -> float:
-        """The L2 norm of an expression of the place X (which may use `u`), by a quadrature of that degree."""
+        """The L2 norm of an expression of the position X (which may use `u`), by a quadrature of this degree."""
         with dfx.quiet_compiler():
             value = difference(ufl.SpatialCoordinate(self.domain))
             dx = ufl.dx(self.domain, metadata={"quadrature_degree": degree})
@@ -99,7 +99,7 @@ class HigherOrderElasticity:
         return self._gradient().copy()
 
     def _stiffness(self) -> sp.csr_matrix:
-        """At the displacements of the last `_force`."""
+        """Stiffness at the displacements of the last call of `_force`."""
         self._hessian.assemble()
         size = self.u.x.array.size
         blocks = (self._hessian.blocks(), self._hessian.columns, self._hessian.row_starts)

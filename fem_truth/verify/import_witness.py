@@ -1,4 +1,4 @@
-"""The witness needs scikit-fem, which not every installation has: say so in a sentence."""
+"""Imports the reference solver, which needs scikit-fem, with a clear error if that is not installed."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
 
 
 def import_witness() -> Any:
-    """The module `fem_truth.verify.witness`; raises SoftprintError where scikit-fem is missing."""
+    """The module `fem_truth.verify.witness`; raises SoftprintError if scikit-fem is missing."""
     if find_spec("skfem") is None:
         raise SoftprintError("this case needs scikit-fem, which is not installed: pip install scikit-fem")
-    return import_module("fem_truth.verify.witness")
+    return import_module("softprint.fem_truth.verify.witness")

@@ -2,8 +2,8 @@
 
     u(X) = A sin(B X + c)  (the sine of each component),   F = I + A diag(cos(B X + c)) B,   f = -Div P(F).
 
-The stress is written out from the textbook, so that a wrong energy in Softprint would spoil every order of convergence:
-P = mu (F - F^-T) + lambda log J F^-T. Its divergence is taken by complex steps, exact to round-off.
+The stress is that of the textbook, so that a wrong energy in Softprint would change every order of convergence:
+P = mu (F - F^-T) + lambda log J F^-T. Its divergence is computed by complex steps, exact to round-off.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import ufl
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
-_COMPLEX_STEP = 1e-30  # nothing is subtracted, so it may be this small
+_COMPLEX_STEP = 1e-30  # complex steps have no cancellation, so it may be this small
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Manufactured:
         return force
 
     def displacement_form(self, X: Any) -> Any:
-        """u as a UFL expression of the place."""
+        """u as a UFL expression of the position."""
         dim = self.dim
         angles = [
             sum(float(self.wave[a, j]) * X[j] for j in range(dim)) + float(self.phase[a]) for a in range(dim)
@@ -70,7 +70,7 @@ class Manufactured:
 
 
 def wavy(dim: int, mu: float, lam: float) -> Manufactured:
-    """On the unit square or cube: strains up to about 0.5, the same in all directions of neither space nor u."""
+    """A solution on the unit square or cube: strains up to about 0.5, anisotropic in both X and u."""
     amplitude = np.array([[0.10, 0.04, -0.02], [-0.03, 0.09, 0.03], [0.02, -0.03, 0.08]])[:dim, :dim]
     wave = np.array([[2.0, 1.0, 0.5], [-0.5, 2.2, 1.0], [1.0, -0.6, 1.8]])[:dim, :dim]
     return Manufactured(amplitude, wave, np.array([0.3, 1.1, -0.4])[:dim], mu, lam)

@@ -1,7 +1,7 @@
 """Nearly incompressible solids in scikit-fem with displacement and pressure (Taylor and Hood's quadrilaterals, Q2/Q1).
 
 Of the energy mu/2 (J^(-2/3) I_C - 3) + kappa/4 (J^2 - 1 - 2 log J), the volumetric part is enforced through the
-pressure p = kappa/2 (J - 1/J), so that nothing locks as kappa grows:
+pressure p = kappa/2 (J - 1/J), which prevents locking for large kappa:
 
     integral (mu J^(-2/3) (F - I_C/3 F^-T) + p J F^-T) : grad v = load,     integral q ((J - 1/J)/2 - p/kappa) = 0.
 
@@ -18,8 +18,8 @@ import skfem
 from scipy.sparse.linalg import spsolve
 from skfem.helpers import ddot, det, grad, identity, inv, mul, transpose
 
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.errors import SoftprintError
 
 
 class MixedWitness:
@@ -39,7 +39,7 @@ class MixedWitness:
             for _ in range(20):
                 force, gap, matrix = self._system(u, p)
                 residual = np.concatenate([share * load - force, -gap])[unknowns]
-                # the two halves have units of their own: forces, and volumes
+                # the two parts have different units: forces and volumes
                 if np.linalg.norm(residual[: len(free)]) < tolerance * np.linalg.norm(load):
                     break
                 step = spsolve(matrix[unknowns][:, unknowns].tocsc(), residual)

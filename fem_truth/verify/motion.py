@@ -1,4 +1,4 @@
-"""Both simulators behind one face, and what mechanics asks of a motion: momenta, energy, frequency."""
+"""A common interface of both simulators, and quantities of a motion: momenta, energy, frequency."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from fem_truth.dynamics import FullSpaceSimulator, FullSpaceState
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from runtime.arrays import Array
-from runtime.body import ReducedBody
-from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.dynamics import (
+from softprint.fem_truth.dynamics import FullSpaceSimulator, FullSpaceState
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.dynamics import (
     DynamicsSettings,
     KinematicHandle,
     NewtonSettings,
@@ -23,14 +23,14 @@ from runtime.dynamics import (
     Simulator,
     StepResult,
 )
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
 
 AnySimulator = FullSpaceSimulator | Simulator
-AnyState = Any  # FullSpaceState or ReducedState, whichever the simulator steps
+AnyState = Any  # FullSpaceState or ReducedState, depending on the simulator
 
 _PENALTY = PenaltyContact(1e9)
 
-#: The simulators, as the rows of a case call them.
+#: Names of the simulators in the rows of a case.
 FULL, REDUCED = "full space", "reduced"
 BOTH = (FULL, REDUCED)
 
@@ -46,7 +46,7 @@ def simulator(
     gravity: Sequence[float] | Array | None = None,
     kinematic: Sequence[KinematicHandle] = (),
 ) -> AnySimulator:
-    """The simulator of that name; in full space the forms of a body are compiled once."""
+    """The simulator with this name; in full space the forms of a body are compiled once."""
     parts: dict[str, Any] = {
         "contact": contact,
         "friction": friction,
@@ -65,13 +65,13 @@ def _elasticity(body: ReducedBody) -> FullSpaceElasticity:
 
 
 def exact_steps(time_step: float, tolerance: float) -> DynamicsSettings:
-    """Steps of so many seconds that Newton's method takes to the tolerance; friction follows the normal forces for
-    longer than is usual."""
+    """Settings with steps of this length [s] that Newton's method solves to the tolerance, with more friction updates
+    than by default."""
     return DynamicsSettings(time_step, NewtonSettings(100, tolerance), friction_updates=10)
 
 
 def moving(model: AnySimulator, rows: Array, rows_velocity: Array) -> AnyState:
-    """The state with these handle rows and their rates (n_rows, dim); in full space that of U rows."""
+    """The state with these handle rows and their velocities (n_rows, dim); in full space that of U rows."""
     rest = model.rest_state()
     if isinstance(rest, FullSpaceState):
         basis = model.body.basis
@@ -80,7 +80,7 @@ def moving(model: AnySimulator, rows: Array, rows_velocity: Array) -> AnyState:
 
 
 def pushed(state: AnyState, velocity: Array) -> AnyState:
-    """The state, all of it at one velocity (dim,) [m/s]; of bodies without frames."""
+    """The state with a uniform velocity (dim,) [m/s]; for bodies without frames."""
     if isinstance(state, ReducedState):
         return replace(state, rows_velocity=np.tile(velocity, (len(state.rows), 1)))
     return replace(state, velocity=np.tile(velocity, (len(state.x), 1)))
@@ -95,7 +95,7 @@ def nodal(model: AnySimulator, state: AnyState) -> tuple[Array, Array]:
 
 
 def play(model: AnySimulator, state: AnyState, steps: int) -> Iterator[StepResult[Any]]:
-    """The results of so many steps. SoftprintError where one of them has not converged."""
+    """The results of this many steps. Raises SoftprintError if one of them does not converge."""
     for number in range(steps):
         result = model.step(state)
         if not result.converged:
@@ -105,7 +105,7 @@ def play(model: AnySimulator, state: AnyState, steps: int) -> Iterator[StepResul
 
 
 def last(model: AnySimulator, state: AnyState, steps: int) -> tuple[Array, Array]:
-    """`nodal` after so many steps."""
+    """`nodal` after this many steps."""
     for result in play(model, state, steps):
         state = result.state
     return nodal(model, state)
@@ -124,16 +124,16 @@ def angular_momentum(mass: Array, x: Array, v: Array) -> Array:
 
 
 def mechanical_energy(result: StepResult[Any]) -> float:
-    """Kinetic energy and all potentials [J]: what only work from outside can raise."""
+    """Kinetic energy plus all potentials [J], which only external work can increase."""
     return sum(result.energies[name] for name in ("kinetic", "elastic", "gravity", "springs", "contact"))
 
 
 @dataclass(frozen=True)
 class Oscillation:
-    """What the amplitudes of one mode under backward Euler say.
+    """Frequencies and decay from the amplitudes of one mode under backward Euler.
 
     seen [rad/s]: the frequency of the motion itself; decay [1/s]: its rate of decay; undamped [rad/s]: that of the
-    mode. Backward Euler multiplies the modes of frequency w by 1/(1 - i h w) a step, so that
+    mode. Backward Euler multiplies modes of frequency w by 1/(1 - i h w) per step, so that
 
         seen = atan(h w)/h,    decay = log(1 + h^2 w^2)/(2 h),    w = tan(h seen)/h.
     """
@@ -144,8 +144,8 @@ class Oscillation:
 
 
 def oscillation(amplitudes: Array, time_step: float) -> Oscillation:
-    """Of amplitudes (n,) at successive steps, by Prony's method: a_k+1 = p a_k - q a_k-1 in the least-squares sense,
-    whose roots are sqrt(q) exp(+-i h seen)."""
+    """The oscillation of amplitudes (n,) at successive steps, by Prony's method: a least-squares fit of
+    a_k+1 = p a_k - q a_k-1, whose roots are sqrt(q) exp(+-i h seen)."""
     a = amplitudes / np.abs(amplitudes).max()
     (p, q), *_ = np.linalg.lstsq(np.column_stack([a[1:-1], -a[:-2]]), a[2:], rcond=None)
     turn = float(np.arccos(0.5 * p / np.sqrt(q)))

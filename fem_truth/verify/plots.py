@@ -1,4 +1,4 @@
-"""The plots of a case: one drawing, its curves side by side, in the look of the report."""
+"""The plots of a case: one drawing with its curves side by side, in the style of the report."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from fem_truth.report.figures import RC, to_svg
-from fem_truth.report.style import INK, paint
-from fem_truth.verify.case import Curve
+from softprint.fem_truth.report.figures import RC, to_svg
+from softprint.fem_truth.report.style import INK, paint
+from softprint.fem_truth.verify.case import Curve
 
 # Okabe and Ito's colours and lighter tints of them for dark pages, as in `fem_truth.report.style`.
 _COLOURS = (
@@ -27,7 +27,7 @@ _COLUMNS = 2
 
 
 def colour_variables() -> str:
-    """The CSS that gives the colours of `draw` their values on light and on dark pages and on paper."""
+    """The CSS that defines the colours of `draw` on light and dark pages and in print."""
     light = "".join(f"--v-{i}:{pair[0]};" for i, pair in enumerate(_COLOURS))
     dark = "".join(f"--v-{i}:{pair[1]};" for i, pair in enumerate(_COLOURS))
     return (
@@ -37,7 +37,7 @@ def colour_variables() -> str:
 
 
 def draw(name: str, curves: Sequence[Curve]) -> str:
-    """SVG text of the curves, two abreast."""
+    """SVG text of the curves, two per row."""
     columns = min(_COLUMNS, len(curves))
     rows = -(-len(curves) // columns)
     with plt.rc_context({**RC, "axes.grid.axis": "both", "font.size": 8.5}):
@@ -69,7 +69,7 @@ def _draw_curve(axes: Axes, curve: Curve) -> None:
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
             low, high = sorted(axis.get_view_interval())
-            if high < 100 * low:  # not two decades: labels for some of the digits between
+            if high < 100 * low:  # less than two decades: also label some digits between powers of ten
                 axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                 axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())

@@ -7,13 +7,13 @@ from itertools import product
 import numpy as np
 from scipy.special import roots_jacobi
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 
 def simplex_rule(dim: int, count: int) -> tuple[Array, Array]:
     """Barycentric points (n, dim+1) and weights (n,) that sum to one; exact for degree 2 count - 1, n = count^dim.
 
-    On axis k the weight function is (1 - t)^(dim-1-k), which is what collapsing a cube to a simplex leaves there.
+    On axis k the weight function is (1 - t)^(dim-1-k), the Jacobian of collapsing a cube to a simplex.
     """
     rules = [roots_jacobi(count, dim - 1 - axis, 0) for axis in range(dim)]
     points, weights = [], []

@@ -1,6 +1,6 @@
-"""Bodies of the dynamic cases: blocks and bars of simplices whose every number can be written down.
+"""Bodies of the dynamic cases: blocks and bars of simplices with known properties.
 
-All are integrated in full, so that nothing but the subspace and the time step lies between them and the continuum.
+All are integrated over all cells, so that only the mesh, the subspace and the time step cause errors.
 """
 
 from __future__ import annotations
@@ -10,18 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body import ReducedBody
-from runtime.body.basis import biharmonic_basis
-from runtime.body.cubature import Cubature
-from runtime.body.handles import FrameHandle, Handles
-from runtime.body.placement import place_handles
-from runtime.body.surface_samples import SurfaceSamples
-from runtime.dynamics import KinematicHandle
-from runtime.elasticity import make_material
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.body.basis import biharmonic_basis
+from softprint.runtime.body.cubature import Cubature
+from softprint.runtime.body.handles import FrameHandle, Handles
+from softprint.runtime.body.placement import place_handles
+from softprint.runtime.body.surface_samples import SurfaceSamples
+from softprint.runtime.dynamics import KinematicHandle
+from softprint.runtime.elasticity import make_material
+from softprint.runtime.mesh import Mesh
 
-#: Of every body here [kg/m^dim].
+#: Density of every body here [kg/m^dim].
 DENSITY = 1000.0
 
 
@@ -35,19 +35,19 @@ class Stuff:
 
 
 def node_body(mesh: Mesh, stuff: Stuff) -> ReducedBody:
-    """Its subspace is all of space: every node is a point handle."""
+    """A body whose subspace is full space: every node is a point handle."""
     return _body(mesh, stuff, Handles(mesh.dim, np.arange(mesh.n_nodes), ()), np.eye(mesh.n_nodes))
 
 
 def point_body(mesh: Mesh, stuff: Stuff, points: int) -> ReducedBody:
-    """So many point handles and their biharmonic coordinates: a subspace as the runtime has them."""
+    """A body with this many point handles and their biharmonic coordinates, as in the runtime."""
     handles = place_handles(mesh, points, [])
     return _body(mesh, stuff, handles, biharmonic_basis(mesh, handles))
 
 
 def affine_body(mesh: Mesh, stuff: Stuff) -> ReducedBody:
-    """Its subspace holds the affine maps and no more: dim + 1 corners of its box are handles, and all positions are
-    the barycentric combinations of these (as in every basis of dim + 1 points that is linearly precise)."""
+    """A body whose subspace is the affine maps: dim + 1 corners of its box are handles, and all positions are
+    barycentric combinations of these (as in every basis of dim + 1 points that is linearly precise)."""
     low, extent = mesh.points.min(axis=0), np.ptp(mesh.points, axis=0)
     corners = low + np.vstack([np.zeros(mesh.dim), np.diag(extent)])
     nodes = np.array([int(np.abs(mesh.points - corner).sum(axis=1).argmin()) for corner in corners])
@@ -57,14 +57,14 @@ def affine_body(mesh: Mesh, stuff: Stuff) -> ReducedBody:
 
 
 def rigid_body(mesh: Mesh, stuff: Stuff) -> ReducedBody:
-    """Its subspace holds the rigid motions and no more: all nodes are one frame."""
+    """A body whose subspace is the rigid motions: all nodes are one frame."""
     frame = FrameHandle("all", np.arange(mesh.n_nodes), mesh.points.mean(axis=0))
     basis = np.column_stack([mesh.points, np.ones(mesh.n_nodes)])
     return _body(mesh, stuff, Handles(mesh.dim, np.empty(0, dtype=np.int64), (frame,)), basis)
 
 
 def held_handles(body: ReducedBody, places: Sequence[float]) -> list[KinematicHandle]:
-    """The point handles with one of these first coordinates [m], held in place: of a `node_body` all such nodes."""
+    """The point handles with one of these first coordinates [m], fixed in place: for a `node_body` all such nodes."""
     first = body.mesh.points[body.handles.points, :1]
     near = np.isclose(first, np.asarray(places), atol=1e-9 * body.mesh.size).any(axis=1)
     return [KinematicHandle(int(number)) for number in np.flatnonzero(near)]

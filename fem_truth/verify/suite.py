@@ -1,4 +1,4 @@
-"""Running cases: what one of them raises is its own failure and nobody else's."""
+"""Runs cases: an exception in one case is recorded as its failure and does not affect the others."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fem_truth.verify.case import Case, CaseResult
-from runtime.errors import SoftprintError
+from softprint.fem_truth.verify.case import Case, CaseResult
+from softprint.runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A case that was run. failure: why it ended early, "" if it did not; seconds: of processor time."""
+    """The outcome of a case. failure: why it ended early, "" if it did not; seconds: processor time."""
 
     case: Case
     result: CaseResult
@@ -26,7 +26,8 @@ class Outcome:
 
 
 def select(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:
-    """The cases of these names in the suite's order; all of them for no names. Refuses names that there are not."""
+    """The cases with these names in the suite's order; all of them without names. Raises SoftprintError for unknown
+    names."""
     known = [case.name for case in cases]
     for name in names:
         if name not in known:
@@ -35,13 +36,13 @@ def select(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:
 
 
 def run_case(case: Case, quick: bool) -> Outcome:
-    """Its outcome, whatever happens."""
+    """Run a case and return its outcome; never raises."""
     started = time.process_time()
     try:
         result, failure = case.run(quick), ""
     except SoftprintError as error:
         result, failure = CaseResult(()), str(error)
-    except Exception as error:  # a bug in one case must not hide what the others found
+    except Exception as error:  # a bug in one case must not hide the results of the others
         traceback.print_exc()
         result, failure = CaseResult(()), f"{type(error).__name__}: {error}"
     return Outcome(case, result, failure, time.process_time() - started)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from fem_truth.verify.case import Row
-from fem_truth.verify.suite import Outcome
+from softprint.fem_truth.verify.case import Row
+from softprint.fem_truth.verify.suite import Outcome
 
 _WIDTHS = (50, 20, 13, 8, 8, 6)  # quantity, reference, ours, error, allowed, order
 
@@ -18,7 +18,7 @@ def header() -> str:
 
 
 def lines(outcome: Outcome) -> list[str]:
-    """A case as lines of text: one line a number, why it failed if it did, and the verdict."""
+    """A case as lines of text: one line per number, the reason of a failure, and the verdict."""
     text = []
     for row in outcome.result.rows:
         reference, ours = shown(row)
@@ -40,7 +40,7 @@ def lines(outcome: Outcome) -> list[str]:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """The last line: how many of how many passed."""
+    """The last line: numbers of passed cases and rows."""
     rows = [row for outcome in outcomes for row in outcome.result.rows]
     cases = sum(outcome.passed for outcome in outcomes)
     return (
@@ -50,7 +50,7 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 
 
 def shown(row: Row) -> tuple[str, str]:
-    """Reference and ours with as many digits as the tolerance can tell apart, and one more."""
+    """Reference and ours with as many digits as the tolerance resolves, and one more."""
     size = max(abs(row.reference), abs(row.ours)) if math.isfinite(row.ours) else abs(row.reference)
     digits = 4
     if row.tolerance > 0 and size > 0:
@@ -59,14 +59,14 @@ def shown(row: Row) -> tuple[str, str]:
 
 
 def format_error(error: float) -> str:
-    """A percentage down to a hundredth of a percent, a power of ten below it."""
+    """A percentage down to a hundredth of a percent, scientific notation below it."""
     if error == 0.0 or not math.isfinite(error):
         return f"{error:g}"
     return f"{100 * error:.2g} %" if 1e-4 <= error < 10 else f"{error:.0e}"
 
 
 def as_json(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
-    """Every outcome in JSON's own types but for numbers that are not finite."""
+    """Every outcome in JSON types, except for numbers that are not finite."""
     return [
         {
             "name": outcome.case.name,
@@ -99,10 +99,10 @@ def as_json(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
 
 
 def _number(value: float, digits: int) -> str:
-    """Significant digits, and no exponent where it would only hide the zeros of a round number."""
+    """The number with significant digits, without an exponent for round numbers."""
     if value == 0.0:
         return "0"
-    text = f"{value:#.{digits}g}".rstrip(".")  # with its last zeros, so that the columns agree
+    text = f"{value:#.{digits}g}".rstrip(".")  # with trailing zeros, so that the columns agree
     return f"{value:.0f}" if "e" in text and 1.0 <= abs(value) < 1e7 else text
 
 
@@ -112,7 +112,7 @@ def _named(row: Row) -> str:
 
 def _line(cells: Sequence[str], verdict: str) -> str:
     first, *others = cells
-    # A long name takes a line of its own, so that the columns stay where they are.
+    # A long name gets a separate line, so that the columns stay aligned.
     lead = f"{first:<{_WIDTHS[0]}}" if len(first) <= _WIDTHS[0] else f"{first}\n{'':<{_WIDTHS[0]}}"
     columns = "".join(f" {cell:>{width}}" for cell, width in zip(others, _WIDTHS[1:]))
     return f"{lead}{columns}  {verdict}".rstrip()

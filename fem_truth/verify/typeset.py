@@ -1,4 +1,4 @@
-"""Formulas as the code writes them, such as `mu J^(-2/3)`, as HTML: Greek letters, superscripts, subscripts."""
+"""Formulas in code notation, such as `mu J^(-2/3)`, as HTML: Greek letters, superscripts, subscripts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SIGNS = {"(x)": "⊗", " - ": " − ", "&lt;=": "≤", "&gt;=": "≥"}
 
 
 def typeset(text: str) -> Markup:
-    """The text as safe HTML, its formulas set."""
+    """The text as safe HTML with typeset formulas."""
     html = str(escape(text))
     html = _WORD.sub(lambda match: _GREEK[match[1]], html)
     html = _BELOW.sub(r"\1<sub>\2</sub>", html)

@@ -1,4 +1,4 @@
-"""`softprint verify`: problems whose answers are known from elsewhere, and ours beside them."""
+"""`softprint verify`: problems with independently known solutions, compared with ours."""
 
 from __future__ import annotations
 
@@ -8,26 +8,32 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Which cases, how thoroughly, and where to."""
+    """Add the arguments: cases, thoroughness and output folder."""
     parser.add_argument("cases", nargs="*", metavar="CASE", help="cases to run (default: all, see --list)")
-    parser.add_argument("--quick", action="store_true", help="coarse meshes and loose bounds: seconds a case")
-    parser.add_argument("--list", action="store_true", help="say what cases there are, and run none")
     parser.add_argument(
-        "--out", type=Path, default=Path("runs/verify"), metavar="DIR", help="where verify.html and .json go"
+        "--quick", action="store_true", help="coarse meshes and loose bounds: seconds per case"
+    )
+    parser.add_argument("--list", action="store_true", help="list the cases without running them")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("runs/verify"),
+        metavar="DIR",
+        help="output folder of verify.html and .json",
     )
 
 
 def run(options: argparse.Namespace, context: Context) -> int:
-    """verify.html and verify.json in the output folder, a table on the terminal; 1 if anything failed."""
-    from fem_truth.verify import table
-    from fem_truth.verify.cases import CASES
-    from fem_truth.verify.suite import run_case, select
-    from fem_truth.verify.write import write_page
+    """Write verify.html and verify.json in the output folder and print a table; returns 1 if anything failed."""
+    from softprint.fem_truth.verify import table
+    from softprint.fem_truth.verify.cases import CASES
+    from softprint.fem_truth.verify.suite import run_case, select
+    from softprint.fem_truth.verify.write import write_page
 
     chosen = select(CASES, options.cases)
     if context.rank > 0:  # one process is enough
@@ -37,10 +43,10 @@ def run(options: argparse.Namespace, context: Context) -> int:
             context.say(f"{case.name:<22} {case.title}")
         return 0
     context.out = options.out
-    folder = context.out_dir  # refused now, and not after minutes of work
+    folder = context.out_dir  # raises an error now, and not after minutes of work
     context.say(table.header())
     outcomes = []
-    for case in chosen:  # said before it runs, so that one sees what takes its time
+    for case in chosen:  # printed before it runs, so that a slow case is visible
         context.say(f"\n{case.name}: {case.title}")
         with _quiet():
             outcomes.append(run_case(case, options.quick))
@@ -53,8 +59,8 @@ def run(options: argparse.Namespace, context: Context) -> int:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keeps to itself what meshes, bodies and every assembly of scikit-fem log: the cases make many."""
-    loggers = [logging.getLogger(name) for name in ("runtime", "fem_truth", "skfem")]
+    """Suppress log messages of meshes, bodies and scikit-fem's assembly, of which the cases make many."""
+    loggers = [logging.getLogger(name) for name in ("softprint", "skfem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.WARNING)
@@ -68,7 +74,7 @@ def _quiet() -> Iterator[None]:
 VERB = Verb(
     name="verify",
     order=70,
-    summary="Hold the solvers against closed forms, published benchmarks and another library.",
+    summary="Compare the solvers with closed forms, published benchmarks and another library.",
     example="softprint verify cook hertz",
     run=run,
     needs=("dolfinx", "jinja2", "matplotlib"),

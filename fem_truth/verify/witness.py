@@ -1,14 +1,13 @@
-"""An independent library as a witness: scikit-fem assembles and solves what Softprint does with UFL, FFCx and DOLFINx.
+"""An independent reference: scikit-fem assembles and solves what Softprint does with UFL, FFCx and DOLFINx.
 
 Stresses and their derivatives are written out by hand here, in the tensors of the textbook (Bonet and Wood 1997, sec.
-6.4; Smith et al. 2018; Holzapfel 2000, sec. 6.4), so that neither UFL's differentiation nor FFCx's code has a part in
-them:
+6.4; Smith et al. 2018; Holzapfel 2000, sec. 6.4), so that they depend neither on UFL's differentiation nor on FFCx:
 
     neo-Hookean         P = mu (F - F^-T) + lam log J F^-T
     stable neo-Hookean  P = mu (1 - 1/(I_C + 1)) F + (lam (J - 1) - 3/4 mu) J F^-T
     isochoric           P = mu J^(-2/3) (F - I_C/3 F^-T) + kappa/2 (J^2 - 1) F^-T
 
-This module needs scikit-fem, a package for development; nothing else of Softprint does.
+This module needs scikit-fem, a development dependency; nothing else in Softprint does.
 """
 
 from __future__ import annotations
@@ -23,9 +22,9 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import spsolve
 from skfem.helpers import ddot, det, grad, identity, inv, mul, transpose
 
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import Mesh
 
 #: P at (F, mu, lam), and dP as a function of dF; mu and lam are Lame's.
 Law = Callable[[Any, Any, Any], tuple[Any, Callable[[Any], Any]]]
@@ -60,7 +59,7 @@ def stable_neo_hookean(F: Any, mu: Any, lam: Any) -> tuple[Any, Callable[[Any], 
 
 
 def isochoric_neo_hookean(F: Any, mu: Any, lam: Any) -> tuple[Any, Callable[[Any], Any]]:
-    """Shape and volume told apart; kappa = lam + 2/3 mu."""
+    """Split into isochoric and volumetric parts; kappa = lam + 2/3 mu."""
     F_T, J, trace = transpose(inv(F)), det(F), _trace(F)
     shear, kappa = mu * J ** (-2 / 3), lam + 2 / 3 * mu
     deviator = F - trace / 3 * F_T
@@ -82,7 +81,7 @@ def _across(F_T: Any, dF: Any) -> Any:
 
 
 def _trace(F: Any) -> Any:
-    """I_C, the third stretch of plane strain being 1."""
+    """I_C, with a third stretch of 1 in plane strain."""
     return ddot(F, F) + (3 - len(F))
 
 
@@ -113,7 +112,7 @@ class Witness:
         return self._body.stiffness(self._unknowns(x))[order][:, order]
 
     def solve(self, load: Array, clamped: IntArray, steps: int = 10) -> Array:
-        """Positions (n_nodes, dim) under nodal forces (n_nodes, dim) [N], the nodes `clamped` held at rest."""
+        """Positions (n_nodes, dim) under nodal forces (n_nodes, dim) [N], with the nodes `clamped` fixed at rest."""
         right = np.empty(self._dofs.size)
         right[self._dofs] = load
         free = np.delete(self._dofs, clamped, axis=0).ravel()
@@ -135,7 +134,8 @@ class Witness:
 
 
 class WitnessBody:
-    """Any displacement elements of scikit-fem with a law; unknowns in its order. young, poisson: (n_cells,)."""
+    """Any displacement elements of scikit-fem with a material law; unknowns in scikit-fem's order. young, poisson:
+    (n_cells,)."""
 
     def __init__(self, basis: Any, young: Array, poisson: Array, law: str) -> None:
         stress = LAWS[law]

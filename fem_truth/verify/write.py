@@ -1,4 +1,4 @@
-"""verify.html, which stands alone, and verify.json: all that a run of the suite found."""
+"""Writes verify.html, which is self-contained, and verify.json: all results of a run of the suite."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from fem_truth.report.machine import machine_summary
-from fem_truth.report.page import page_style, page_template
-from fem_truth.report.report_json import json_text, plain, write_text
-from fem_truth.verify.case import Row
-from fem_truth.verify.plots import colour_variables, draw
-from fem_truth.verify.suite import Outcome
-from fem_truth.verify.table import as_json, format_error, shown
-from fem_truth.verify.typeset import typeset
-from runtime.io.files import provenance
+from softprint.fem_truth.report.machine import machine_summary
+from softprint.fem_truth.report.page import page_style, page_template
+from softprint.fem_truth.report.report_json import json_text, plain, write_text
+from softprint.fem_truth.verify.case import Row
+from softprint.fem_truth.verify.plots import colour_variables, draw
+from softprint.fem_truth.verify.suite import Outcome
+from softprint.fem_truth.verify.table import as_json, format_error, shown
+from softprint.fem_truth.verify.typeset import typeset
+from softprint.runtime.io.files import provenance
 
 VERSION = 1  # of verify.json
 
 
 def write_page(outcomes: Sequence[Outcome], folder: Path, quick: bool) -> Path:
-    """Both files, each whole or not at all; returns the page's path. Raises SoftprintError where it cannot write."""
+    """Write both files atomically; returns the page's path. Raises SoftprintError if they cannot be written."""
     versions = {**provenance(), **_finite_elements()}
     summary = {
         "softprint_verification": VERSION,
@@ -38,8 +38,8 @@ def write_page(outcomes: Sequence[Outcome], folder: Path, quick: bool) -> Path:
 
 
 def render(outcomes: Sequence[Outcome], quick: bool, versions: dict[str, str]) -> str:
-    """The page as HTML text that loads nothing."""
-    template = page_template("fem_truth.verify", "verify.html.j2")
+    """The page as self-contained HTML text."""
+    template = page_template("softprint.fem_truth.verify", "verify.html.j2")
     rows = [row for outcome in outcomes for row in outcome.result.rows]
     return template.render(
         outcomes=outcomes,
@@ -66,13 +66,13 @@ def render(outcomes: Sequence[Outcome], quick: bool, versions: dict[str, str]) -
 
 
 def _footnotes(rows: Sequence[Row]) -> tuple[list[str], list[int]]:
-    """What the rows say of sources and tolerances, each sentence once, and the number of each row's."""
-    told = [f"{row.source}. Tolerance: {row.tolerance_reason}." for row in rows]
-    distinct = list(dict.fromkeys(told))
-    return distinct, [distinct.index(text) + 1 for text in told]
+    """Footnotes on sources and tolerances, each distinct one once, and the footnote number of each row."""
+    sentences = [f"{row.source}. Tolerance: {row.tolerance_reason}." for row in rows]
+    distinct = list(dict.fromkeys(sentences))
+    return distinct, [distinct.index(text) + 1 for text in sentences]
 
 
 def _finite_elements() -> dict[str, str]:
-    from fem_truth.dolfinx_version import versions
+    from softprint.fem_truth.dolfinx_version import versions
 
     return versions()

@@ -5,13 +5,12 @@ from __future__ import annotations
 import igl
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.handles import Handles
-from runtime.errors import SoftprintError
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.handles import Handles
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import Mesh
 
-# Affine maps are reproduced to about 1e-12 of the body's size; a factorisation that went wrong is far above
-# this.
+# Affine maps are reproduced to about 1e-12 of the body's size; the error of a failed factorisation is far larger.
 _AFFINE_TOLERANCE = 1e-6
 
 
@@ -23,17 +22,19 @@ def biharmonic_basis(mesh: Mesh, handles: Handles) -> Array:
     minimiser.
     """
     regions = [[int(node)] for node in handles.points] + [frame.nodes.tolist() for frame in handles.frames]
-    held = np.concatenate([handles.points, handles.frame_nodes])
-    if len(np.unique(held)) < len(held):  # libigl does not check, and corrupts its memory
-        raise SoftprintError("body: two handles hold the same node: point handles and frames must not meet")
+    handle_nodes = np.concatenate([handles.points, handles.frame_nodes])
+    if len(np.unique(handle_nodes)) < len(
+        handle_nodes
+    ):  # libigl does not check this, and corrupts its memory
+        raise SoftprintError("body: two handles share a node: point handles and frames must not overlap")
     basis = np.ascontiguousarray(igl.biharmonic_coordinates(mesh.points, mesh.cells, regions, 2))
-    # libigl reports failure by an empty array, and a nearly singular system by weights that reproduce
-    # nothing.
+    # On failure libigl returns an empty array; for a nearly singular system, weights that do not reproduce the rest
+    # shape.
     if basis.shape != (mesh.n_nodes, handles.n_rows) or not np.isfinite(basis).all():
         raise SoftprintError(
             f"body: no biharmonic coordinates for {handles.n_points} points and {len(handles.frames)} "
             f"frames: there must "
-            f"be a frame or at least {mesh.dim + 1} points in general position, and cells of a sound shape"
+            f"be a frame or at least {mesh.dim + 1} points in general position, and well-shaped cells"
         )
     error = np.abs(basis @ handles.rest_rows(mesh.points) - mesh.points).max()
     if error > _AFFINE_TOLERANCE * mesh.size:

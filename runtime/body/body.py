@@ -1,4 +1,4 @@
-"""The reduced body: a mesh, its handles and basis, its material, and what dynamics needs of them."""
+"""The reduced body: a mesh, its handles and basis, its material, and the quantities that dynamics needs."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from runtime.arrays import Array, IntArray
-from runtime.body.cubature import Cubature
-from runtime.body.handles import Handles
-from runtime.body.material_points import MaterialPoints
-from runtime.body.surface_distance import nearest_surface
-from runtime.body.surface_samples import SurfaceSamples
-from runtime.elasticity.materials import Material
-from runtime.io.files import content_hash
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.cubature import Cubature
+from softprint.runtime.body.handles import Handles
+from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.body.surface_distance import nearest_surface
+from softprint.runtime.body.surface_samples import SurfaceSamples
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
+from softprint.runtime.io.files import content_hash
+from softprint.runtime.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +58,10 @@ class ReducedBody:
 
     @cached_property
     def content_hash(self) -> str:
-        """Names the body by what defines it: mesh, handles, basis kind, material and density.
+        """Identifies the body by what defines it: mesh, handles, basis kind, material and density.
 
-        Cubature and surface samples are left out (a truth file stays valid when they change), and so are
-        numbers that follow from these and may differ in the last digit between machines.
+        Cubature and surface samples are left out (a truth file stays valid when they change). So are derived numbers,
+        which may differ in the last digit between machines.
         """
         content: dict[str, object] = {
             "points": self.mesh.points,
@@ -85,14 +86,21 @@ class ReducedBody:
         """(n_nodes, dim) x = U rows [m]."""
         return self.basis @ rows
 
+    @cached_property
+    def reduced_elasticity(self) -> ReducedElasticity:
+        """The elastic energy of the handle rows, on the cubature cells."""
+        cells, weights = self.cubature.cells, self.cubature.weights
+        return ReducedElasticity.on_cells(self.mesh, self.basis, self.material, cells, weights)
+
     @property
     def constraint_basis(self) -> Array:
-        """C (n_nodes, n_points): the columns of U that a displacement beyond the reduced state must not feel,
-        C^T (x - U rows) = 0 on the nodes outside rigid frames.
+        """C (n_nodes, n_points): the columns of U that constrain a displacement beyond the reduced state: C^T (x - U
+        rows) = 0 on the nodes outside rigid frames.
 
-        The thesis (5.3.3) takes all columns of U. But those of a frame are affine modes, of which a rigid frame follows
-        the rigid motions only: kept out of all of them, a body could not strain along the others at all. With the
-        columns of point handles, U rows + u is any deformation of the body, and each of them once.
+        The thesis (5.3.3) takes all columns of U. But the columns of a frame are affine modes, and a rigid frame only
+        follows the rigid motions among them. Constraining all of them would forbid every strain along the other affine
+        modes. With the columns of point handles alone, U rows + u represents every deformation of the body exactly
+        once.
         """
         return self.basis[:, : self.handles.n_points]
 
@@ -106,8 +114,8 @@ class ReducedBody:
         return cho_factor(free.T @ free)
 
     def project(self, positions: Array) -> Array:
-        """The reduced state of positions (n_nodes, dim) (thesis 4.3.2): frames where their nodes are, made rigid, and
-        points such that C^T (x - U rows) = 0 on the other nodes, see :attr:`constraint_basis`."""
+        """The reduced state of positions (n_nodes, dim) (thesis 4.3.2): frames are fitted rigidly to their nodes, and
+        points are chosen so that C^T (x - U rows) = 0 on the other nodes, see :attr:`constraint_basis`."""
         rows = np.zeros((self.n_rows, self.dim))
         for frame in self.handles.frames:
             rest = np.column_stack([self.mesh.points[frame.nodes], np.ones(len(frame.nodes))])

@@ -1,12 +1,12 @@
-"""The body file (HDF5): a reduced body, whole, with the hash of its content. SI units throughout.
+"""The body file (HDF5): a complete reduced body with the hash of its content. SI units throughout.
 
     mesh/points (n_nodes, dim) m, mesh/cells     handles/points, handles/frames/<number>/{nodes, pivot} @name
     basis (n_nodes, n_rows)                      material/{young Pa, poisson} @model, density kg/m^dim
     node_mass kg, reduced_mass kg                cubature/{cells, weights m^dim} @energy_error @force_error
     surface/{nodes, areas m^(dim-1)}
 
-Attributes: softprint_kind "body", softprint_version, provenance, name, content_hash (what defines the body:
-see :attr:`ReducedBody.content_hash`), file_hash (all of the above), recipe (what it was built from).
+Attributes: softprint_kind "body", softprint_version, provenance, name, content_hash (of what defines the body: see
+:attr:`ReducedBody.content_hash`), file_hash (of all of the above), recipe (what it was built from).
 """
 
 from __future__ import annotations
@@ -18,22 +18,28 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.body.cubature import Cubature
-from runtime.body.handles import FrameHandle, Handles
-from runtime.body.surface_samples import SurfaceSamples
-from runtime.elasticity.materials import make_material
-from runtime.errors import SoftprintError
-from runtime.io.files import content_hash, create_softprint_h5, fixed_text, open_softprint_h5, read_text
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.cubature import Cubature
+from softprint.runtime.body.handles import FrameHandle, Handles
+from softprint.runtime.body.surface_samples import SurfaceSamples
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import (
+    content_hash,
+    create_softprint_h5,
+    fixed_text,
+    open_softprint_h5,
+    read_text,
+)
+from softprint.runtime.mesh import Mesh
 
 KIND = "body"
 VERSION = 2
 
 
 def save_body(path: Path | str, body: ReducedBody, recipe: str = "") -> None:
-    """Write the body file, atomically. recipe: what it was built from (:func:`runtime.body.body_recipe`)."""
+    """Write the body file, atomically. recipe: what it was built from (`runtime.body.body_recipe`)."""
     arrays = _arrays(body)
     with create_softprint_h5(path, KIND, VERSION) as file:
         for name, array in arrays.items():
@@ -63,7 +69,7 @@ def read_recipe(path: Path | str) -> str:
 def load_body(path: Path | str) -> ReducedBody:
     """Read and check a body file.
 
-    Raises SoftprintError where it is missing, foreign, truncated, altered or incomplete.
+    Raises SoftprintError if it is missing, not a body file, truncated, altered or incomplete.
     """
     with open_softprint_h5(path, KIND, VERSION) as file:
         handles = Handles(
@@ -109,7 +115,7 @@ def load_body(path: Path | str) -> ReducedBody:
 
 
 def _frame_groups(file: h5py.File) -> list[h5py.Group]:
-    """The frames in the order of their numbers; a body without frames has no such group."""
+    """The frames in the order of their numbers; a body without frames has no frames group."""
     frames = file["handles"].get("frames", {})
     return [frames[str(index)] for index in range(len(frames))]
 

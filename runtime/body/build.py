@@ -1,4 +1,4 @@
-"""Making a reduced body: from an experiment's [body] table, or from parts made in Python."""
+"""Build a reduced body from an experiment's [body] table, or from parts made in Python."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.arrays import Array
-from runtime.body.basis import biharmonic_basis
-from runtime.body.body import ReducedBody
-from runtime.body.cubature import build_cubature
-from runtime.body.handles import Handles
-from runtime.body.placement import frames_of, in_box, place_handles
-from runtime.body.surface_samples import sample_surface
-from runtime.elasticity.materials import Material, make_material
-from runtime.errors import SoftprintError
-from runtime.io.files import content_hash
-from runtime.mesh import Mesh, read_mesh
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.basis import biharmonic_basis
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.cubature import build_cubature
+from softprint.runtime.body.handles import Handles
+from softprint.runtime.body.placement import frames_of, in_box, place_handles
+from softprint.runtime.body.surface_samples import sample_surface
+from softprint.runtime.elasticity.materials import Material, make_material
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import content_hash
+from softprint.runtime.mesh import Mesh, read_mesh
 
 if TYPE_CHECKING:
-    from runtime.experiment import BodySpec, MaterialSpec
+    from softprint.runtime.experiment import BodySpec, MaterialSpec
 
 log = logging.getLogger(__name__)
 
@@ -31,8 +31,8 @@ log = logging.getLogger(__name__)
 def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0, dim: int | None = None) -> ReducedBody:
     """The body of an experiment's [body] table; paths in it are relative to base_dir.
 
-    ``seed`` draws only the states at which the cubature error is measured; ``dim``: that of the experiment,
-    which the mesh must share. SoftprintError for all that can be wrong with mesh, handles and material.
+    ``seed`` only draws the states at which the cubature error is measured. ``dim`` is the experiment's dimension, which
+    the mesh must have. Raises SoftprintError for invalid meshes, handles and materials.
     """
     path = Path(base_dir) / spec.mesh
     mesh = read_mesh(path)
@@ -100,7 +100,7 @@ def assemble_body(
     """A reduced body from its parts: basis, lumped mass, cubature and surface samples are computed here.
 
     material and density [kg/m^dim] may be scalars: they are spread over all cells. basis: U (n_nodes, n_rows)
-    where it was computed elsewhere.
+    if it was computed elsewhere.
     """
     material = make_material(
         material.model, np.full(mesh.n_cells, material.young), np.full(mesh.n_cells, material.poisson)

@@ -1,17 +1,15 @@
-"""Data-oblivious cubature: a few cells with weights stand for the whole body (thesis 3.7.2).
+"""Data-oblivious cubature: a few weighted cells represent the whole body (thesis 3.7.2).
 
-As in the thesis, cells are sampled uniformly and no example of a deformation is needed. The weights go a step
-further. The thesis integrates the biharmonic coordinates of the samples (eq. 3.14,
-:func:`interpolation_weights`); here the weights are those that integrate best what every elastic energy of
-the subspace is made of. To second order that energy is quadratic in the products of basis gradients, so the
-moments
+As in the thesis, cells are sampled uniformly, and no example deformations are needed. The weights differ. The thesis
+integrates the biharmonic coordinates of the samples (eq. 3.14, :func:`interpolation_weights`). Here the weights are
+fitted to integrate the terms of which every elastic energy of the subspace consists. To second order that energy is
+quadratic in the products of basis gradients, so the moments
 
     M_c = mu_c D_c (x) D_c,    D_c = grad U in cell c, (n_rows, dim),
 
-are integrated in the least-squares sense by nonnegative weights, drawn gently towards the volumes that the
-samples stand for. The inner product of two moments is mu_c mu_c' (D_c : D_c')^2, so no moment is ever
-formed. On the small Jelly, ten cells a row, this leaves a third of the force error of eq. 3.14 (``python -m
-benchmarks.cubature``).
+are integrated in the least-squares sense by nonnegative weights, weakly regularised towards the volumes that the
+samples represent. The inner product of two moments is mu_c mu_c' (D_c : D_c')^2, so moments are never formed. On the
+small Jelly with ten cells a row this leaves a third of the force error of eq. 3.14 (``python -m benchmarks.cubature``).
 """
 
 from __future__ import annotations
@@ -24,19 +22,19 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, IntArray, scatter_sum
-from runtime.body.farthest_points import farthest_points
-from runtime.body.handles import Handles
-from runtime.body.rotations import rotation_dofs
-from runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient
-from runtime.elasticity.materials import Material
-from runtime.elasticity.reduced_elasticity import ReducedElasticity
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.body.farthest_points import farthest_points
+from softprint.runtime.body.handles import Handles
+from softprint.runtime.body.rotations import rotation_dofs
+from softprint.runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
+from softprint.runtime.mesh import Mesh
 
-# Pull of the weights towards the samples' own volumes, relative to the moments: from 0.01 to 0.1 the
-# measured error hardly changes; below, weights vanish or grow to several times the mean.
+# Regularisation of the weights towards the samples' own volumes, relative to the moments. From 0.01 to 0.1 the measured
+# error hardly changes; below 0.01, weights vanish or grow to several times the mean.
 RIDGE = 0.03
-_CHUNK = 16384  # cells whose kernel values are held at once
+_CHUNK = 16384  # cells whose kernel values are in memory at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +62,8 @@ def build_cubature(
 ) -> Cubature:
     """About points_per_row cells for each row of the basis (n_nodes, n_rows), and their measured errors.
 
-    Cells inside a rigid frame store no energy and are never sampled; each material region has samples of
-    its own, as many as its volume asks for. With more samples asked for than there are cells, integration
-    is full.
+    Cells inside a rigid frame store no energy and are never sampled; each material region has its own samples, in
+    proportion to its volume. If more samples are requested than there are cells, all cells are integrated.
     """
     cells, weights = choose_cubature(mesh, basis, handles, material, points_per_row * handles.n_rows)
     states = random_states(mesh, handles, rng)
@@ -118,8 +115,7 @@ def _shares(mesh: Mesh, material: Material, cells: IntArray, count: int) -> list
 def uniform_cells(mesh: Mesh, cells: IntArray, count: int) -> IntArray:
     """``count`` of the cells, uniform in volume: farthest points, then one step of Lloyd's iteration.
 
-    Farthest points crowd the surface; the step towards the centroid of what each stands for takes them off
-    it.
+    Farthest points crowd at the surface; the step towards the centroid of each sample's region moves them inward.
     """
     centroids, volumes = mesh.cell_centroids[cells], mesh.cell_volumes[cells]
     samples = centroids[farthest_points(centroids, count)]
@@ -170,8 +166,8 @@ def moment_weights(
 def interpolation_weights(mesh: Mesh, sampled: IntArray) -> Array:
     """The thesis's weights, eq. 3.14: integrals of the biharmonic coordinates of the samples (m,) [m^dim].
 
-    The coordinates live at nodes: each sampled cell is represented by the node nearest to its centroid
-    (samples that share one share its weight). Kept to compare with; they may be negative.
+    The coordinates are defined at nodes, so each sampled cell is represented by the node nearest to its centroid
+    (samples that share a node share its weight). For comparison only; the weights may be negative.
     """
     _, nearest = cKDTree(mesh.points).query(mesh.cell_centroids[sampled])
     nodes, owner, shared = np.unique(nearest, return_inverse=True, return_counts=True)
@@ -180,16 +176,17 @@ def interpolation_weights(mesh: Mesh, sampled: IntArray) -> Array:
 
 
 def random_states(mesh: Mesh, handles: Handles, rng: np.random.Generator, count: int = 8) -> list[Array]:
-    """Handle rows to measure with: normal displacements of 5 % of the body's size, turns of 0.1 rad."""
+    """Random handle rows for measurements: normally distributed, displacements of 5 % of the body's size, rotations of
+    0.1 rad."""
     rest = handles.rest_rows(mesh.points)
     spread = dof_scale(mesh, handles)
     return [handles.retract(rest, spread * rng.normal(size=handles.n_dofs)) for _ in range(count)]
 
 
 def dof_scale(mesh: Mesh, handles: Handles) -> Array:
-    """(n_dofs,) a moderate displacement for translations (5 % of the size) [m], 0.1 for rotations [rad]."""
-    turn = rotation_dofs(mesh.dim)
-    frame = [0.05 * mesh.size] * mesh.dim + [0.1] * turn
+    """(n_dofs,) scale of each coordinate: 5 % of the body's size for translations [m], 0.1 for rotations [rad]."""
+    spin = rotation_dofs(mesh.dim)
+    frame = [0.05 * mesh.size] * mesh.dim + [0.1] * spin
     return np.concatenate(
         [np.full(handles.n_points * mesh.dim, 0.05 * mesh.size), *([frame] * len(handles.frames))]
     )
@@ -207,7 +204,7 @@ def cubature_error(
     """Mean relative errors (energy, force) of the cubature against full integration at the given handle rows.
 
     |E - E_full| / |E_full|, and |f - f_full| / |f_full| of the forces on the minimal coordinates, weighted by
-    :func:`dof_scale` so that torques and forces compare.
+    :func:`dof_scale` so that torques and forces are comparable.
     """
     reduced = ReducedElasticity.on_cells(mesh, basis, material, cells, weights)
     scale = dof_scale(mesh, handles)

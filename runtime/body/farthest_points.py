@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, IntArray
 
 
 def farthest_points(
     points: Array, count: int, *, first: int | None = None, distance: Array | None = None
 ) -> IntArray:
-    """Indices of ``count`` of the points (n, dim), each the farthest from those chosen before it.
+    """Indices of ``count`` of the points (n, dim), each the farthest from all chosen before it.
 
     Start from ``first``, or from given distances (n,) to what is already chosen, or (neither given) with
     the point farthest from the centroid. Deterministic: ties go to the lowest index. Returns (min(count,

@@ -1,17 +1,15 @@
-"""Handles: what the reduced model moves, and the tangent space in which Newton's method steps them.
+"""Handles: the degrees of freedom of the reduced model, and the tangent space in which Newton's method steps them.
 
-The reduced state is kept as *handle rows* (n_rows, dim): first one row for each point handle (its
-position), then dim+1 rows for each rigid frame: the dim rows of R^T, then the translation t, so that a rest
-point X of the frame sits at x = X R^T + t. Reduced positions are linear in the rows, x = U rows (thesis eq.
-4.1 without r).
+The reduced state is stored as *handle rows* (n_rows, dim): first one row for each point handle (its
+position), then dim+1 rows for each rigid frame: the dim rows of R^T, then the translation t, so that a rest point X of
+the frame is at x = X R^T + t. Reduced positions are linear in the rows, x = U rows (thesis eq. 4.1 without r).
 
 Frames are stepped in the tangent space of their pose (thesis 4.2.3): an increment is a translation u and a
-world rotation vector w about the frame's *pivot*, the centroid of its region as it now stands,
+world rotation vector w about the frame's *pivot*, the current centroid of its region,
 
     R' = exp(w) R,    p' = p + u,    p = X_pivot R^T + t.
 
-Rotating about the pivot and not about the far-away origin keeps u and w uncoupled in the mass matrix of the
-region.
+Rotating about the pivot instead of the origin keeps u and w uncoupled in the mass matrix of the region.
 """
 
 from __future__ import annotations
@@ -21,8 +19,8 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.body.rotations import (
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.rotations import (
     frame_slopes,
     frame_tangents,
     moved_frames,
@@ -30,7 +28,7 @@ from runtime.body.rotations import (
     rotation_dofs,
     skew,
 )
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +110,7 @@ class Handles:
         return np.vstack([points[self.points], *([frame] * len(self.frames))])
 
     def position(self, rows: Array, handle: int | str) -> Array:
-        """(dim,) where a point handle is, or the pivot of a frame [m]."""
+        """(dim,) position of a point handle, or of a frame's pivot [m]."""
         block = rows[self.rows_of(handle)]
         if not isinstance(handle, str):
             return block[0]
@@ -125,8 +123,7 @@ class Handles:
         return moved
 
     def rigid(self, rows: Array) -> Array:
-        """Rows whose frames are rigid: each affine frame is replaced by its nearest rotation, its pivot
-        kept in place.
+        """Rows whose frames are rigid: each affine frame is replaced by its nearest rotation, about its pivot.
 
         Rows that come from a projection of full positions are affine in general.
         """
@@ -139,13 +136,13 @@ class Handles:
         return result
 
     def check_rows(self, rows: Array, what: str = "rows") -> None:
-        """Refuse rows of a wrong shape, not finite, or whose frames are not rotations."""
+        """Raise SoftprintError for rows of a wrong shape, not finite, or whose frames are not rotations."""
         if rows.shape != (self.n_rows, self.dim):
             raise SoftprintError(
                 f"{what}: shape {rows.shape}, but this body has handle rows {(self.n_rows, self.dim)}"
             )
         if not np.isfinite(rows).all():
-            raise SoftprintError(f"{what}: holds numbers that are not finite")
+            raise SoftprintError(f"{what}: has numbers that are not finite")
         for index, frame in enumerate(self.frames):
             rotation = rows[self._frame_rows(index)][:-1]
             # 1e-6: far above the drift of many thousand float64 retractions, far below any real deformation.
@@ -177,7 +174,7 @@ class Handles:
 
     @cached_property
     def _of_frames(self) -> IntArray:
-        """Where in T, flat, the entries of `_frame_tangents` are."""
+        """Indices of the entries of `_frame_tangents` in the flattened T."""
         points, height = self.n_points * self.dim, (self.dim + 1) * self.dim
         width, each = self.dim + rotation_dofs(self.dim), np.arange(len(self.frames))[:, None, None]
         row = points + each * height + np.arange(height)[:, None]
@@ -199,8 +196,8 @@ class Handles:
         return np.array([frame.pivot for frame in self.frames]).reshape(-1, self.dim)
 
     def increment(self, rows: Array, change: Array) -> Array:
-        """The v (n_dofs,) of :meth:`retract` that comes nearest to a change of the rows (n_rows, dim), to first order:
-        points take all of it, frames what keeps them rigid."""
+        """The v (n_dofs,) of :meth:`retract` nearest to a change of the rows (n_rows, dim), to first order: points take
+        it in full, frames its rigid part."""
         points, flat = self.n_points * self.dim, change.ravel()
         frames = self._frame_tangents(rows)
         transposed = frames.transpose(0, 2, 1)
@@ -209,7 +206,8 @@ class Handles:
         return np.concatenate([flat[:points], rigid.ravel()])
 
     def units(self, lever: float) -> Array:
-        """(n_dofs,) that take all of v to lengths: 1 for those, 1/lever [1/m] for the rotations of frames."""
+        """(n_dofs,) scale that makes every entry of v a length when divided by it: 1 for lengths, 1/lever [1/m] for the
+        rotations of frames."""
         units = np.ones(self.n_dofs)
         for frame in self.frames:
             units[self.dofs_of(frame.name)][-rotation_dofs(self.dim) :] = 1.0 / lever
@@ -237,12 +235,12 @@ class Handles:
         frames, slopes = self._frames_of(rows), self._frames_of(gradient)
         levered = slopes[:, :-1] - self._pivots[:, :, None] * slopes[:, -1:]
         moments = frames[:, :-1].transpose(0, 2, 1) @ levered
-        of_turns = -np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(spin)
+        of_rotations = -np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(spin)
         if dim == 3:
-            of_turns += 0.5 * (moments + moments.transpose(0, 2, 1))
+            of_rotations += 0.5 * (moments + moments.transpose(0, 2, 1))
         start, width, each = self.n_points * dim, dim + spin, np.arange(n_frames)
         by_frame = curvature[start:, start:].reshape(n_frames, width, n_frames, width)
-        by_frame[each, dim:, each, dim:] = of_turns
+        by_frame[each, dim:, each, dim:] = of_rotations
         curvature[start:, start:] = by_frame.reshape(n_frames * width, n_frames * width)
         return curvature
 

@@ -1,10 +1,10 @@
-"""What a correction may know about a set of body points."""
+"""The data of body points that corrections take as inputs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)

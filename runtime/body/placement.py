@@ -1,4 +1,4 @@
-"""Where handles go: listed by hand or spread over the surface, and checked before they are used."""
+"""Placement of handles: listed in the experiment or spread over the surface, and checked."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.body.farthest_points import farthest_points
-from runtime.body.handles import FrameHandle, Handles
-from runtime.errors import SoftprintError
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.body.farthest_points import farthest_points
+from softprint.runtime.body.handles import FrameHandle, Handles
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import Mesh
 
 if TYPE_CHECKING:
-    from runtime.experiment import FrameSpec
+    from softprint.runtime.experiment import FrameSpec
 
 # A region is in general position when its thinnest extent is at least this share of its widest (singular
 # values).
 _FLAT = 1e-3
-# A coordinate given by hand may be this far from the nearest node, as a share of the body's size.
+# A given coordinate may be this far from the nearest node, as a share of the body's size.
 _SNAP = 0.25
 
 
@@ -67,7 +67,7 @@ def frames_of(mesh: Mesh, specs: Sequence[FrameSpec]) -> list[FrameHandle]:
 def frame_in_box(mesh: Mesh, name: str, box: ArrayLike) -> FrameHandle:
     """The rigid frame ``name`` of all nodes in the box [[lower], [upper]] [m].
 
-    Raises SoftprintError where the nodes do not determine an affine map: too few, or all in one plane.
+    Raises SoftprintError if the nodes do not determine an affine map: too few, or all in one plane.
     """
     return _frame(mesh, name, in_box(mesh.points, box), f"box {np.asarray(box).tolist()}")
 
@@ -81,18 +81,18 @@ def frame_along(mesh: Mesh, name: str, segments: ArrayLike, radius: float) -> Fr
     return _frame(mesh, name, near, f"within {radius:g} m of its segments")
 
 
-def _frame(mesh: Mesh, name: str, held: BoolArray, region: str) -> FrameHandle:
-    nodes = np.flatnonzero(held)
+def _frame(mesh: Mesh, name: str, inside: BoolArray, region: str) -> FrameHandle:
+    nodes = np.flatnonzero(inside)
     where = f"frame {name!r}, {region}"
     if len(nodes) == mesh.n_nodes:
         raise SoftprintError(
-            f"{where}: holds every node of the body, so nothing is left to deform: make it smaller"
+            f"{where}: contains every node of the body, so nothing can deform: make it smaller"
         )
     if not in_general_position(mesh.points[nodes]):
         lower, upper = mesh.points.min(axis=0).round(4).tolist(), mesh.points.max(axis=0).round(4).tolist()
         raise SoftprintError(
             f"{where}: its {len(nodes)} nodes do not span {mesh.dim} dimensions; make the region thick enough "
-            f"to hold two layers of nodes (the body reaches from {lower} to {upper} m)"
+            f"to contain two layers of nodes (the body reaches from {lower} to {upper} m)"
         )
     return FrameHandle(name, nodes, mesh.points[nodes].mean(axis=0))
 
@@ -108,7 +108,7 @@ def in_general_position(points: Array) -> bool:
 def place_handles(
     mesh: Mesh, points: int | Sequence[Sequence[float]], frames: Sequence[FrameHandle] = ()
 ) -> Handles:
-    """Handles of a body: frames first checked against each other, then points outside them.
+    """Handles of a body: frames, checked against each other, and points outside them.
 
     points: how many to spread over the surface by farthest point (the first is farthest from the frames, or
     from the centroid if there are none), or coordinates [m], each snapped to its nearest node.
@@ -128,7 +128,7 @@ def place_handles(
     handles = Handles(mesh.dim, nodes, tuple(frames))
     if not frames and not in_general_position(mesh.points[nodes]):
         raise SoftprintError(
-            f"handles: {len(nodes)} points that do not span {mesh.dim} dimensions cannot carry the body: "
+            f"handles: {len(nodes)} points that do not span {mesh.dim} dimensions do not determine an affine motion: "
             f"add a frame, or "
             f"at least {mesh.dim + 1} points in general position"
         )

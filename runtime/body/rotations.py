@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import expm
 
-from runtime.arrays import Array, BoolArray
-from runtime.compiled import compiled
+from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.compiled import compiled
 
-# Matrices whose determinant is less than this share of that of a rotation of their size are left to singular values:
-# nearer to an inversion Newton's iteration is slow, and beyond it finds a reflection.
+# Matrices whose determinant is less than this share of that of a rotation of their size are projected by singular value
+# decomposition instead: near an inversion Newton's iteration is slow, and beyond it converges to a reflection.
 _FLAT = 1e-3
 
 
@@ -30,7 +31,7 @@ def rotation_exponential(vector: Array) -> Array:
     return _exponential(np.asarray(vector, dtype=np.float64))
 
 
-@compiled
+@compiled(reference=lambda w: expm(skew(w)))
 def _exponential(w: Array) -> Array:
     if len(w) == 1:
         c, s = np.cos(w[0]), np.sin(w[0])
@@ -50,8 +51,8 @@ def _exponential(w: Array) -> Array:
     return rotation
 
 
-@compiled
-def turned_on(rotations: Array, vectors: Array) -> Array:
+@compiled(reference=lambda R, w: np.array([rotation @ expm(skew(v)) for rotation, v in zip(R, w)]))
+def rotated_by(rotations: Array, vectors: Array) -> Array:
     """R exp(skew(w)) of rotations (n, dim, dim) and rotation vectors (n, spin) [rad]."""
     result = np.empty_like(rotations)
     for k in range(len(rotations)):
@@ -59,10 +60,17 @@ def turned_on(rotations: Array, vectors: Array) -> Array:
     return result
 
 
-@compiled
+def _moved(frames: Array, pivots: Array, steps: Array) -> Array:
+    dim = pivots.shape[1]
+    rotated = np.array([frame[:dim] @ expm(skew(step[dim:])).T for frame, step in zip(frames, steps)])
+    back = np.einsum("nr,nrb->nb", pivots, frames[:, :dim] - rotated)
+    return np.concatenate([rotated, (frames[:, dim] + steps[:, :dim] + back)[:, None]], axis=1)
+
+
+@compiled(reference=_moved)
 def moved_frames(frames: Array, pivots: Array, steps: Array) -> Array:
-    """R^T and t (n, dim+1, dim) of frames after steps (n, dim+spin) that move their pivots (n, dim) by u and turn about
-    them by w: R' = exp(w) R and p' = p + u, with p = X_pivot R^T + t."""
+    """R^T and t (n, dim+1, dim) of frames after steps (n, dim+spin) that move their pivots (n, dim) by u and rotate
+    about them by w: R' = exp(w) R and p' = p + u, with p = X_pivot R^T + t."""
     n, dim = pivots.shape
     result = np.empty(frames.shape)
     for f in range(n):
@@ -73,16 +81,27 @@ def moved_frames(frames: Array, pivots: Array, steps: Array) -> Array:
                 result[f, r, b] = 0.0
                 for c in range(dim):
                     result[f, r, b] += frames[f, r, c] * E[b, c]
-                # In one difference, so that a frame that is held stays where it is to the last bit.
+                # As one difference, so that a frame with a zero step keeps its position bit for bit.
                 place += pivots[f, r] * (frames[f, r, b] - result[f, r, b])
             result[f, dim, b] = place
     return result
 
 
-@compiled
+def _tangents(frames: Array, pivots: Array, generators: Array) -> Array:
+    n, dim = pivots.shape
+    rotated = np.einsum("nij,sjk->niks", frames[:, :dim], generators)
+    places = np.concatenate(
+        [np.broadcast_to(np.eye(dim), (n, dim, dim)), np.einsum("ni,niks->nks", pivots, rotated)], axis=-1
+    )
+    linear = np.pad(-rotated, ((0, 0), (0, 0), (0, 0), (dim, 0)))
+    return np.concatenate([linear, places[:, None]], axis=1).reshape(n, (dim + 1) * dim, -1)
+
+
+@compiled(reference=_tangents)
 def frame_tangents(frames: Array, pivots: Array, generators: Array) -> Array:
-    """d rows of frames by their own steps (n, (dim+1)*dim, dim+spin), see `moved_frames`; generators: W of unit turns
-    (spin, dim, dim). From exp(w)^T = I - W + ..., d(R^T) = -R^T W and, the pivot staying, dt = X_pivot R^T W."""
+    """Derivative of frames' rows by their own steps (n, (dim+1)*dim, dim+spin), see `moved_frames`; generators: W of
+    unit rotations (spin, dim, dim). From exp(w)^T = I - W + ..., d(R^T) = -R^T W and, with the pivot fixed, dt =
+    X_pivot R^T W."""
     n, dim = pivots.shape
     tangents = np.zeros((n, dim + 1, dim, dim + len(generators)))
     for f in range(n):
@@ -90,18 +109,22 @@ def frame_tangents(frames: Array, pivots: Array, generators: Array) -> Array:
             tangents[f, dim, k, k] = 1.0
             for s in range(len(generators)):
                 for i in range(dim):
-                    turned = 0.0
+                    rotated = 0.0
                     for j in range(dim):
-                        turned += frames[f, i, j] * generators[s, j, k]
-                    tangents[f, i, k, dim + s] = -turned
-                    tangents[f, dim, k, dim + s] += pivots[f, i] * turned
+                        rotated += frames[f, i, j] * generators[s, j, k]
+                    tangents[f, i, k, dim + s] = -rotated
+                    tangents[f, dim, k, dim + s] += pivots[f, i] * rotated
     return tangents.reshape(n, (dim + 1) * dim, dim + len(generators))
 
 
-@compiled
+def _slopes(frames: Array, pivots: Array, slopes: Array, generators: Array) -> Array:
+    return np.einsum("nrt,nr->nt", _tangents(frames, pivots, generators), slopes.reshape(len(slopes), -1))
+
+
+@compiled(reference=_slopes)
 def frame_slopes(frames: Array, pivots: Array, slopes: Array, generators: Array) -> Array:
-    """dE by the frames' own steps (n, dim+spin), with slopes dE/d rows (n, dim+1, dim): the transposed of
-    `frame_tangents` times these."""
+    """Gradient of E by the frames' own steps (n, dim+spin) from slopes dE/d rows (n, dim+1, dim): the transpose of
+    `frame_tangents` times the slopes."""
     n, dim = pivots.shape
     result = np.zeros((n, dim + len(generators)))
     for f in range(n):
@@ -137,9 +160,14 @@ def nearest_rotations(matrices: Array) -> Array:
     return rotations
 
 
-@compiled
+def _by_singular_values(matrices: Array, rotations: Array) -> tuple[BoolArray, Array]:
+    """The same by singular value decomposition, for matrices far from singular: none is skipped."""
+    return np.zeros(len(matrices), dtype=bool), np.array([nearest_rotation(matrix) for matrix in matrices])
+
+
+@compiled(reference=_by_singular_values)
 def _polar_2d(matrices: Array, rotations: Array) -> BoolArray:
-    """Writes the polar factors; which of them it left alone (n,)."""
+    """Writes the polar factors into rotations; returns a mask (n,) of the matrices that it skipped."""
     left = np.zeros(len(matrices), dtype=np.bool_)
     for k in range(len(matrices)):
         F, Q = matrices[k], rotations[k]
@@ -151,9 +179,10 @@ def _polar_2d(matrices: Array, rotations: Array) -> BoolArray:
     return left
 
 
-@compiled
+@compiled(reference=_by_singular_values)
 def _polar_3d(matrices: Array, rotations: Array) -> BoolArray:
-    """As `_polar_2d`. Of some tens of matrices at a time, entry by entry, for the processor to take several at once."""
+    """As `_polar_2d`, for blocks of some tens of matrices, entry by entry, so that the compiler can vectorise the
+    loops."""
     n, together = len(matrices), 64
     left = np.zeros(n, dtype=np.bool_)
     q, moved, first = np.empty((9, together)), np.empty(together), np.empty(together)

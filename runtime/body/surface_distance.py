@@ -5,8 +5,8 @@ from __future__ import annotations
 import igl
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array
+from softprint.runtime.mesh import Mesh
 
 
 def nearest_surface(mesh: Mesh) -> tuple[Array, Array]:
@@ -15,7 +15,7 @@ def nearest_surface(mesh: Mesh) -> tuple[Array, Array]:
     For an inner node the outward unit normal at the nearest point is the direction to it; a surface node
     has its own area-weighted normal.
     """
-    in_space = np.zeros((mesh.n_nodes, 3))  # libigl wants three coordinates; edges are welcome as elements
+    in_space = np.zeros((mesh.n_nodes, 3))  # libigl needs three coordinates; it accepts edges as elements
     in_space[:, : mesh.dim] = mesh.points
     squared, _, closest = igl.point_mesh_squared_distance(in_space, in_space, mesh.facets)
     distance = np.sqrt(np.maximum(squared, 0.0))

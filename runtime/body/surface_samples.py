@@ -1,4 +1,4 @@
-"""The surface points at which the runtime feels contact, each with the area it stands for."""
+"""The surface points at which the runtime evaluates contact, each with the area it represents."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, IntArray, scatter_sum
-from runtime.body.farthest_points import farthest_points
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.body.farthest_points import farthest_points
+from softprint.runtime.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,8 @@ class SurfaceSamples:
 
 
 def sample_surface(mesh: Mesh, at_most: int) -> SurfaceSamples:
-    """At most so many surface nodes by farthest point; every other one gives its area to the nearest."""
+    """At most `at_most` surface nodes by farthest-point sampling; the area of every other surface node is added to the
+    nearest sample."""
     points = mesh.points[mesh.surface_nodes]
     if len(points) <= at_most:
         return SurfaceSamples(mesh.surface_nodes, mesh.surface_areas)

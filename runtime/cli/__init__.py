@@ -1,1 +1,1 @@
-"""The command `softprint` and the frame its verbs live in."""
+"""The command `softprint` and the framework of its verbs."""

@@ -1,4 +1,4 @@
-"""`softprint bench`: how long a step takes, for all models side by side."""
+"""`softprint bench`: how long a step takes, compared over models."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import json
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 if TYPE_CHECKING:
-    from runtime.body import ReducedBody
-    from runtime.experiment import Experiment, SceneSpec
-    from runtime.scenes.speed import Speed
+    from softprint.runtime.body import ReducedBody
+    from softprint.runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.scenes.speed import Speed
 
 REPORT = "bench.json"
 
@@ -27,14 +27,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model",
         action="append",
         metavar="NAME",
-        help="may be given again (default: bare, every trained correction, and full where DOLFINx is and no "
+        help="repeatable (default: bare, every trained correction, and full if DOLFINx is installed and no "
         "collider moves freely)",
     )
     parser.add_argument(
         "--iterations",
         type=int,
         metavar="N",
-        help="at most so many Newton iterations a step, converged or not (default: those of the experiment)",
+        help="limit of Newton iterations in a step, converged or not (default: that of the experiment)",
     )
     parser.add_argument(
         "--steps",
@@ -48,12 +48,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         choices=(1, 2),
         default=1,
-        help="2: a process of its own draws the surface of a step beside the next one, of reduced models (default: 1)",
+        help="2: a second process draws the surface of a step during the next one, for reduced models (default: 1)",
     )
 
 
 def all_or_count(text: str) -> int | None:
-    """How many steps are asked for; None for `all` of them."""
+    """The number of steps; None for `all`."""
     if text == "all":
         return None
     try:
@@ -66,12 +66,12 @@ def all_or_count(text: str) -> int | None:
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Print a table, and keep it as bench.json in the run directory."""
-    from runtime.cli.run_body import body_of_run
-    from runtime.errors import SoftprintError
-    from runtime.io.files import provenance
-    from runtime.scenes.scene import find_scene
-    from runtime.scenes.speed import machine, speed_table, speeds_as_json, with_newton
+    """Print a table, and write it as bench.json to the run directory."""
+    from softprint.runtime.cli.run_body import body_of_run
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.io.files import provenance
+    from softprint.runtime.scenes.scene import find_scene
+    from softprint.runtime.scenes.speed import machine, speed_table, speeds_as_json, with_newton
 
     if args.iterations is not None and args.iterations < 1:
         raise SoftprintError("--iterations must be at least 1")
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     context.say(
         f"{scene.name}, at most {experiment.dynamics.max_iterations} Newton iterations a step to a residual of "
         f"{experiment.dynamics.tolerance:g}, h = {experiment.dynamics.time_step:.4g} s; surfaces are drawn "
-        + ("beside the next step" if args.cores == 2 else "after their step")
+        + ("during the next step" if args.cores == 2 else "after their step")
     )
     context.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in sizes.items()))
     context.say(
@@ -121,13 +121,13 @@ def run(args: argparse.Namespace, context: Context) -> int:
 def _measured(
     args: argparse.Namespace, context: Context, experiment: Experiment, body: ReducedBody, scene: SceneSpec
 ) -> list[Speed]:
-    """Every model that is asked for, one after the other."""
-    from runtime.errors import SoftprintError
-    from runtime.scenes.playing import BARE, build_model, trained_models
-    from runtime.scenes.scene import scene_steps
-    from runtime.scenes.speed import measure
+    """The requested models, one after the other."""
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.scenes.playing import BARE, build_model, trained_models
+    from softprint.runtime.scenes.scene import scene_steps
+    from softprint.runtime.scenes.speed import measure
 
-    led = not any(collider.free for collider in scene.colliders)  # full space plays no others
+    led = not any(collider.free for collider in scene.colliders)  # full space has no free colliders
     full = ["full"] if led and find_spec("dolfinx") is not None else []
     speeds = []
     for name in args.model or [BARE, *trained_models(context.out_dir), *full]:
@@ -142,18 +142,18 @@ def _measured(
 
 
 def _keep(context: Context, report: dict[str, Any]) -> None:
-    from runtime.io.files import atomic_path
+    from softprint.runtime.io.files import atomic_path
 
     path = context.out_dir / REPORT
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(report, indent=2))
-    context.say(f"kept in {path}")
+    context.say(f"written to {path}")
 
 
 VERB = Verb(
     name="bench",
     order=60,
-    summary="Time a step with every model, side by side.",
+    summary="Time a step with every model.",
     example="softprint bench examples/jelly3d_small.toml --model bare --model ours",
     run=run,
     needs=("h5py",),

@@ -7,19 +7,19 @@ import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 if TYPE_CHECKING:
-    from runtime.body import ReducedBody
+    from softprint.runtime.body import ReducedBody
 
 log = logging.getLogger(__name__)
 
 
 def run(options: argparse.Namespace, context: Context) -> int:
-    """Build body.h5 in the run directory, unless one made from the same table, mesh and seed is there."""
-    from runtime.body import body_recipe, save_body
-    from runtime.cli.run_body import body_of_experiment
+    """Build body.h5 in the run directory, unless it exists and was made from the same table, mesh and seed."""
+    from softprint.runtime.body import body_recipe, save_body
+    from softprint.runtime.cli.run_body import body_of_experiment
 
     if context.rank > 0:
         return 0
@@ -38,9 +38,9 @@ def run(options: argparse.Namespace, context: Context) -> int:
 
 
 def _kept_body(path: Path, recipe: str) -> ReducedBody | None:
-    """The body that an earlier run made of the very same; None where there is none, or none that is whole."""
-    from runtime.body import load_body, read_recipe
-    from runtime.errors import SoftprintError
+    """The body that an earlier run made from the same inputs; None if there is none, or it is damaged."""
+    from softprint.runtime.body import load_body, read_recipe
+    from softprint.runtime.errors import SoftprintError
 
     try:
         return load_body(path) if path.is_file() and read_recipe(path) == recipe else None
@@ -50,7 +50,7 @@ def _kept_body(path: Path, recipe: str) -> ReducedBody | None:
 
 
 def describe(body: ReducedBody) -> list[tuple[str, str]]:
-    """What a user wants to know of a body, as labels and values."""
+    """The main figures of a body, as labels and values."""
     mesh, cubature, dim = body.mesh, body.cubature, body.dim
     kind, unit = ("triangles", "kg/m") if dim == 2 else ("tetrahedra", "kg")
     extent = " x ".join(f"{length:.4g}" for length in mesh.points.max(axis=0) - mesh.points.min(axis=0))

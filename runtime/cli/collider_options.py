@@ -1,4 +1,4 @@
-"""`--collider FILE`, of verbs that play a scene: another shape in the place of one of its colliders."""
+"""`--collider FILE` of verbs that play a scene: replaces one of its colliders by another shape."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.experiment import Experiment, SceneSpec
 
 
 def add_collider_options(parser: argparse.ArgumentParser) -> None:
@@ -16,8 +16,8 @@ def add_collider_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="FILE",
         help="another shape for the scene's collider: a mesh (STL, OBJ, PLY), a shape of the library by its name, or "
-        "COLLIDER=FILE where the scene has several, and then again for the next; made as large as the one it stands "
-        "in for",
+        "COLLIDER=FILE if the scene has several (repeatable); by default it gets the size of the one it "
+        "replaces",
     )
     parser.add_argument(
         "--collider-scale",
@@ -27,17 +27,17 @@ def add_collider_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def with_stand_ins(
+def with_replaced_colliders(
     args: argparse.Namespace, experiment: Experiment, scene: SceneSpec
 ) -> tuple[Experiment, SceneSpec]:
-    """The scene as it is to be played, and the experiment in which its colliders are found."""
-    from runtime.errors import SoftprintError
-    from runtime.scenes.stand_in import with_stand_in
+    """The scene with its replaced colliders, and the experiment that defines them."""
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.scenes.replaced_collider import with_replaced_collider
 
     if args.collider_scale is not None and not args.collider:
         raise SoftprintError("--collider-scale belongs to --collider FILE")
-    for asked in args.collider or ():
-        experiment, scene = with_stand_in(experiment, scene, asked, args.collider_scale)
+    for option in args.collider or ():
+        experiment, scene = with_replaced_collider(experiment, scene, option, args.collider_scale)
     return experiment, scene
 
 

@@ -1,16 +1,16 @@
-"""`softprint collider`: can this mesh be a collider, what is wrong with it, and how good its distance will be."""
+"""`softprint collider`: whether a mesh can be a collider, its defects, and the accuracy of its signed distance."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The file, its unit, the grid, and what to write."""
+    """The file, its unit, the grid, and the files to write."""
     parser.add_argument("file", type=Path, metavar="FILE", help="a triangle mesh: STL, OBJ or PLY")
     parser.add_argument(
         "--scale", type=float, default=1.0, help="metres for each unit of the file (default: 1)"
@@ -26,25 +26,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="MENDED.stl",
-        help="write the mended surface, in the file's unit (default: write nothing)",
+        help="write the repaired surface, in the file's unit (default: write nothing)",
     )
     parser.add_argument(
-        "--png", type=Path, metavar="PICTURE.png", help="draw the mended surface (default: draw nothing)"
+        "--png", type=Path, metavar="PICTURE.png", help="draw the repaired surface (default: draw nothing)"
     )
     parser.add_argument("--json", action="store_true", help="as JSON (default: off)")
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Print what was found, what was done and how accurate the collider is; 1 if FILE cannot be used as it is."""
-    from runtime.inspect.examined_surface import examined_surface, write_surface
+    """Print the defects, the repairs and the accuracy of the collider; 1 if FILE cannot be used as it is."""
+    from softprint.runtime.inspect.examined_surface import examined_surface, write_surface
 
     summary, examined = examined_surface(args.file, args.scale, args.resolution)
     context.say(summary.as_json() if args.json else summary.as_text())
     if args.out is not None:
         write_surface(args.out, examined)
     if args.png is not None:
-        from runtime.drawing.colours import COLLIDER
-        from runtime.drawing.scene import Scene, draw
+        from softprint.runtime.drawing.colours import COLLIDER
+        from softprint.runtime.drawing.draw import draw
+        from softprint.runtime.drawing.scene import Scene
 
         draw(
             args.png,
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
 VERB = Verb(
     name="collider",
     order=72,
-    summary="Check a triangle mesh, mend it, and say how good a collider it makes.",
+    summary="Check and repair a triangle mesh, and measure its accuracy as a collider.",
     example="softprint collider meshes/pointy.stl --png pointy.png",
     run=run,
     needs=("igl",),

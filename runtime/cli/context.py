@@ -1,4 +1,4 @@
-"""What every verb is handed: the experiment, where to write, and how to speak."""
+"""The context of a verb: the experiment, the run directory, and output to the user."""
 
 from __future__ import annotations
 
@@ -8,21 +8,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.cli.progress import Progress
-from runtime.cli.ranks import launched_rank
-from runtime.errors import SoftprintError
+from softprint.runtime.cli.progress import Progress
+from softprint.runtime.cli.ranks import launched_rank
+from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment
+    from softprint.runtime.experiment import Experiment
 
 
 @dataclass
 class Context:
     """One run of one verb.
 
-    experiment_path: the file, None for verbs that take none; overrides: `--set`; out: `--out`; quiet: log
-    lines instead of progress bars; resume: keep what an earlier run finished; rank: of this process under
-    mpirun.
+    experiment_path: the file, None for verbs without one; overrides: `--set`; out: `--out`; quiet: log
+    lines instead of progress bars; resume: keep the results of an earlier run; rank: of this process under mpirun.
     """
 
     experiment_path: Path | None = None
@@ -35,8 +34,8 @@ class Context:
 
     @cached_property
     def experiment(self) -> Experiment:
-        """The experiment, read and checked when first asked for."""
-        from runtime.experiment import load_experiment
+        """The experiment, read and checked on first use."""
+        from softprint.runtime.experiment import load_experiment
 
         if self.experiment_path is None:
             raise SoftprintError("this verb takes no experiment file")
@@ -49,7 +48,7 @@ class Context:
 
     @cached_property
     def out_dir(self) -> Path:
-        """The run directory (`--out`, or runs/NAME), made when first asked for."""
+        """The run directory (`--out`, or runs/NAME), created on first use."""
         out = self.out or Path("runs") / self.experiment.name
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -58,14 +57,13 @@ class Context:
         return out
 
     def say(self, text: str) -> None:
-        """Print for the user, on the first rank only."""
+        """Print to the user, on the first rank only."""
         if self.rank == 0:
             self.write(text)
 
     def progress(self, total: int | None, unit: str = "it", desc: str = "") -> Progress:
-        """A progress bar with a rate and an ETA; use it in a `with`, and call `update(n)` on it.
+        """A progress bar with a rate and an ETA; a context manager with `update(n)`.
 
-        On other ranks it says nothing; with --quiet, or where the output is no terminal, it logs a line now
-        and then.
+        On other ranks it is silent; with --quiet, or if the output is not a terminal, it logs a line at intervals.
         """
         return Progress(total, unit=unit, desc=desc, quiet=self.quiet, silent=self.rank != 0)

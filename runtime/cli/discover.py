@@ -1,4 +1,4 @@
-"""Finding the verbs: every entry point of the group `softprint.verbs`, whoever installed it."""
+"""Find the verbs: every entry point of the group `softprint.verbs` of any installed package."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.verb import Verb
 
 GROUP = "softprint.verbs"
 
 
 @dataclass(frozen=True)
 class FoundVerb:
-    """A verb, or the reason why an entry point gives none here."""
+    """A verb, or the reason why it is not available."""
 
     name: str
     verb: Verb | None
@@ -25,7 +25,7 @@ class FoundVerb:
 
 
 def find_verbs() -> list[FoundVerb]:
-    """All verbs in the order of the work; those whose module is not installed come last, with the reason."""
+    """All verbs in the order of the workflow; those whose module is not installed come last, with the reason."""
     found = {point.name: _load(point) for point in entry_points(group=GROUP)}
     return sorted(found.values(), key=lambda verb: verb.order)
 
@@ -40,7 +40,7 @@ def _load(point: EntryPoint) -> FoundVerb:
 
 
 def _exists(module: str) -> bool:
-    """Whether a module is there; its parent packages are imported for the answer, as always in Python."""
+    """Whether a module can be found; this imports its parent packages, as always in Python."""
     try:
         return find_spec(module) is not None
     except ModuleNotFoundError:

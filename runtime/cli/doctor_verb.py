@@ -1,16 +1,16 @@
-"""`softprint doctor`: is this machine fit for the work?"""
+"""`softprint doctor`: check the installation."""
 
 from __future__ import annotations
 
 import argparse
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def run(options: argparse.Namespace, context: Context) -> int:
     """Print one line for each check; 1 if something needed does not work."""
-    from runtime.doctor import Level, examine
+    from softprint.runtime.doctor import Level, examine
 
     if context.rank > 0:
         return 0
@@ -21,16 +21,16 @@ def run(options: argparse.Namespace, context: Context) -> int:
             context.say(f"{'':<8} {'':<20} -> {finding.remedy}")
         fatal += finding.is_fatal
     if fatal:
-        context.say(f"\n{fatal} of these must be put right first.")
+        context.say(f"\n{fatal} of these must be fixed first.")
         return 1
-    context.say("\nNothing needed is broken.")
+    context.say("\nEverything required works.")
     return 0
 
 
 VERB = Verb(
     name="doctor",
     order=0,
-    summary="Check versions, BLAS, MPI, HDF5 and graphics, and say what to do about each.",
+    summary="Check versions, BLAS, MPI, HDF5 and graphics, with a remedy for each problem.",
     example="softprint doctor",
     run=run,
     reads_experiment=False,

@@ -1,38 +1,38 @@
-"""`softprint export`: body and truth in the layout of the data published with the thesis's papers."""
+"""`softprint export`: write body and truth in the layout of the data published with the thesis's papers."""
 
 from __future__ import annotations
 
 import argparse
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 FOLDER = "published"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Which collider."""
+    """The collider."""
     parser.add_argument(
         "--collider",
         metavar="NAME",
-        help="whose samples, such as a shape of the library (default: that of the [sampling] table)",
+        help="the collider of the samples, such as a shape of the library (default: that of the [sampling] table)",
     )
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
     """Write published/meshes.h5 and published/dataset.h5 into the run directory."""
-    from runtime.cli.run_body import body_of_run
-    from runtime.colliders.build import build_collider
-    from runtime.errors import SoftprintError
-    from runtime.published.export import export_published, published_samples
-    from runtime.truth.truth_colliders import require_same_colliders
-    from runtime.truth.truth_file import load_truth
+    from softprint.runtime.cli.run_body import body_of_run
+    from softprint.runtime.colliders.build import build_collider
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.published.export import export_published, published_samples
+    from softprint.runtime.truth.truth_colliders import require_same_colliders
+    from softprint.runtime.truth.truth_file import load_truth
 
     experiment = context.experiment
     name = args.collider or experiment.sampling.collider
     if name not in experiment.collider_names:
         of_one = (
-            "a data set is of one collider" if len(experiment.sampled_colliders) > 1 else "it is not there"
+            "a data set has one collider" if len(experiment.sampled_colliders) > 1 else "it does not exist"
         )
         raise SoftprintError(
             f"{experiment.path}: no collider {name!r} to export, {of_one}; name one with --collider"
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
             )
     context.say(f"{meshes}: W, q_ref, tris, tets of {body.name}; W, z_ref, tris of {collider.name}")
     context.say(
-        f"{dataset}: q, z, x of {count} samples; {all_samples - count} may not be learned from, or "
+        f"{dataset}: q, z, x of {count} samples; {all_samples - count} are not usable for training, or "
         f"are of other colliders"
     )
     return 0

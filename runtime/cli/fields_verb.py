@@ -5,28 +5,28 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from runtime.body import ReducedBody
-    from runtime.colliders import Collider
-    from runtime.fields.deformed import Deformed
-    from runtime.truth.truth_file import TruthData
+    from softprint.runtime.body import ReducedBody
+    from softprint.runtime.colliders import Collider
+    from softprint.runtime.fields.deformed import Deformed
+    from softprint.runtime.truth.truth_file import TruthData
 
 FOLDER = "fields"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Which samples, or which frames of which motion."""
+    """Samples, or frames of a motion."""
     parser.add_argument(
         "--sample",
         type=int,
         action="append",
         metavar="K",
-        help="a sample of truth.h5; may be given again (default: the deepest converged one)",
+        help="a sample of truth.h5; repeatable (default: the deepest converged one)",
     )
     parser.add_argument("--contact", type=int, metavar="C", help="all depths of one contact of truth.h5")
     parser.add_argument(
@@ -37,34 +37,36 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         action="append",
         metavar="K",
-        help="a frame of the motion; may be given again (default: all)",
+        help="a frame of the motion; repeatable (default: all)",
     )
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Write one .vtu for each sample or frame, the colliders beside it, and a .pvd that opens them together.
+    """Write one .vtu for each sample or frame and its colliders, and a .pvd that opens them together.
 
-    Pressure is the penalty law's at the positions drawn. For truth, full space and the bare subspace it is what pressed
-    the body; a correction of form loads balances forces of its own, which stand in the motion file and which `softprint
-    touch` spreads over the surface.
+    Pressure follows the penalty law at the drawn positions. For truth, full space and the bare subspace it is the
+    pressure that acted on the body. Corrections of form force have contact forces of their own: they are in the motion
+    file, and `softprint touch` distributes them over the surface.
     """
-    from runtime.cli.run_body import body_of_run
-    from runtime.errors import SoftprintError
-    from runtime.fields.sources import deformed_frames, deformed_samples
-    from runtime.scenes.motion_colliders import build_colliders
-    from runtime.scenes.motion_file import load_motion
-    from runtime.truth.truth_colliders import require_same_colliders
-    from runtime.truth.truth_file import load_truth
+    from softprint.runtime.cli.run_body import body_of_run
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.fields.sources import deformed_frames, deformed_samples
+    from softprint.runtime.scenes.motion_colliders import build_colliders
+    from softprint.runtime.scenes.motion_file import load_motion
+    from softprint.runtime.truth.truth_colliders import require_same_colliders
+    from softprint.runtime.truth.truth_file import load_truth
 
     if args.motion is None and args.frame is not None:
-        raise SoftprintError("--frame is of a motion: name it with --motion, such as --motion held_out_ours")
+        raise SoftprintError("--frame needs a motion: name it with --motion, such as --motion held_out_ours")
     if args.motion is not None and (args.sample is not None or args.contact is not None):
-        raise SoftprintError("--sample and --contact are of the truth, --motion is not: give one of the two")
+        raise SoftprintError(
+            "--sample and --contact are for the truth and exclude --motion: give one of the two"
+        )
     body = body_of_run(context)
     if args.motion is not None:
         motion = load_motion(context.out_dir / "motions" / f"{args.motion}.h5")
         if motion.body_hash != body.content_hash:
-            raise SoftprintError(f"{motion.path}: is a motion of another body than {body.name!r}")
+            raise SoftprintError(f"{motion.path}: is a motion of a body other than {body.name!r}")
         colliders = build_colliders(motion.collider_tables, motion.path)
         frames = args.frame if args.frame is not None else list(range(motion.n_frames))
         return _write(context, body, args.motion, len(frames), deformed_frames(motion, colliders, frames))
@@ -78,8 +80,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
 
 
 def _colliders(context: Context, names: Iterable[str]) -> dict[str, Collider]:
-    """Those of the names that the experiment knows."""
-    from runtime.colliders.build import build_collider
+    """The colliders of these names that are in the experiment."""
+    from softprint.runtime.colliders.build import build_collider
 
     experiment = context.experiment
     known = [name for name in names if name in experiment.collider_names]
@@ -87,11 +89,11 @@ def _colliders(context: Context, names: Iterable[str]) -> dict[str, Collider]:
 
 
 def _samples(truth: TruthData, args: argparse.Namespace) -> list[int]:
-    """The samples asked for, in order and once each."""
+    """The requested samples, in order and without repeats."""
     import numpy as np
 
-    from runtime.errors import SoftprintError
-    from runtime.truth.truth_schema import CONVERGED
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.truth.truth_schema import CONVERGED
 
     converged = truth.samples["status"] == CONVERGED
     if args.sample is None and args.contact is None:
@@ -110,8 +112,8 @@ def _samples(truth: TruthData, args: argparse.Namespace) -> list[int]:
 
 
 def _write(context: Context, body: ReducedBody, name: str, count: int, series: Iterable[Deformed]) -> int:
-    from runtime.contact import PenaltyContact
-    from runtime.fields.series import write_series
+    from softprint.runtime.contact import PenaltyContact
+    from softprint.runtime.fields.series import write_series
 
     contact = PenaltyContact(context.experiment.contact.stiffness)
     with context.progress(count, "files", "fields") as bar:

@@ -1,19 +1,19 @@
-"""`softprint import`: a data set in the layout published with the thesis's papers, as body, truth and experiment."""
+"""`softprint import`: convert a data set published with the thesis's papers to body, truth and experiment."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The two files, and what they do not say."""
+    """The two files, and the values that they do not contain."""
     parser.add_argument("dataset", type=Path, metavar="DATASET.h5", help="q, z, x")
     parser.add_argument("meshes", type=Path, metavar="MESHES.h5", help="W, q_ref, tris, tets; W, z_ref, tris")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="run directory to make")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="run directory to create")
     parser.add_argument("--young", type=float, required=True, metavar="PA", help="Young's modulus [Pa]")
     parser.add_argument("--poisson", type=float, required=True, metavar="NU", help="Poisson's ratio")
     parser.add_argument(
@@ -31,20 +31,20 @@ def run(args: argparse.Namespace, context: Context) -> int:
     """Write body.h5, truth.h5, experiment.toml and the files that it names."""
     import math
 
-    from runtime.body import save_body
-    from runtime.colliders.build import build_collider
-    from runtime.elasticity.materials import make_material
-    from runtime.errors import SoftprintError
-    from runtime.experiment import load_experiment
-    from runtime.io.files import content_hash
-    from runtime.published.adopt import adopt_body, adopted_poses, write_adopted_truth
-    from runtime.published.adopted_files import GivenMaterial, frames_without_box, write_experiment
-    from runtime.published.layout import open_dataset, read_meshes
+    from softprint.runtime.body import save_body
+    from softprint.runtime.colliders.build import build_collider
+    from softprint.runtime.elasticity.materials import make_material
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.experiment import load_experiment
+    from softprint.runtime.io.files import content_hash
+    from softprint.runtime.published.adopt import adopt_body, adopted_poses, write_adopted_truth
+    from softprint.runtime.published.adopted_files import GivenMaterial, frames_without_box, write_experiment
+    from softprint.runtime.published.layout import open_dataset, read_meshes
 
     if not (math.isfinite(args.scale) and args.scale > 0):
         raise SoftprintError(f"--scale {args.scale}: must be a positive number of metres")
     if (args.out / "truth.h5").exists():
-        raise SoftprintError(f"{args.out / 'truth.h5'} is there already: choose another --out")
+        raise SoftprintError(f"{args.out / 'truth.h5'} exists already: choose another --out")
     meshes = read_meshes(args.meshes)
     material = make_material(args.material, args.young, args.poisson)
     given = GivenMaterial(args.material, args.young, args.poisson, args.density)
@@ -77,12 +77,12 @@ def run(args: argparse.Namespace, context: Context) -> int:
     context.say(
         f"{args.out}: body.h5 and truth.h5, {len(groups.state)} samples of {len(groups.first_of_contact)} contacts "
         f"in {len(groups.first_of_state)} states\n"
-        "Not in such a data set: material and density (as given), contact stiffness, gravity, scenes, and how well "
-        "the samples were solved.\nInternal deformation is part of the contact displacement."
+        "Not in such a data set: material and density (as given), contact stiffness, gravity, scenes, and the accuracy "
+        "of the samples.\nInternal deformation is part of the contact displacement."
     )
     lost = frames_without_box(adopted.body)
     if lost:
-        context.say(f"No box describes the frame {', '.join(lost)}, so {path} cannot be trained with.")
+        context.say(f"No box describes the frame {', '.join(lost)}, so {path} cannot be used for training.")
     else:
         context.say(f"Train with: softprint train {path} --out {args.out}")
     return 0
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
 VERB = Verb(
     name="import",
     order=47,
-    summary="Make body, truth and experiment of a data set published with the thesis's papers.",
+    summary="Make body, truth and experiment from a data set published with the thesis's papers.",
     example="softprint import dataset.h5 meshes.h5 --out runs/published --young 2e4 --poisson 0.4",
     run=run,
     needs=("h5py", "igl"),

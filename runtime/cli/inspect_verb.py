@@ -1,16 +1,16 @@
-"""`softprint inspect`: what a file is, where it came from, how good it is, and what it looks like."""
+"""`softprint inspect`: the kind, origin, quality and picture of a file."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The file, what of it, and in which form."""
+    """The file, the part of it, and the form of the output."""
     parser.add_argument(
         "file", type=Path, metavar="FILE", help="any file of Softprint's, a mesh or a collider"
     )
@@ -27,23 +27,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--colliders",
         type=Path,
         metavar="EXPERIMENT.toml",
-        help="draw the colliders of this experiment with a sample; a motion knows its own",
+        help="draw the colliders of this experiment with a sample; a motion file contains its own",
     )
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
     """Print the summary, or the experiment; draw the picture."""
-    from runtime.errors import SoftprintError
-    from runtime.inspect.kinds import Part, inspect_file
-    from runtime.inspect.picture import picture_of
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.inspect.kinds import Part, inspect_file
+    from softprint.runtime.inspect.picture import picture_of
 
     if args.colliders is not None and args.png is None:
-        raise SoftprintError("--colliders is for a picture: name it with --png PICTURE.png")
+        raise SoftprintError("--colliders is for pictures: add --png PICTURE.png")
     part = Part(args.sample, args.frame)
     summary = inspect_file(args.file, part)
     if args.experiment:
         if summary.experiment is None:
-            raise SoftprintError(f"{args.file}: {summary.kind} does not hold the experiment it was made from")
+            raise SoftprintError(
+                f"{args.file}: {summary.kind} does not contain the experiment it was made from"
+            )
         context.say(summary.experiment.rstrip("\n"))
     else:
         context.say(summary.as_json() if args.json else summary.as_text())
@@ -55,7 +57,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
 VERB = Verb(
     name="inspect",
     order=70,
-    summary="Say what a file is, where it came from and how good it is; draw it.",
+    summary="Show the kind, origin and quality of a file; draw it.",
     example="softprint inspect runs/jelly3d_small/truth.h5 --sample 4 --png sample.png",
     run=run,
     needs=("h5py",),

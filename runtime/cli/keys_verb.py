@@ -1,23 +1,25 @@
-"""`softprint keys`: what may stand in an experiment file."""
+"""`softprint keys`: the keys of an experiment file."""
 
 from __future__ import annotations
 
 import argparse
 
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Which part of the file."""
-    parser.add_argument("section", nargs="?", default="", help="only keys that start so, such as sampling")
+    """The section of the file."""
+    parser.add_argument(
+        "section", nargs="?", default="", help="only keys that start with this, such as sampling"
+    )
 
 
 def run(options: argparse.Namespace, context: Context) -> int:
-    """Print every key with its type, its default and what it means."""
-    from runtime.errors import SoftprintError
-    from runtime.experiment import Experiment
-    from runtime.experiment.describe import described_keys
+    """Print every key with its type, default and meaning."""
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.experiment import Experiment
+    from softprint.runtime.experiment.describe import described_keys
 
     chosen = [line for line in described_keys(Experiment) if line[0].startswith(options.section)]
     if not chosen:

@@ -1,7 +1,6 @@
-"""`softprint VERB ...`: reads the command line, runs the verb, and turns what can go wrong into sentences.
+"""`softprint VERB ...`: reads the command line, runs the verb, and reports errors as sentences.
 
-Exit status: 0 done; 1 something the user can put right, said on stderr; 2 the command line itself; 130
-Ctrl-C.
+Exit status: 0 success; 1 an error that the user can fix, reported on stderr; 2 a bad command line; 130 Ctrl-C.
 """
 
 from __future__ import annotations
@@ -16,32 +15,32 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.cli.context import Context
-from runtime.cli.discover import FoundVerb, find_verbs
-from runtime.cli.ranks import end_all_ranks, launched_rank
-from runtime.cli.verb import Verb
-from runtime.errors import SoftprintError
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.discover import FoundVerb, find_verbs
+from softprint.runtime.cli.ranks import end_all_ranks, launched_rank
+from softprint.runtime.cli.verb import Verb
+from softprint.runtime.errors import SoftprintError
 
-PATIENCE = 2.0  # s that other ranks give the first one to speak for all
+PATIENCE = 2.0  # s that the other ranks wait for the first one to report the error
 DESCRIPTION = "Press things into soft bodies: solve once with finite elements, learn, then run in real time."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit status."""
-    if arguments is None:  # the process is ours: mpirun and batch systems stop it with SIGTERM
+    if arguments is None:  # we own the process; mpirun and batch systems stop it with SIGTERM
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         status = _main(arguments)
         sys.stdout.flush()
         return status
-    except BrokenPipeError:  # whoever read our output, `head` for one, has seen enough
+    except BrokenPipeError:  # the reader of our output, such as `head`, has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except KeyboardInterrupt:
-        if arguments is None:  # once is enough: mpirun stops a rank that was stopped again
+        if arguments is None:  # handled once: mpirun repeats the signal
             for again in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(again, signal.SIG_IGN)
-        _refuse("Stopped. What was finished is kept: the same command goes on from there.", launched_rank())
+        _refuse("Stopped. Finished work is kept: the same command continues from there.", launched_rank())
         end_all_ranks(130)
         return 130
 
@@ -70,7 +69,9 @@ def build_parser(verbs: Sequence[FoundVerb]) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(debug=False)
-    subparsers = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs, in the order of the work")
+    subparsers = parser.add_subparsers(
+        dest="verb", metavar="VERB", title="verbs, in the order of the workflow"
+    )
     for found in verbs:
         _add_verb(subparsers, found)
     return parser
@@ -109,7 +110,7 @@ def _add_experiment_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="change one key of the experiment, as in --set sampling.places=8; may be given again",
+        help="change one key of the experiment, as in --set sampling.places=8; repeatable",
     )
     parser.add_argument("--seed", type=int, metavar="N", help="short for --set experiment.seed=N")
     parser.add_argument(
@@ -119,17 +120,17 @@ def _add_experiment_options(parser: argparse.ArgumentParser) -> None:
         "--resume",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="keep what an earlier run in the same directory finished (default: on)",
+        help="keep finished results of an earlier run in the same directory (default: on)",
     )
 
 
 class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
-    """Shows the default of every option that has one and whose help does not name it yet."""
+    """Shows the default of every option that has one, unless its help already names it."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         text = action.help
-        told = text is None or "default" in text or text == argparse.SUPPRESS
-        if told or action.default in (None, argparse.SUPPRESS, []) or not action.option_strings:
+        as_is = text is None or "default" in text or text == argparse.SUPPRESS
+        if as_is or action.default in (None, argparse.SUPPRESS, []) or not action.option_strings:
             return text
         return f"{text} (default: %(default)s)"
 
@@ -146,7 +147,7 @@ def _run(verb: Verb, options: argparse.Namespace, rank: int) -> int:
     except BrokenPipeError:
         raise
     except Exception:
-        # A bug: show it whole, then see that no rank waits for this one.
+        # A bug: show the traceback, then end all ranks so that none waits for this one.
         traceback.print_exc()
         end_all_ranks(1)
         raise
@@ -169,11 +170,9 @@ def _context(verb: Verb, options: argparse.Namespace, rank: int) -> Context:
 
 
 def _refuse(message: str, rank: int) -> int:
-    """Say on stderr why it went no further; what every rank of an MPI run finds out is told by the first
-    alone.
-    """
+    """Report an error on stderr; an error common to all ranks of an MPI run is reported by the first only."""
     if rank > 0:
-        time.sleep(PATIENCE)  # if the first rank met the same error, it ends this one meanwhile
+        time.sleep(PATIENCE)  # if the first rank has the same error, it ends this one meanwhile
         message = f"rank {rank}: {message}"
     print(message, file=sys.stderr, flush=True)
     return 1

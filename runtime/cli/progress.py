@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal, a line now and then in a log."""
+"""Progress of long work: a bar on a terminal, or log lines at intervals."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 
 log = logging.getLogger(__name__)
 
-LOG_INTERVAL = 30.0  # s between two lines in a log: seldom enough to read, often enough to see that it lives
+LOG_INTERVAL = 30.0  # s between two lines in a log
 
 
 class Progress:
-    """Counts finished units of work and tells how fast they come and how long the rest will take."""
+    """Counts finished units of work and shows their rate and the remaining time."""
 
     def __init__(
         self, total: int | None, unit: str = "it", desc: str = "", quiet: bool = False, silent: bool = False
@@ -31,7 +31,7 @@ class Progress:
             self._bar = tqdm(total=total, unit=unit, desc=desc, dynamic_ncols=True, smoothing=0.1)
 
     def skip(self, n: int) -> None:
-        """Count n units that an earlier run finished: they move the bar and not the rate."""
+        """Count n units that an earlier run finished: they advance the bar without affecting the rate."""
         self.count += n
         self._resumed += n
         if self._bar is not None:
@@ -40,7 +40,7 @@ class Progress:
             self._bar.refresh()
 
     def update(self, n: int = 1, note: str = "") -> None:
-        """Count n more units; note: a few words to show beside the bar, such as the current loss."""
+        """Count n more units; note: a short text after the bar, such as the current loss."""
         self.count += n
         self._note = note or self._note
         if self._bar is not None:
@@ -51,7 +51,7 @@ class Progress:
             self._log()
 
     def close(self) -> None:
-        """Leave the finished bar standing, or log the last line."""
+        """Keep the finished bar on screen, or log the last line."""
         if self._bar is not None:
             self._bar.close()
         elif not self.silent and self.count > self._resumed:

@@ -1,4 +1,4 @@
-"""Which MPI rank this process is, asked of the launcher and not of MPI, so that nothing is loaded for it."""
+"""The MPI rank of this process, from the launcher's environment, so that MPI need not be loaded."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import sys
 import threading
 import time
 
-_LOOK = 0.5  # s between two looks at whether the launcher is alive
+_LOOK = 0.5  # s between two checks whether the launcher is alive
 
 _RANK = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
 
 
 def launched_rank() -> int:
-    """Rank of this process under mpirun or srun; 0 without."""
+    """Rank of this process under mpirun or srun; 0 otherwise."""
     for name in _RANK:
         if os.environ.get(name, "").isdigit():
             return int(os.environ[name])
@@ -27,10 +27,10 @@ def is_launched() -> bool:
 
 
 def end_all_ranks(status: int) -> None:
-    """End every rank of an MPI run at once: one that stopped alone would leave the others waiting for ever.
+    """End every rank of an MPI run at once: if one stopped alone, the others would wait forever.
 
-    Does nothing in a process that runs alone, or that never loaded MPI: there, mpirun itself ends the rest when a
-    process exits with a status other than 0.
+    Does nothing in a process that runs alone, or that has not loaded MPI: in the latter case mpirun itself ends the
+    other ranks when one exits with a nonzero status.
     """
     mpi = sys.modules.get("mpi4py.MPI")
     if mpi is not None and mpi.COMM_WORLD.size > 1:
@@ -40,13 +40,13 @@ def end_all_ranks(status: int) -> None:
 
 
 def end_with_launcher() -> None:
-    """From now on, end this process when its parent does. Of ranks whose launcher was killed, Open MPI 5 ends none:
-    they would wait for each other for ever. For ranks only: a process alone may outlive the shell that began it."""
+    """From now on, end this process when its parent ends. Open MPI 5 does not end ranks whose launcher was killed: they
+    would wait for each other forever. For ranks only: a single process may outlive the shell that started it."""
     launcher = os.getppid()
 
     def watch() -> None:
         while os.getppid() == launcher:
             time.sleep(_LOOK)
-        os.kill(os.getpid(), signal.SIGKILL)  # what is finished is on disk, whole
+        os.kill(os.getpid(), signal.SIGKILL)  # finished work is complete on disk
 
     threading.Thread(target=watch, daemon=True).start()

@@ -1,4 +1,4 @@
-"""The body of a run directory: read from its file, or made and kept there."""
+"""The body of a run directory: read from its file, or built and saved there."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runtime.cli.context import Context
-from runtime.errors import SoftprintError
+from softprint.runtime.cli.context import Context
+from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
-    from runtime.body import ReducedBody
-    from runtime.experiment import Experiment
+    from softprint.runtime.body import ReducedBody
+    from softprint.runtime.experiment import Experiment
 
 
 def body_of_experiment(experiment: Experiment) -> ReducedBody:
-    """The body that the experiment's [body] table describes, built now; complaints name the file."""
-    from runtime.body import build_body
+    """Build the body that the experiment's [body] table describes; errors name the experiment file."""
+    from softprint.runtime.body import build_body
 
     try:
         return build_body(experiment.body, experiment.base_dir, experiment.seed, experiment.dim)
@@ -25,11 +25,11 @@ def body_of_experiment(experiment: Experiment) -> ReducedBody:
 
 
 def body_of_run(context: Context) -> ReducedBody:
-    """body.h5 of the run directory, built first where there is none.
+    """body.h5 of the run directory, built if it does not exist.
 
-    Raises SoftprintError where the file holds another body than the experiment's [body] table describes.
+    Raises SoftprintError if the file contains another body than the experiment's [body] table describes.
     """
-    from runtime.body import body_recipe, load_body, save_body
+    from softprint.runtime.body import body_recipe, load_body, save_body
 
     path = context.out_dir / "body.h5"
     if not path.is_file():
@@ -42,18 +42,17 @@ def body_of_run(context: Context) -> ReducedBody:
     difference = _difference(context, body)
     if difference:
         raise SoftprintError(
-            f"{path} holds another body than the experiment's [body] table describes (its {difference} "
+            f"{path} contains another body than the experiment's [body] table describes (its {difference} "
             "differs): make it again with `softprint body`, or choose another --out"
         )
     return body
 
 
 def _difference(context: Context, body: ReducedBody) -> str:
-    """What of the body is not as the experiment says; empty if all is. Basis and cubature follow from the
-    rest."""
-    from runtime.body.build import material_of_cells
-    from runtime.body.placement import frames_of, place_handles
-    from runtime.mesh import read_mesh
+    """The part of the body that differs from the experiment; empty if none. Basis and cubature follow from the rest."""
+    from softprint.runtime.body.build import material_of_cells
+    from softprint.runtime.body.placement import frames_of, place_handles
+    from softprint.runtime.mesh import read_mesh
 
     experiment = context.experiment
     spec = experiment.body

@@ -4,42 +4,42 @@ from __future__ import annotations
 
 import argparse
 
-from runtime.cli.collider_options import add_collider_options, with_stand_ins
-from runtime.cli.context import Context
-from runtime.cli.verb import Verb
+from softprint.runtime.cli.collider_options import add_collider_options, with_replaced_colliders
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Which scenes, which models."""
+    """Scenes and models."""
     parser.add_argument(
         "--scene",
         action="append",
         metavar="NAME",
-        help='a scene of the experiment; may be given again (default: every scene with role = "test")',
+        help='a scene of the experiment; repeatable (default: every scene with role = "test")',
     )
     parser.add_argument(
         "--model",
         action="append",
         metavar="NAME",
-        help="bare, full (needs DOLFINx) or the name of a trained correction; may be given again (default: "
+        help="bare, full (needs DOLFINx) or the name of a trained correction; repeatable (default: "
         "bare and every correction in the run directory)",
     )
     add_collider_options(parser)
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Each scene with each model; motions/<scene>_<model>.h5 and .xdmf in the run directory."""
-    from runtime.cli.run_body import body_of_run
-    from runtime.errors import SoftprintError
-    from runtime.scenes.playing import BARE, trained_models
-    from runtime.scenes.scene import find_scene
-    from runtime.scenes.simulate import simulate_scene
+    """Play each scene with each model; writes motions/<scene>_<model>.h5 and .xdmf in the run directory."""
+    from softprint.runtime.cli.run_body import body_of_run
+    from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.scenes.playing import BARE, trained_models
+    from softprint.runtime.scenes.scene import find_scene
+    from softprint.runtime.scenes.simulate import simulate_scene
 
     experiment = context.experiment
     names = args.scene or [scene.name for scene in experiment.scenes_of_role("test")]
     if not names:
         raise SoftprintError(f'{experiment.path}: no scene has role = "test"; name one with --scene')
-    scenes = [with_stand_ins(args, experiment, find_scene(experiment, name)) for name in names]
+    scenes = [with_replaced_colliders(args, experiment, find_scene(experiment, name)) for name in names]
     body = body_of_run(context)
     models = args.model or [BARE, *trained_models(context.out_dir)]
     for changed, scene in scenes:

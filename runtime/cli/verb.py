@@ -1,8 +1,8 @@
-"""What a verb of the command line is. A verb module holds one `VERB`, named in the entry points
+"""The interface of command-line verbs. A verb module defines one `VERB`, registered in the entry points
 `softprint.verbs`.
 
-A verb module imports only light things at its top, so that `softprint --help` stays quick; whatever is heavy,
-or not there on every machine, is imported inside `run`.
+A verb module imports only light modules at its top, so that `softprint --help` stays fast; heavy or optional modules
+are imported inside `run`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from runtime.cli.context import Context
+from softprint.runtime.cli.context import Context
 
-# What to tell someone who lacks a module that a verb needs.
+# How to install a missing module that a verb needs.
 INSTALL = {
     "dolfinx": "DOLFINx (Debian: apt-get install python3-dolfinx)",
     "mpi4py": "mpi4py (Debian: apt-get install python3-mpi4py)",
@@ -27,9 +27,9 @@ INSTALL = {
 
 @dataclass(frozen=True)
 class Verb:
-    """One step of the work.
+    """One step of the workflow.
 
-    order: place in `softprint --help`; summary: one line; example: a command line that works as it stands;
+    order: place in `softprint --help`; summary: one line; example: a complete command line;
     needs: modules without which the verb cannot run; configure: adds the verb's own options to its parser;
     run: does the work and returns the exit status; reads_experiment: whether it takes an experiment file and
     the options that go with one.
@@ -45,5 +45,5 @@ class Verb:
     reads_experiment: bool = True
 
     def missing(self) -> list[str]:
-        """What would have to be installed before this verb can run; empty when it can."""
+        """What must be installed before this verb can run; empty if it can."""
         return [INSTALL.get(module, module) for module in self.needs if find_spec(module) is None]

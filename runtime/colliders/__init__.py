@@ -1,13 +1,21 @@
-"""Rigid colliders as smooth signed distances, their poses and their paths."""
+"""Rigid colliders as smooth signed distances, their poses and their paths.
 
-from runtime.colliders.analytic import Box, Capsule, Cone, Cylinder, Plane, Sphere
-from runtime.colliders.collider import Collider, SdfDerivatives
-from runtime.colliders.combine import Placed, SmoothDifference, SmoothUnion
-from runtime.colliders.grid import GridCollider
-from runtime.colliders.mesh_collider import load_mesh_collider, mesh_collider
-from runtime.colliders.path import KeyframedPath
-from runtime.colliders.polygon import load_polygon, polygon_collider
-from runtime.colliders.pose import RigidPose
+`kinds/` has one file for each kind of collider that experiment files can name. What a collider offers to everything
+else: `collider.py`.
+"""
+
+from softprint.runtime.colliders.collider import Collider, SdfDerivatives
+from softprint.runtime.colliders.combine import Placed, SmoothDifference, SmoothUnion
+from softprint.runtime.colliders.grid import GridCollider
+from softprint.runtime.colliders.kinds.box import Box
+from softprint.runtime.colliders.kinds.cone import Capsule, Cone
+from softprint.runtime.colliders.kinds.cylinder import Cylinder
+from softprint.runtime.colliders.kinds.plane import Plane
+from softprint.runtime.colliders.kinds.sphere import Sphere
+from softprint.runtime.colliders.mesh_collider import load_mesh_collider, mesh_collider
+from softprint.runtime.colliders.path import KeyframedPath
+from softprint.runtime.colliders.polygon import load_polygon, polygon_collider
+from softprint.runtime.colliders.pose import RigidPose
 
 __all__ = [
     "Box",

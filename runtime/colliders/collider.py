@@ -1,7 +1,7 @@
-"""What every collider offers: a signed distance (negative inside, metres) with gradient and Hessian.
+"""The interface of all colliders: a signed distance (negative inside, metres) with gradient and Hessian.
 
-All coordinates are the collider's own; `RigidPose` takes them to the world. The Hessian matters: without the
-curvature of the distance the Newton iterations of contact converge only linearly (DESIGN.md, part 3).
+All coordinates are the collider's own; `RigidPose` transforms them to the world. The Hessian matters: without the
+curvature of the distance the Newton iterations of contact only converge linearly.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.colliders.pose import RigidPose
-from runtime.colliders.pose_kernels import turned
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.colliders.pose_kernels import rotated
 
 
 class SdfDerivatives(NamedTuple):
@@ -25,9 +25,9 @@ class SdfDerivatives(NamedTuple):
     def take(self, index: IntArray | BoolArray | slice) -> SdfDerivatives:
         return SdfDerivatives(self.value[index], self.gradient[index], self.hessian[index])
 
-    def turned(self, pose: RigidPose) -> SdfDerivatives:
-        """The same in the world, of a collider at a pose."""
-        return SdfDerivatives(self.value, *turned(self.gradient, self.hessian, pose.rotation))
+    def rotated(self, pose: RigidPose) -> SdfDerivatives:
+        """The same in world coordinates, for a collider at a pose."""
+        return SdfDerivatives(self.value, *rotated(self.gradient, self.hessian, pose.rotation))
 
 
 class Collider(Protocol):
@@ -46,7 +46,7 @@ class Collider(Protocol):
     def size(self) -> float: ...
 
     def sdf(self, z: Array) -> Array:
-        """Signed distance (n,) [m] at local points z (n, dim); the cheap call, for culling."""
+        """Signed distance (n,) [m] at local points z (n, dim); cheaper than the derivatives, for culling."""
         ...
 
     def sdf_derivatives(self, z: Array) -> SdfDerivatives:
@@ -54,24 +54,24 @@ class Collider(Protocol):
         ...
 
     def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
-        """The same of points x (n, dim) of the world with the collider at a pose, in the world."""
+        """The same in world coordinates, at world points x (n, dim) with the collider at a pose."""
         ...
 
     def about(self, z: Array, distance: float) -> IntArray:
-        """Which of the local points z (n, dim) are within `distance` [m] of the bounds."""
+        """Indices of the local points z (n, dim) within `distance` [m] of the bounds."""
         ...
 
     def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
-        """Which of the local points z (n, dim) are closer than `distance` [m], (m,), and their signed distance."""
+        """Indices (m,) of the local points z (n, dim) closer than `distance` [m], and their signed distances (m,)."""
         ...
 
     def closer_to(self, x: Array, pose: RigidPose, distance: float) -> tuple[IntArray, Array, Array]:
-        """The same of points x (n, dim) of the world, with their local coordinates (m, dim) in between."""
+        """The same for world points x (n, dim); returns indices, local coordinates (m, dim) and signed distances."""
         ...
 
 
 class ColliderBase:
-    """What follows from the bounds and the derivatives."""
+    """Default implementations, from the bounds and the derivatives."""
 
     name: str
     lower: Array
@@ -114,13 +114,13 @@ class ColliderBase:
 
     def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
         """See `Collider`."""
-        return self.sdf_derivatives(pose.apply_inverse(x)).turned(pose)
+        return self.sdf_derivatives(pose.apply_inverse(x)).rotated(pose)
 
 
 def norm_derivatives(v: Array) -> SdfDerivatives:
     """|v| with gradient v/|v| and Hessian (I - n n^T)/|v| for v (n, dim).
 
-    At v = 0, the kink of the norm, gradient and Hessian are zero, so that a Newton step stays finite there.
+    At v = 0, the kink of the norm, gradient and Hessian are zero, so that Newton steps stay finite there.
     """
     length = np.linalg.norm(v, axis=1)
     inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)

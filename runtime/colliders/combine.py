@@ -1,12 +1,12 @@
-"""Colliders placed, joined and cut: smooth union and difference of signed distances.
+"""Placed and combined colliders: smooth union and difference of signed distances.
 
 The smooth minimum of a and b with blend width k is
 
     m(a, b) = min(a, b) - (k/6) max(0, 1 - |a - b|/k)^3,
 
-which is C2, equals min(a, b) where the two differ by k or more, and lies at most k/6 below it. Combined
-distances are exact where one part is nearer than all others by k, and elsewhere a bound: their gradient is a
-convex combination of unit vectors, shorter than one where the parts' normals disagree.
+which is C2, equals min(a, b) where the two differ by k or more, and lies at most k/6 below it. Combined distances are
+exact where one part is nearer than all others by k. Elsewhere they are a bound: the gradient is a convex combination of
+unit vectors, shorter than one where the parts' normals disagree.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.colliders import cone_kernels
-from runtime.colliders.analytic import Cone, side_by_side
-from runtime.colliders.collider import Collider, ColliderBase, SdfDerivatives
-from runtime.colliders.pose import RigidPose
-from runtime.compiled import compiled
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders import cone_kernels
+from softprint.runtime.colliders.collider import Collider, ColliderBase, SdfDerivatives
+from softprint.runtime.colliders.kinds.cone import Cone, side_by_side
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.compiled import compiled
+from softprint.runtime.errors import SoftprintError
 
 
 def smooth_minimum(a: SdfDerivatives, b: SdfDerivatives, blend: float) -> SdfDerivatives:
@@ -29,7 +29,22 @@ def smooth_minimum(a: SdfDerivatives, b: SdfDerivatives, blend: float) -> SdfDer
     return SdfDerivatives(*_smooth_minimum(*a, *b, blend))
 
 
-@compiled
+def _by_chain_rule(
+    a: Array, a_1: Array, a_2: Array, b: Array, b_1: Array, b_2: Array, blend: float
+) -> tuple[Array, Array, Array]:
+    """m = min(a, b) - blend/6 (1 - t)^3 with t = min(|a - b| / blend, 1), its first and second derivatives."""
+    t, apart = np.minimum(np.abs(a - b) / blend, 1.0), a_1 - b_1
+    of_a = 0.5 + 0.5 * np.sign(a - b) * ((1 - t) ** 2 - 1)
+    gradient = np.einsum("p,pi->pi", of_a, a_1) + np.einsum("p,pi->pi", 1 - of_a, b_1)
+    hessian = np.einsum("p,pij->pij", of_a, a_2) + np.einsum("p,pij->pij", 1 - of_a, b_2)
+    return (
+        np.minimum(a, b) - blend / 6 * (1 - t) ** 3,
+        gradient,
+        hessian - np.einsum("p,pi,pj->pij", (1 - t) / blend, apart, apart),
+    )
+
+
+@compiled(reference=_by_chain_rule)
 def _smooth_minimum(
     a: Array, a_1: Array, a_2: Array, b: Array, b_1: Array, b_2: Array, blend: float
 ) -> tuple[Array, Array, Array]:
@@ -109,7 +124,7 @@ class SmoothUnion(ColliderBase):
         self.lower = np.min([part.lower for part in parts], axis=0) - swell
         self.upper = np.max([part.upper for part in parts], axis=0) + swell
 
-        # Cones, and so capsules, are what unions are made of as a rule.
+        # Most unions consist of cones and capsules, for which there is a compiled kernel.
         cones = [part for part in parts if isinstance(part, Cone)]
         self._cones = side_by_side(cones) if len(cones) == len(parts) else None
 

@@ -1,22 +1,22 @@
-"""The signed distance of blunt cones, and of smooth unions of them, point by point; formulas: `Cone`, `combine.py`.
+"""The signed distance of blunt cones and of their smooth unions, point by point. Formulas: `Cone`, `combine.py`.
 
-A cone is told by start and axis (dim,), length, radius at the start, sin and cos; cones are these side by side, each
-with a further first dimension.
+A cone is given by start and axis (dim,), length, radius at the start, sin and cos; several cones by the same arrays
+with a leading dimension.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.compiled import compiled
+from softprint.runtime.arrays import Array
+from softprint.runtime.compiled import compiled
 
 Cones = tuple[Array, Array, Array, Array, Array, Array]
 
 
 @compiled
 def _value(z: Array, i: int, cones: Cones, c: int) -> float:
-    """s [m] of the cone c at the point z_i: the distance from the ball that is nearest of those between the ends."""
+    """s [m] of the cone c at the point z_i: the distance to the nearest ball between the two ends."""
     start, axis, length, radius, sin, cos = cones
     y, square = 0.0, 0.0
     for a in range(z.shape[1]):
@@ -30,8 +30,8 @@ def _value(z: Array, i: int, cones: Cones, c: int) -> float:
 
 @compiled
 def _derivatives(z: Array, i: int, cones: Cones, c: int, gradient: Array, hessian: Array) -> float:
-    """s [m] of the cone c at the point z_i, its gradient (dim,) and Hessian (dim, dim) into those given. On the axis,
-    and in the middle of an end's ball, the norm has no derivatives: there they are those of zero."""
+    """s [m] of the cone c at the point z_i; fills in its gradient (dim,) and Hessian (dim, dim). On the axis, and at
+    the centre of an end's ball, where the norm is not differentiable, its derivatives are taken as zero."""
     start, axis, length, radius, sin, cos = cones
     dim = z.shape[1]
     y, across, square = 0.0, 0.0, 0.0
@@ -47,7 +47,7 @@ def _derivatives(z: Array, i: int, cones: Cones, c: int, gradient: Array, hessia
     inverse = 1.0 / r if r > 0.0 else 0.0
     for a in range(dim):
         gradient[a] = (z[i, a] - start[c, a] - centre * axis[c, a]) * inverse
-    # On the side the distance does not bend along the line to the axis, on an end's ball along the normal.
+    # The curvature vanishes on the side along the line to the axis, on an end's ball along the normal.
     on_side = foot == centre and across > 0.0
     for a in range(dim):
         for b in range(a + 1):
@@ -61,7 +61,19 @@ def _derivatives(z: Array, i: int, cones: Cones, c: int, gradient: Array, hessia
     return float(r - (radius[c] - sin[c] * centre))
 
 
-@compiled
+def _union(z: Array, cones: Cones, blend: float) -> Array:
+    """The smooth minimum of the distances of one cone after the other."""
+    union = np.full(len(z), np.inf)
+    for start, axis, length, radius, sin, cos in zip(*cones):
+        y = (z - start) @ axis
+        across = np.linalg.norm(z - start - y[:, None] * axis, axis=1)
+        centre = np.clip(y - across * sin / cos, 0.0, length)
+        part = np.hypot(across, y - centre) - (radius - sin * centre)
+        union = np.minimum(union, part) - blend / 6 * np.maximum(0.0, 1.0 - np.abs(union - part) / blend) ** 3
+    return union
+
+
+@compiled(reference=_union)
 def values(z: Array, cones: Cones, blend: float) -> Array:
     """s (n,) [m] at points z (n, dim) of the smooth union of p cones."""
     n, p = len(z), len(cones[0])
@@ -78,7 +90,8 @@ def values(z: Array, cones: Cones, blend: float) -> Array:
 
 @compiled
 def derivatives(z: Array, cones: Cones, blend: float) -> tuple[Array, Array, Array]:
-    """The same with gradient (n, dim) and Hessian (n, dim, dim). Cones that the others hide are only measured."""
+    """The same with gradient (n, dim) and Hessian (n, dim, dim). Of cones that do not affect the union at a point, only
+    the value is evaluated there."""
     (n, dim), p = z.shape, len(cones[0])
     value, gradient, hessian = np.empty(n), np.empty((n, dim)), np.empty((n, dim, dim))
     slope, curvature = np.empty(dim), np.empty((dim, dim))

@@ -1,4 +1,4 @@
-"""What a triangle mesh has to be mended of to be a collider, the mended surface, and what was done to it."""
+"""Check a triangle mesh as a collider: its defects, the repaired surface, and the repairs that were made."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from typing import Any
 import igl
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders import repair
-from runtime.colliders.rebuild import deviation, misplaced, rebuilt_surface
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders import repair
+from softprint.runtime.colliders.rebuild import deviation, misplaced, rebuilt_surface
+from softprint.runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """What stands in a file and what becomes of it.
+    """The content of a mesh file and its repaired surface.
 
-    found: label -> number; done: what was mended, a sentence each; refusal: why an experiment should not take the mesh
-    as it is, empty if it may; vertices (v, 3), triangles (t, 3): the mended surface.
+    found: label -> number; done: a sentence for each repair; refusal: why an experiment should not use the mesh as it
+    is, empty if it may; vertices (v, 3), triangles (t, 3): the repaired surface.
     """
 
     found: dict[str, Any]
@@ -34,14 +34,14 @@ class Examined:
 
 
 def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
-    """Mend a mesh as a collider is (`repair.py`); where that is refused or leaves overlaps, rebuild it (`rebuild.py`).
+    """Repair a mesh as for a collider (`repair.py`); if that is refused or leaves overlaps, rebuild it (`rebuild.py`).
 
-    Raises SoftprintError where neither can be.
+    Raises SoftprintError if neither is possible.
     """
     if not np.isfinite(vertices).all() or len(triangles) == 0:
-        repair.closed_surface(vertices, triangles, source)  # which says so
+        repair.closed_surface(vertices, triangles, source)  # raises the error
     found = _found(vertices, triangles)
-    with _told(source) as done:
+    with _collected_log(source) as done:
         try:
             closed = repair.closed_surface(vertices, triangles, source)
             buried = int(misplaced(*closed).sum())
@@ -63,21 +63,24 @@ def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
 
 
 def _counted(sentences: list[str]) -> list[str]:
-    """Each sentence once, with how often it was said."""
-    return [f"{said} ({times} times)" if times > 1 else said for said, times in Counter(sentences).items()]
+    """Each sentence once, with the number of repetitions."""
+    return [
+        f"{sentence} ({times} times)" if times > 1 else sentence
+        for sentence, times in Counter(sentences).items()
+    ]
 
 
 def _merged(vertices: Array, triangles: IntArray, source: str) -> tuple[Array, IntArray]:
-    """What winding numbers are taken of: each triangle once, and neighbours facing the same way."""
+    """The input of the winding numbers: each triangle once, neighbours consistently oriented."""
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    with _told(source):  # it is rebuilt anyway
+    with _collected_log(source):  # the log is not needed: the surface is rebuilt anyway
         vertices, triangles = repair.merge(vertices, triangles, diagonal, source)
         triangles = repair.drop_degenerate(vertices, triangles, diagonal, source)
     return vertices, np.asarray(igl.bfs_orient(triangles)[0], dtype=np.int64)
 
 
 def _found(vertices: Array, triangles: IntArray) -> dict[str, Any]:
-    """Counts of what is wrong with the triangles, vertices at one place taken for one."""
+    """Counts of the defects of the triangles, after merging coincident vertices."""
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     merged, joined = repair.merge(vertices, triangles, diagonal, "the mesh")
     area = np.linalg.norm(np.cross(*(merged[joined[:, k]] - merged[joined[:, 0]] for k in (1, 2))), axis=1)
@@ -98,13 +101,13 @@ def _found(vertices: Array, triangles: IntArray) -> dict[str, Any]:
 
 
 @contextmanager
-def _told(source: str) -> Iterator[list[str]]:
-    """What the repairs would log, in a list instead."""
-    told: list[str] = []
+def _collected_log(source: str) -> Iterator[list[str]]:
+    """Collect the log lines of the repairs in a list."""
+    lines: list[str] = []
 
     class Listener(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            told.append(record.getMessage().removeprefix(f"{source}: "))
+            lines.append(record.getMessage().removeprefix(f"{source}: "))
 
     listener = Listener(logging.INFO)
     level, propagate = repair.log.level, repair.log.propagate
@@ -112,7 +115,7 @@ def _told(source: str) -> Iterator[list[str]]:
     repair.log.setLevel(logging.INFO)
     repair.log.propagate = False
     try:
-        yield told
+        yield lines
     finally:
         repair.log.removeHandler(listener)
         repair.log.setLevel(level)

@@ -1,14 +1,13 @@
 """A collider whose signed distance is a C2 spline through exact distances sampled on regular grids.
 
-A fine grid covers the solid and its surroundings, a coarse one the space where a soft body may be, and beyond
-that the solid is taken for its bounding ball, whose distance is never too large. From the outside in, each is
-blended into the next,
+A fine grid covers the solid and its surroundings, and a coarse grid the space where a soft body may be. Beyond that,
+the distance to the bounding ball is used, which is never too large. From the outside in, each is blended into the next,
 
     s <- s + w (grid - s),    w = prod_i S(u_i),    S(u) = 6 u^5 - 15 u^4 + 10 u^3,
 
 u_i being the distance to the grid's border along axis i over the width of a band, at most 1. So s is C2
 throughout and its derivatives are exact. Where the exact distance has a kink (medial axis, sharp edges) the
-spline rounds it over about one cell.
+spline rounds it off over about one cell.
 """
 
 from __future__ import annotations
@@ -19,38 +18,38 @@ from functools import cached_property
 
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.colliders.collider import ColliderBase, SdfDerivatives, norm_derivatives
-from runtime.colliders.pose import RigidPose
-from runtime.colliders.spline import SplineGrid
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.colliders.collider import ColliderBase, SdfDerivatives, norm_derivatives
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.colliders.spline import SplineGrid
 
 # How far each grid reaches beyond the solid, as a share of the solid's largest extent.
 FINE_MARGIN, COARSE_MARGIN = 0.25, 2.0
-# Cells of the coarse grid are this many times larger: it only serves where the field is smooth.
+# Cells of the coarse grid are this many times larger: it is only used where the field is smooth.
 COARSENING = 4
-# Share of each grid's margin over which it is blended into what lies around it.
+# Share of each grid's margin over which it is blended into the surrounding field.
 BLEND_BAND = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """A grid and the width of the band along its border where it gives way to what lies around it."""
+    """A grid and the width of the band along its border in which it is blended into the surrounding field."""
 
     grid: SplineGrid
     band: float
 
     @cached_property
     def core_bounds(self) -> tuple[Array, Array]:
-        """Of the box where the grid alone counts."""
+        """Bounds of the box in which the blend weight is 1."""
         return self.grid.origin + self.band, self.grid.upper - self.band
 
     def core(self, z: Array) -> BoolArray:
-        """Where the grid alone counts."""
+        """Which points lie where the blend weight is 1."""
         lower, upper = self.core_bounds
         return np.asarray(((z >= lower) & (z <= upper)).all(axis=1))
 
     def within(self, z: Array) -> IntArray:
-        """Indices of the points where the grid counts at all."""
+        """Indices of the points where the blend weight is not zero."""
         return np.flatnonzero(((z > self.grid.origin) & (z < self.grid.upper)).all(axis=1))
 
     def weight(self, z: Array) -> SdfDerivatives:
@@ -73,11 +72,11 @@ class _Level:
 
 
 class GridCollider(ColliderBase):
-    """Any solid given by `exact`, the signed distance (n,) of points (n, dim), made smooth by a spline grid.
+    """A solid given by `exact`, the signed distance (n,) of points (n, dim), smoothed by a spline grid.
 
-    vertices (v, dim) [m] and facets (f, dim), triangles or segments: the surface, whose bounds size the grid;
-    resolution: grid cells along the longest side of the solid; on_grid: the same distance (n_0, ..) at the nodes
-    origin (dim,) + index spacing of a grid of n (dim,) of them, where there is a faster way than point by point.
+    vertices (v, dim) [m] and facets (f, dim), triangles or segments: the surface, whose bounds set the size of the
+    grid; resolution: grid cells along the longest side of the solid; on_grid: the same distance (n_0, ..) at the nodes
+    origin (dim,) + index spacing of a grid of n (dim,) of them, if it can be computed faster than point by point.
     """
 
     def __init__(
@@ -133,7 +132,8 @@ class GridCollider(ColliderBase):
         return result
 
     def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
-        """See `Collider`. The distance is taken only of points that the spline's coefficients leave in doubt."""
+        """See `Collider`. The distance is only evaluated at points where the lower bound from the spline's coefficients
+        does not exclude contact."""
         index = self.about(z, distance)
         # The core of the fine grid reaches farther than the rest of its margin beyond the bounds.
         if distance < (1.0 - BLEND_BAND) * self._fine_margin:
@@ -151,10 +151,10 @@ class GridCollider(ColliderBase):
     def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
         """See `Collider`."""
         found = self.fine.grid.derivatives_within(x, pose, *self.fine.core_bounds)
-        return super().sdf_derivatives_at(x, pose) if found is None else found.turned(pose)
+        return super().sdf_derivatives_at(x, pose) if found is None else found.rotated(pose)
 
     def _around(self, z: Array) -> SdfDerivatives:
-        """Outside the core of the fine grid: ball, coarse and fine, blended."""
+        """Derivatives outside the core of the fine grid: ball, coarse and fine grid, blended."""
         ball = norm_derivatives(z - self._centre)
         result = ball._replace(value=ball.value - self._ball_radius)
         for level in (self.coarse, self.fine):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import igl
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.collider import Collider
-from runtime.errors import SoftprintError
-from runtime.mesh.mesh import facet_vectors
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh.mesh import facet_vectors
 
 CELLS = {2: 240, 3: 72}  # of the grid along the longest side
 
@@ -16,17 +16,17 @@ CELLS = {2: 240, 3: 72}  # of the grid along the longest side
 def collider_surface(collider: Collider, cells: int | None = None) -> tuple[Array, IntArray]:
     """Vertices (v, dim) [m] in the collider's coordinates and facets (f, dim), normals outward.
 
-    Found on a grid of ``cells`` along the longest side of the collider. SoftprintError for one without
+    Found on a grid of ``cells`` along the longest side of the collider. Raises SoftprintError for a collider without
     bounds (a plane).
     """
     extent = collider.upper - collider.lower
     if not np.isfinite(extent).all():
-        raise SoftprintError(f"collider {collider.name!r} has no bounds, so its surface has no end")
+        raise SoftprintError(f"collider {collider.name!r} has no bounds, so its surface cannot be meshed")
     spacing = float(extent.max()) / (cells or CELLS[collider.dim])
     lower = collider.lower - 1.5 * spacing
     counts = np.ceil(extent / spacing).astype(int) + 4
     axes = [low + spacing * np.arange(count) for low, count in zip(lower, counts)]
-    # The first coordinate runs fastest, as marching cubes wants it.
+    # The first coordinate varies fastest, as marching cubes requires.
     points = np.stack(np.meshgrid(*axes[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, collider.dim)
     values = collider.sdf(points)
     if collider.dim == 3:
@@ -35,7 +35,7 @@ def collider_surface(collider: Collider, cells: int | None = None) -> tuple[Arra
         vertices, facets = _marching_triangles(values, points, int(counts[0]))
     if len(facets) == 0:
         raise SoftprintError(
-            f"collider {collider.name!r} is thinner than {spacing:.3g} m: nothing to show of it"
+            f"collider {collider.name!r} is thinner than {spacing:.3g} m: its surface cannot be found"
         )
     return _facing_outward(collider, np.asarray(vertices), np.asarray(facets, dtype=np.int64))
 
@@ -45,13 +45,13 @@ def _marching_triangles(values: Array, points: Array, width: int) -> tuple[Array
     corner = np.flatnonzero(np.arange(len(points)) % width != width - 1)
     corner = corner[corner < len(points) - width]
     halves = np.concatenate(
-        [corner[:, None] + np.array(turn) for turn in ((0, 1, width + 1), (0, width + 1, width))]
+        [corner[:, None] + np.array(order) for order in ((0, 1, width + 1), (0, width + 1, width))]
     )
     inside = values[halves] < 0
     count = inside.sum(axis=1)
     crossed = halves[(count == 1) | (count == 2)]
     inside = values[crossed] < 0
-    # The corner that is alone on its side, then the other two.
+    # First the corner that is alone on its side, then the other two.
     alone = np.argmax(inside == (inside.sum(axis=1) == 1)[:, None], axis=1)
     rows = np.arange(len(crossed))
     ends = np.stack(
@@ -65,7 +65,7 @@ def _marching_triangles(values: Array, points: Array, width: int) -> tuple[Array
 
 
 def _facing_outward(collider: Collider, vertices: Array, facets: IntArray) -> tuple[Array, IntArray]:
-    """Facets that are not points, turned where their normal looks down the distance."""
+    """Facets without the degenerate ones, flipped where their normal points down the distance's gradient."""
     normals = facet_vectors(vertices, facets)
     kept = (normals * normals).sum(axis=1) > 0
     facets, normals = facets[kept], normals[kept]

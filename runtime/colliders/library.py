@@ -1,4 +1,4 @@
-"""Library shapes in metres: their triangles by marching cubes, and colliders made of them."""
+"""Library shapes in metres: their triangles by marching cubes, and their colliders."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from functools import lru_cache
 import igl
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.grid import GridCollider
-from runtime.colliders.mesh_collider import surface_collider
-from runtime.errors import SoftprintError
-from runtime.shapes import Shape, find_shape
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.grid import GridCollider
+from softprint.runtime.colliders.mesh_collider import surface_collider
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.shapes import Shape, find_shape
 
-# Nodes this close to the surface, in cells, are moved off it: triangles keep some area, and corners stay apart.
+# Nodes this close to the surface, in cells, are moved off it, so that no triangle degenerates and no vertices coincide.
 CLEARANCE = 0.02
 
 
 def library_surface(name: str, size: float = 1.0) -> tuple[Array, IntArray]:
     """Vertices (v, 3) [m] and triangles (t, 3) of a shape about the origin whose largest extent is twice `size`.
 
-    Closed, facing outward, and free of self-intersections, since marching cubes keeps within its cells.
+    Closed, facing outward, and free of self-intersections, since marching cubes stays within its cells.
     """
     unit, triangles, _centre, _half = _unit_surface(find_shape(name))
     return size * unit, triangles.copy()
@@ -29,7 +29,7 @@ def library_surface(name: str, size: float = 1.0) -> tuple[Array, IntArray]:
 def library_collider(entry: str, size: float, resolution: int = 48, name: str | None = None) -> GridCollider:
     """The smooth signed distance of a shape; resolution: grid cells along its longest side.
 
-    Sampled from the shape's own distance where it has one, and from that of its triangles otherwise.
+    Sampled from the shape's own signed distance if it has one, and from the distance to its triangles otherwise.
     Raises SoftprintError if there is no such shape.
     """
     shape = find_shape(entry)
@@ -46,7 +46,7 @@ def library_collider(entry: str, size: float, resolution: int = 48, name: str | 
 
 @lru_cache(maxsize=4)
 def _unit_surface(shape: Shape) -> tuple[Array, IntArray, Array, float]:
-    """Vertices within [-1, 1]^3, triangles, and the centre and half of the largest extent they had before."""
+    """Vertices scaled into [-1, 1]^3, triangles, and the centre and half of the largest extent before scaling."""
     vertices, triangles = zero_level(shape)
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     centre, half = 0.5 * (lower + upper), 0.5 * float((upper - lower).max())
@@ -54,19 +54,19 @@ def _unit_surface(shape: Shape) -> tuple[Array, IntArray, Array, float]:
 
 
 def zero_level(shape: Shape, cells: int | None = None) -> tuple[Array, IntArray]:
-    """The surface of a shape in its own units; cells: of the grid, in place of those the shape is made with."""
+    """The surface of a shape in its own units; cells: of the grid, the shape's own number by default."""
     reach = np.array(shape.reach, dtype=float)
     spacing = 2 * reach.max() / (cells or shape.cells)
     nodes = 2 * np.ceil(reach / spacing).astype(int) + 6
-    # Off the planes of symmetry: there many fields are zero on whole faces of the grid.
+    # Shifted off the planes of symmetry, where many fields are zero on whole faces of the grid.
     origin = -0.5 * (nodes - 1) * spacing + spacing * np.array([0.137, 0.291, 0.213])
     axes = [o + spacing * np.arange(n) for o, n in zip(origin, nodes, strict=True)]
     z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])  # x runs fastest
+    points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])  # x varies fastest
     values = shape.field(points)
     border = values.reshape(nodes[::-1])
     if min(np.take(border, (0, -1), axis=axis).min() for axis in range(3)) <= 0:
-        raise SoftprintError(f"library shape '{shape.name}' reaches beyond the box it is said to lie in")
+        raise SoftprintError(f"library shape '{shape.name}' reaches beyond the box given by its reach")
     near = np.abs(values) < CLEARANCE * spacing
     values[near] = np.where(values[near] < 0, -CLEARANCE, CLEARANCE) * spacing
     vertices, triangles, _ = igl.marching_cubes(values, points, *(int(n) for n in nodes), 0.0)

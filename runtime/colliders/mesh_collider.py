@@ -7,24 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.grid import GridCollider
-from runtime.colliders.mesh_distance import MeshDistance
-from runtime.colliders.rebuild import misplaced
-from runtime.colliders.repair import OR_REBUILD, closed_surface
-from runtime.errors import SoftprintError
-from runtime.io.memory_bound import memory_bound
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.grid import GridCollider
+from softprint.runtime.colliders.mesh_distance import MeshDistance
+from softprint.runtime.colliders.rebuild import misplaced
+from softprint.runtime.colliders.repair import OR_REBUILD, closed_surface
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.memory_bound import memory_bound
 
 log = logging.getLogger(__name__)
 
-# Colliders of reason, in metres: one that is larger or smaller is more likely to be in another unit.
+# Plausible sizes of colliders [m]: one that is larger or smaller is more likely in another unit.
 SMALLEST, LARGEST = 1e-4, 10.0
 SUFFIXES = (".stl", ".obj", ".ply")
 _OPTIONS: dict[str, dict[str, bool]] = {".obj": {"skip_materials": True}}
 
 
 def read_surface(path: Path) -> tuple[Array, IntArray]:
-    """Vertices (v, 3) and triangles (t, 3) of a mesh file as they stand in it."""
+    """Vertices (v, 3) and triangles (t, 3) of a mesh file, unchanged."""
     import trimesh  # slow to load, and few runs need it
 
     if path.suffix.lower() not in SUFFIXES:
@@ -33,9 +33,9 @@ def read_surface(path: Path) -> tuple[Array, IntArray]:
         raise SoftprintError(f"{path}: there is no such collider mesh")
     try:
         with memory_bound(path):
-            # No materials: an OBJ file may name any file of the machine as one.
+            # Without materials: an OBJ file may name any file of the machine as one.
             mesh = trimesh.load_mesh(path, process=False, **_OPTIONS.get(path.suffix.lower(), {}))
-    except Exception as error:  # each of trimesh's readers raises its own kinds for a bad file
+    except Exception as error:  # trimesh's readers raise different exceptions for bad files
         raise SoftprintError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {error}") from error
     vertices = np.asarray(getattr(mesh, "vertices", np.zeros((0, 3))), dtype=float).reshape(-1, 3)
     triangles = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), dtype=np.int64).reshape(-1, 3)
@@ -53,8 +53,8 @@ def mesh_collider(
 ) -> GridCollider:
     """The smooth signed distance of a surface [m], repaired as in `repair.py`.
 
-    Raises SoftprintError for what that refuses, and where parts of the surface overlap: a distance from faces that are
-    buried in the solid is zero where there is nothing to touch.
+    Raises SoftprintError for meshes that cannot be repaired, and if parts of the surface overlap: the distance to faces
+    buried in the solid would be zero inside it.
     """
     called = source or f"collider '{name}'"
     vertices, triangles = closed_surface(vertices, triangles, called)
@@ -70,7 +70,7 @@ def mesh_collider(
 def surface_collider(
     vertices: Array, triangles: IntArray, resolution: int = 48, name: str = "mesh"
 ) -> GridCollider:
-    """`mesh_collider` of a surface that is known to be closed, to face outward and not to pass through itself."""
+    """`mesh_collider` of a surface known to be closed, to face outward and to be free of self-intersections."""
     exact = MeshDistance(vertices, triangles)
     return GridCollider(exact, vertices, triangles, resolution, name, exact.on_grid)
 
@@ -87,7 +87,7 @@ def load_mesh_collider(
 
 
 def unit_hint(extent: float) -> str:
-    """What may be wrong with a collider of this largest extent [m]; empty if nothing is."""
+    """A hint at a wrong unit of a collider of this largest extent [m]; empty if the size is plausible."""
     if extent >= LARGEST:
         return "if the file is in millimetres, its scale is 0.001"
     return "" if extent > SMALLEST else "is its scale the length in metres of one unit of the file?"

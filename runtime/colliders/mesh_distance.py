@@ -1,10 +1,10 @@
-"""The signed distance of a closed triangle surface: exact at points, and for the price of a sweep on a grid.
+"""The signed distance of a closed triangle surface: exact at points, and by a fast sweep on a grid.
 
-A tree of boxes finds the nearest facet of a point fast only where one facet is much nearer than others: far from a
-surface of many facets it looks at thousands for each point. On a grid it is asked only for the nodes beside the
-surface. The others take over nearest facets of their neighbours, and walk on from there over the surface
-(`sweep_kernels.py`). That is the nearest facet of all but where, seen from a node, other parts of the surface are
-nearly as near and no neighbour knew of the nearest; the error is then a share of a cell.
+A bounding-box tree only finds the nearest facet fast where one facet is much nearer than the others: far from a surface
+of many facets it tests thousands for each point. On a grid, the tree is therefore only queried for the nodes next to
+the surface. The other nodes start from the nearest facets of their neighbours and walk over the surface from there
+(`sweep_kernels.py`). This finds the nearest facet, except where several parts of the surface are nearly equally near
+and no neighbour has found the nearest one; the error is then a fraction of a cell.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ import igl
 import numpy as np
 from scipy import sparse
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders import sweep_kernels
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders import sweep_kernels
 
-# Corners of more facets than this (the tip of a fan) are no way to get from facet to facet; edges still are.
+# Vertices of more facets than this (the tip of a fan) do not connect facets for the walk; edges still do.
 _MOST_AROUND = 64
 
 
 class MeshDistance:
-    """Of the surface with vertices (v, 3) [m] and triangles (t, 3), closed and facing outward."""
+    """The distance to the surface with vertices (v, 3) [m] and triangles (t, 3), closed and facing outward."""
 
     def __init__(self, vertices: Array, triangles: IntArray) -> None:
         self._vertices, self._triangles = vertices, triangles
-        # libigl is asked about a surface of size one: it squares lengths, and knows thresholds of its own.
+        # Scaled to size one for libigl, which squares lengths and has absolute thresholds.
         self._origin, self._unit = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max())
         self._in_units = (vertices - self._origin) / self._unit
 
@@ -44,12 +44,12 @@ class MeshDistance:
         nodes = np.stack(np.meshgrid(*(np.arange(float(n)) for n in shape), indexing="ij"), axis=-1).reshape(
             -1, 3
         )
-        beside = np.zeros(len(nodes), dtype=np.bool_)
-        sweep_kernels.mark_beside(corners, shape, beside)
+        near = np.zeros(len(nodes), dtype=np.bool_)
+        sweep_kernels.mark_near(corners, shape, near)
         squared, facet = np.full(len(nodes), np.inf), np.full(len(nodes), -1, dtype=np.int64)
-        found = igl.point_mesh_squared_distance(nodes[beside], vertices, self._triangles)
-        squared[beside], facet[beside] = found[0], found[1]
-        sweep_kernels.sweep(corners, *_neighbours(self._triangles), shape, beside, squared, facet)
+        found = igl.point_mesh_squared_distance(nodes[near], vertices, self._triangles)
+        squared[near], facet[near] = found[0], found[1]
+        sweep_kernels.sweep(corners, *_neighbours(self._triangles), shape, near, squared, facet)
         winding = np.asarray(igl.fast_winding_number(vertices, self._triangles, nodes))
         return np.where(winding > 0.5, -spacing, spacing).reshape(shape) * np.sqrt(squared).reshape(shape)
 

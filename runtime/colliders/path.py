@@ -9,19 +9,19 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from runtime.arrays import Array
-from runtime.body.rotations import rotation_exponential, turned_on
-from runtime.colliders.pose import RigidPose
-from runtime.compiled import compiled
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.rotations import rotated_by, rotation_exponential
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.compiled import compiled
+from softprint.runtime.errors import SoftprintError
 
 
 class KeyframedPath:
-    """A rigid pose over time, given at keyframes and held before the first and after the last of them.
+    """A rigid pose over time, given at keyframes and constant before the first and after the last of them.
 
-    Positions follow a monotone cubic (Fritsch and Carlson), which is C1 and never overshoots a keyframe, so
-    that a collider told to stop at the surface does not dip into it. Rotations in 3D follow the shortest arc
-    (slerp) between keyframes; the angle in 2D follows the same monotone cubic, so whole turns are kept.
+    Positions follow a monotone cubic (Fritsch and Carlson), which is C1 and never overshoots a keyframe, so a collider
+    whose last keyframe is at the surface does not dip into it. Rotations in 3D follow the shortest arc (slerp) between
+    keyframes; the angle in 2D follows the same monotone cubic, so full revolutions are kept.
 
     times: (k,) [s], strictly increasing; positions: (k, dim) [m]; rotation_vectors: (k,) or (k, 1) angles in
     2D, (k, 3) axis times angle in 3D [rad], None for no rotation. Raises SoftprintError for anything else.
@@ -66,8 +66,11 @@ class KeyframedPath:
             if self.dim == 2:
                 self._angle = PchipInterpolator(self.times, self.rotation_vectors)
             else:
-                turns = Rotation.from_rotvec(self.rotation_vectors)
-                self._turns, self._spins = turns.as_matrix(), (turns[:-1].inv() * turns[1:]).as_rotvec()
+                at_keys = Rotation.from_rotvec(self.rotation_vectors)
+                self._rotations, self._spins = (
+                    at_keys.as_matrix(),
+                    (at_keys[:-1].inv() * at_keys[1:]).as_rotvec(),
+                )
 
     @classmethod
     def constant(cls, pose: RigidPose) -> KeyframedPath:
@@ -90,15 +93,21 @@ class KeyframedPath:
         if self.dim == 2:
             t = float(np.clip(time, self.times[0], self.times[-1]))
             return RigidPose.from_rotation_vector(self._angle(t), self._position(t))
-        # By hand: a body may be led by one path for each of its handles, and scipy takes its time for every call.
+        # Not by scipy, whose overhead per call adds up when each handle of a body follows its own path.
         k, position, spin = _along(self.times, self._position.c, self._spins, float(time))
-        return RigidPose.known(self._turns[k] @ rotation_exponential(spin), position)
+        return RigidPose.known(self._rotations[k] @ rotation_exponential(spin), position)
 
 
-@compiled
+def _along_reference(times: Array, cubics: Array, spins: Array, time: float) -> tuple[int, Array, Array]:
+    t = np.clip(time, times[0], times[-1])
+    k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
+    return k, np.polyval(cubics[:, k], t - times[k]), (t - times[k]) / np.diff(times)[k] * spins[k]
+
+
+@compiled(reference=_along_reference)
 def _along(times: Array, cubics: Array, spins: Array, time: float) -> tuple[int, Array, Array]:
-    """Which interval of the k keyframes a time is in, the position (3,) of the cubics (4, k-1, 3) there, and the part
-    of the interval's spin (k-1, 3) that has been turned."""
+    """The interval of the k keyframes that a time lies in, the position (3,) by the cubics (4, k-1, 3), and the
+    rotation vector since the interval's start, a part of its spin (k-1, 3)."""
     t = min(max(time, times[0]), times[-1])
     k = min(np.searchsorted(times, t, side="right"), len(times) - 1) - 1
     since = t - times[k]
@@ -107,11 +116,11 @@ def _along(times: Array, cubics: Array, spins: Array, time: float) -> tuple[int,
 
 
 class KeyframedPaths:
-    """Several paths of one body, asked together: a hand is led by one for each of its bones."""
+    """Several paths of one body, evaluated together, such as one for each bone of a hand."""
 
     def __init__(self, paths: Sequence[KeyframedPath]) -> None:
         self._paths = tuple(paths)
-        # Keyframed in 3D at the same times, as a motion that was recorded is.
+        # The fast path: all in 3D with the same keyframe times, as recorded motions have.
         self._together = bool(paths) and all(
             path.dim == 3 and not path._constant and np.array_equal(path.times, paths[0].times)
             for path in paths
@@ -120,28 +129,36 @@ class KeyframedPaths:
             self._times = paths[0].times
             self._cubics = np.stack([path._position.c for path in paths])
             self._spins = np.stack([path._spins for path in paths])
-            self._turns = np.stack([path._turns for path in paths])
+            self._rotations = np.stack([path._rotations for path in paths])
 
     def poses(self, time: float) -> tuple[Array, Array]:
         """Rotations (n, dim, dim) and positions (n, dim) [m] at `time` [s]."""
         if self._together:
-            begin, positions, turned = _all_along(
-                self._times, self._cubics, self._spins, self._turns, float(time)
+            begin, positions, partial_spins = _all_along(
+                self._times, self._cubics, self._spins, self._rotations, float(time)
             )
-            return turned_on(begin, turned), positions
+            return rotated_by(begin, partial_spins), positions
         poses = [path.pose(time) for path in self._paths]
         return np.array([pose.rotation for pose in poses]), np.array([pose.translation for pose in poses])
 
 
-@compiled
-def _all_along(
-    times: Array, cubics: Array, spins: Array, turns: Array, time: float
+def _all_along_reference(
+    times: Array, cubics: Array, spins: Array, rotations: Array, time: float
 ) -> tuple[Array, Array, Array]:
-    """See `_along`, of n paths: cubics (n, 4, k-1, 3), spins (n, k-1, 3), turns (n, k, 3, 3), of which those (n, 3, 3)
-    where the interval begins come first."""
-    n = len(turns)
-    begin, positions, turned = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
+    pieces = [_along_reference(times, *path, time) for path in zip(cubics, spins)]
+    k, positions, partial_spins = zip(*pieces)
+    return rotations[:, k[0]], np.array(positions), np.array(partial_spins)
+
+
+@compiled(reference=_all_along_reference)
+def _all_along(
+    times: Array, cubics: Array, spins: Array, rotations: Array, time: float
+) -> tuple[Array, Array, Array]:
+    """`_along` for n paths: cubics (n, 4, k-1, 3), spins (n, k-1, 3), rotations (n, k, 3, 3). Returns the rotations at
+    the start of the interval (n, 3, 3), the positions (n, 3) and the rotation vectors since then (n, 3)."""
+    n = len(rotations)
+    begin, positions, partial_spins = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
     for path in range(n):
-        k, positions[path], turned[path] = _along(times, cubics[path], spins[path], time)
-        begin[path] = turns[path, k]
-    return begin, positions, turned
+        k, positions[path], partial_spins[path] = _along(times, cubics[path], spins[path], time)
+        begin[path] = rotations[path, k]
+    return begin, positions, partial_spins

@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.arrays import Array, BoolArray
-from runtime.colliders.grid import GridCollider
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.colliders.grid import GridCollider
+from softprint.runtime.errors import SoftprintError
 
 # Arcs are drawn with chords of this angle: the sagitta is then 0.04 % of the fillet's radius.
 ARC_STEP = np.deg2rad(3.0)
-# Crossings are looked for between all pairs of sides: this many take seconds.
+# Crossings are tested between all pairs of sides: with this many corners it takes seconds.
 MOST_CORNERS = 5000
 
 
 def polygon_collider(
     vertices: ArrayLike, rounding: float = 0.0, resolution: int = 96, name: str = "polygon"
 ) -> GridCollider:
-    """The solid within a simple polygon (v, 2) [m], with every corner, inner ones too, rounded.
+    """The solid within a simple polygon (v, 2) [m], with every corner rounded, including reentrant ones.
 
-    rounding: radius of the fillets [m]. Vertices may run either way and may repeat the first at the end.
+    rounding: radius of the fillets [m]. Vertices may be in either orientation and may repeat the first at the end.
     Raises SoftprintError for fewer than three vertices, a polygon that crosses itself, or a rounding that
     does not fit its sides.
     """
@@ -39,7 +39,7 @@ def load_polygon(path: Path) -> Array:
         raise SoftprintError(f"{path}: there is no such polygon file")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that it is empty, which is said below
+            warnings.simplefilter("ignore", UserWarning)  # empty files are refused below
             vertices = np.loadtxt(path, ndmin=2)
     except ValueError as error:
         raise SoftprintError(f"{path}: a polygon is a text file with two numbers a line: {error}") from error
@@ -70,7 +70,7 @@ def polygon_distance(points: Array, outline: Array) -> Array:
 
 
 def _checked(vertices: Array, name: str) -> Array:
-    """Anticlockwise corners without repeats, or a refusal."""
+    """Anticlockwise corners without repeats; SoftprintError if the polygon is not simple."""
     if vertices.ndim != 2 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
         raise SoftprintError(f"collider '{name}': polygon vertices are pairs of finite numbers")
     keep = (vertices != np.roll(vertices, 1, axis=0)).any(axis=1)
@@ -79,8 +79,8 @@ def _checked(vertices: Array, name: str) -> Array:
         raise SoftprintError(f"collider '{name}': a polygon needs at least three different vertices")
     if len(corners) > MOST_CORNERS:
         raise SoftprintError(
-            f"collider '{name}': the polygon has {len(corners)} vertices, and at most {MOST_CORNERS} are taken; "
-            "draw it with fewer"
+            f"collider '{name}': the polygon has {len(corners)} vertices, but at most {MOST_CORNERS} are allowed; "
+            "use fewer"
         )
     after = np.roll(corners, -1, axis=0)
     for i in range(len(corners)):
@@ -121,15 +121,15 @@ def _fillet(corners: Array, radius: float, name: str) -> Array:
         )
     outline = []
     for i, corner in enumerate(corners):
-        turn = np.pi - 2 * half_angle[i]
-        if turn < 1e-9:  # the two sides are one straight line
+        angle = np.pi - 2 * half_angle[i]
+        if angle < 1e-9:  # the two sides are one straight line
             outline.append(corner[None])
             continue
         bisector = (u[i] + v[i]) / np.linalg.norm(u[i] + v[i])
         centre = corner + bisector * radius / np.sin(half_angle[i])
         first = corner + cut[i] * u[i] - centre
         direction = np.sign(u[i, 1] * v[i, 0] - u[i, 0] * v[i, 1])
-        steps = direction * np.linspace(0.0, turn, int(np.ceil(turn / ARC_STEP)) + 1)
-        turned = np.column_stack([-first[1] * np.sin(steps), first[0] * np.sin(steps)])
-        outline.append(centre + np.cos(steps)[:, None] * first + turned)
+        steps = direction * np.linspace(0.0, angle, int(np.ceil(angle / ARC_STEP)) + 1)
+        perpendicular = np.column_stack([-first[1] * np.sin(steps), first[0] * np.sin(steps)])
+        outline.append(centre + np.cos(steps)[:, None] * first + perpendicular)
     return np.vstack(outline)

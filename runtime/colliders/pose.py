@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from runtime.arrays import Array
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array
+from softprint.runtime.errors import SoftprintError
 
-# A rotation read from a file has passed through decimal text; anything looser than this is not a rotation.
+# Tolerance of orthonormality, for rotations that were written as decimal text.
 ORTHONORMAL_TOLERANCE = 1e-6
 
 
@@ -64,7 +64,7 @@ class RigidPose:
 
     @classmethod
     def known(cls, rotation: Array, translation: Array) -> RigidPose:
-        """From what is known to be a rigid motion, and not looked at again."""
+        """From a rotation and a translation that are known to be valid, without checks."""
         pose = object.__new__(cls)
         for name, values in (("rotation", rotation), ("translation", translation)):
             values = np.ascontiguousarray(values)
@@ -119,8 +119,8 @@ class RigidPose:
 
     def rotate_matrices(self, matrices: Array) -> Array:
         """Local second-order tensors (n, dim, dim) to the world: R A R^T."""
-        turned = matrices.reshape(-1, self.dim**2) @ self._rotation_twice.T
-        return turned.reshape(matrices.shape)
+        rotated = matrices.reshape(-1, self.dim**2) @ self._rotation_twice.T
+        return rotated.reshape(matrices.shape)
 
     @cached_property
     def _rotation_twice(self) -> Array:
@@ -137,5 +137,5 @@ class RigidPose:
         return RigidPose.known(self.rotation.T.copy(), -self.rotation.T @ self.translation)
 
 
-# Where the colliders of a scene are, by name.
+# The poses of a scene's colliders, by name.
 Poses = Mapping[str, RigidPose]

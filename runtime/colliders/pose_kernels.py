@@ -1,15 +1,15 @@
-"""What a pose makes of derivatives, compiled: of some tens of points."""
+"""Rotation of signed-distance derivatives by a pose, compiled; for some tens of points."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.compiled import compiled
+from softprint.runtime.arrays import Array
+from softprint.runtime.compiled import compiled
 
 
-@compiled
-def turned(vectors: Array, matrices: Array, R: Array) -> tuple[Array, Array]:
+@compiled(reference=lambda vectors, matrices, R: (vectors @ R.T, R @ matrices @ R.T))
+def rotated(vectors: Array, matrices: Array, R: Array) -> tuple[Array, Array]:
     """R v and R A R^T of vectors (n, dim) and matrices (n, dim, dim)."""
     n, dim = vectors.shape
     v, A, half = np.zeros((n, dim)), np.zeros((n, dim, dim)), np.empty((dim, dim))

@@ -1,7 +1,7 @@
-"""From a triangle soup to a closed, outward-facing, manifold surface, or a refusal that says why.
+"""From a triangle soup to a closed, outward-facing, manifold surface, or an error that says why not.
 
-A signed distance is only as good as its sign, so nothing doubtful passes: repairs are logged one by one, and
-what cannot be repaired for certain is refused. Self-intersections are not looked for.
+A signed distance needs a reliable sign, so ambiguous surfaces are refused and every repair is logged.
+Self-intersections are not tested.
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ import logging
 import igl
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.errors import SoftprintError
 
 log = logging.getLogger(__name__)
 
-# Vertices closer than this share of the bounding box's diagonal are one: STL repeats each vertex in float32.
+# Vertices closer than this share of the bounding box's diagonal are merged: STL repeats each vertex in float32.
 MERGE_DISTANCE = 1e-6
 # Triangles thinner than this (height over diagonal) have no usable normal.
 DEGENERATE_HEIGHT = 1e-9
-# A hole is closed if its rim is shorter than this share of the diagonal; that of a larger one is unknown.
+# A hole is closed if its rim is shorter than this share of the diagonal; the shape of larger ones is unknown.
 SMALL_HOLE = 0.25
-# What can be done about what is refused here.
+# The remedy named in errors.
 OR_REBUILD = "or have the surface rebuilt by `softprint collider FILE --out MENDED.stl`"
-# More separate surfaces than this are a soup, and which lies in which takes too long to find out.
+# Meshes with more separate surfaces are refused: finding which lies inside which would take too long.
 MOST_PIECES = 1000
 
 
-@np.errstate(over="ignore", invalid="ignore")  # coordinates beyond reason are refused for what follows
+@np.errstate(over="ignore", invalid="ignore")  # absurd coordinates are refused below
 def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[Array, IntArray]:
     """Vertices (v, 3) and triangles (t, 3) of the repaired surface, normals outward.
 
@@ -52,11 +52,11 @@ def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[A
 
 
 def merge(vertices: Array, triangles: IntArray, diagonal: float, source: str) -> tuple[Array, IntArray]:
-    """Vertices at one place as one; SoftprintError if all are at one."""
+    """Merge coincident vertices; SoftprintError if all coincide."""
     if diagonal == 0:
         raise SoftprintError(f"{source}: all vertices lie at one point")
     cells = np.round((vertices - vertices.min(axis=0)) / (MERGE_DISTANCE * diagonal)).astype(np.int64)
-    across = round(1.0 / MERGE_DISTANCE) + 2  # cells along an axis: as one number they sort faster
+    across = round(1.0 / MERGE_DISTANCE) + 2  # cells along an axis; one packed index sorts faster
     _, first, inverse = np.unique(
         cells @ np.array([across**2, across, 1]), return_index=True, return_inverse=True
     )
@@ -67,7 +67,7 @@ def merge(vertices: Array, triangles: IntArray, diagonal: float, source: str) ->
 
 
 def drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, source: str) -> IntArray:
-    """Triangles without those that have no usable normal or stand twice; SoftprintError if none is left."""
+    """Triangles without degenerate and repeated ones; SoftprintError if none is left."""
     corners = vertices[triangles]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -87,7 +87,7 @@ def drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, sourc
 
 
 def corner_codes(triangles: IntArray) -> IntArray:
-    """(t,) one number for each set of three corners."""
+    """(t,) one number for each unordered set of three corners."""
     a, b, c = np.sort(triangles, axis=1).T
     count = int(triangles.max(initial=0)) + 1
     pair: IntArray = np.unique(a * count + b, return_inverse=True)[1]
@@ -116,24 +116,24 @@ def _directed_edges(triangles: IntArray) -> IntArray:
 
 
 def repeated_directions(triangles: IntArray) -> int:
-    """How many edges run the same way as another: none where neighbours face the same way."""
+    """Number of directed edges that occur more than once: zero if neighbours are consistently oriented."""
     codes = _directed_edges(triangles) @ np.array([int(triangles.max()) + 1, 1])
     return len(codes) - len(np.unique(codes))
 
 
 def _orient(triangles: IntArray, source: str) -> IntArray:
-    """Make neighbours agree; refuse what has no two sides (a Moebius strip)."""
+    """Orient neighbours consistently; SoftprintError for one-sided surfaces (a Moebius strip)."""
     oriented = np.asarray(igl.bfs_orient(triangles)[0], dtype=np.int64)
-    turned = int((oriented != triangles).any(axis=1).sum())
-    if turned not in (0, len(triangles)):
-        log.warning("%s: turned triangles so that neighbours face the same way", source)
+    flipped = int((oriented != triangles).any(axis=1).sum())
+    if flipped not in (0, len(triangles)):
+        log.warning("%s: flipped triangles so that neighbours face the same way", source)
     if repeated_directions(oriented):
         raise SoftprintError(f"{source}: the surface has only one side and cannot bound a solid")
     return oriented
 
 
 def _open_edges(triangles: IntArray) -> IntArray:
-    """Directed edges (e, 2) that no neighbour runs through the other way."""
+    """Directed edges (e, 2) without an opposite edge of a neighbour."""
     directed = _directed_edges(triangles)
     count = int(triangles.max()) + 1
     there, back = directed @ np.array([count, 1]), directed @ np.array([1, count])
@@ -144,7 +144,7 @@ def _open_edges(triangles: IntArray) -> IntArray:
 def _fill_small_holes(
     vertices: Array, triangles: IntArray, diagonal: float, source: str
 ) -> tuple[Array, IntArray]:
-    """Close each small hole by a fan of triangles about the middle of its rim."""
+    """Close each small hole by a fan of triangles around the centre of its rim."""
     edges = _open_edges(triangles)
     if len(edges) == 0:
         return vertices, triangles
@@ -154,7 +154,7 @@ def _fill_small_holes(
         f"is too large to close by guessing (its rim is longer than {SMALL_HOLE:.0%} of the bounding box's "
         f"diagonal, or meets another); close it in a modeller, {OR_REBUILD}"
     )
-    if len(following) < len(edges):  # two holes share a vertex: no unique rim
+    if len(following) < len(edges):  # two holes share a vertex, so rims are not unique
         raise problem
     while following:
         start, rim = next(iter(following)), []
@@ -175,7 +175,7 @@ def _fill_small_holes(
 
 
 def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray:
-    """Turn every separate surface outward, except cavities (nested an odd number deep): inward."""
+    """Orient every separate surface outward, and cavities (nested an odd number deep) inward."""
     component = np.asarray(igl.facet_components(triangles)[1]).reshape(-1)
     count = int(component.max()) + 1
     if count > MOST_PIECES:
@@ -185,7 +185,7 @@ def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray
         )
     pieces = [triangles[component == c] for c in range(count)]
     inward = [np.linalg.det(vertices[piece]).sum() < 0 for piece in pieces]  # six times the volume
-    pieces = [piece[:, ::-1] if turned else piece for piece, turned in zip(pieces, inward)]
+    pieces = [piece[:, ::-1] if flipped else piece for piece, flipped in zip(pieces, inward)]
     corners = [vertices[piece].reshape(-1, 3) for piece in pieces]
     lower, upper = (np.array([bound(points, axis=0) for points in corners]) for bound in (np.min, np.max))
     result = triangles.copy()
@@ -201,7 +201,7 @@ def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray
         result[component == c] = piece[:, ::-1] if depth % 2 else piece
         cavities += depth % 2
         if inward[c] and depth % 2 == 0:
-            log.warning("%s: turned an inward-facing surface outward", source)
+            log.warning("%s: flipped an inward-facing surface outward", source)
     if cavities:
         log.info("%s: %d cavity surface(s) kept as holes", source, cavities)
     return result

@@ -1,8 +1,8 @@
-"""Rounded convex corners that are exact distances outside and stay C1 at every depth.
+"""Rounded convex corners: exact distances outside, C1 at every depth.
 
-The distance to a box rounded by r has kinks on its inner medial axis, from depth r on, where a penetrating
-surface node would make Newton cycle. Here the corner of every level set keeps a radius: at depth d the level
-set is the box moved in by d, with corners rounded by
+The distance to a box rounded by r has kinks on its inner medial axis, from depth r on, where a penetrating surface node
+would make Newton cycle. Here the corner of every level set has a positive radius: at depth d the level set is the box
+shrunk by d, with corners rounded by
 
     R(d) = r - d                    outside (d <= 0), the exact offset surface
     R(d) = r - d + d^2 / (2 r)      for 0 <= d <= r
@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.colliders.collider import SdfDerivatives
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import SdfDerivatives
 
 # Newton on a smooth monotone scalar equation with bisection as a fallback: 6 steps are typical.
 _MAX_ITERATIONS = 60
@@ -35,7 +35,7 @@ def _radius(d: Array, r: float) -> tuple[Array, Array, Array]:
 
 def _depth(q: Array, r: float) -> Array:
     """The root d (n,) of sum_i max(q_i + d + R(d), 0)^2 = R(d)^2."""
-    d: Array = r - np.linalg.norm(np.maximum(q + r, 0.0), axis=1)  # exact outside, where it is negative
+    d: Array = r - np.linalg.norm(np.maximum(q + r, 0.0), axis=1)  # exact outside, where d is negative
     inside = np.flatnonzero(d > 0)
     if inside.size == 0:
         return d

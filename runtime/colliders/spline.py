@@ -4,9 +4,9 @@ Along each axis the value in a cell is the sum of four basis polynomials b_i of 
 
     b_0 = (1-f)^3/6,  b_1 = (3 f^3 - 6 f^2 + 4)/6,  b_2 = (-3 f^3 + 3 f^2 + 3 f + 1)/6,  b_3 = f^3/6,
 
-times the coefficients of the 4^dim nodes around (Unser 1999); `spline_kernels.py` takes the sums.
+times the coefficients of the 4^dim nodes around (Unser 1999); `spline_kernels.py` computes the sums.
 
-The b_i are not negative and sum to one, so that the value is never below the least of the coefficients around.
+The b_i are nonnegative and sum to one, so the value is never below the smallest of these coefficients.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import spline_filter
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders import spline_kernels
-from runtime.colliders.collider import SdfDerivatives
-from runtime.colliders.pose import RigidPose
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders import spline_kernels
+from softprint.runtime.colliders.collider import SdfDerivatives
+from softprint.runtime.colliders.pose import RigidPose
 
 
 class SplineGrid:
@@ -44,52 +44,53 @@ class SplineGrid:
 
     @cached_property
     def _least(self) -> Array:
-        """The least of the coefficients around a cell, where the first of them is."""
+        """The smallest coefficient of each cell, at the index of its first coefficient."""
         least = self._coefficients.reshape(self._padded_shape)
         for axis in range(self.dim):
-            # What comes around from the other end belongs to no cell.
+            # Entries that wrap around from the other end belong to no cell.
             least = np.minimum.reduce([np.roll(least, -i, axis) for i in range(4)])
         return least.ravel()
 
     def at_least(self, z: Array) -> Array:
-        """(n,) what the values at points z (n, dim) are not below, for a single look at memory each."""
+        """(n,) lower bounds of the values at points z (n, dim), with one memory access each."""
         cell = np.clip(np.floor((z - self.origin) / self.spacing), 0.0, self._last_cell).astype(np.int64)
         return self._least.take(cell @ self._strides)
 
     def value(self, z: Array) -> Array:
         """Values (n,) at points z (n, dim)."""
         result = np.empty(len(z))
-        spline_kernels.values(*self._given(z), result)
+        spline_kernels.values(*self._kernel_arguments(z), result)
         return result
 
     def gradients(self, z: Array) -> tuple[Array, Array]:
         """Value (n,) and gradient (n, dim) at points z (n, dim)."""
         result = np.empty(len(z)), np.empty(z.shape)
-        spline_kernels.gradients(*self._given(z), *result)
+        spline_kernels.gradients(*self._kernel_arguments(z), *result)
         return result
 
     def derivatives(self, z: Array) -> SdfDerivatives:
         """Value (n,), gradient (n, dim) and Hessian (n, dim, dim) at points z (n, dim)."""
         n, dim = z.shape
         result = SdfDerivatives(np.empty(n), np.empty((n, dim)), np.empty((n, dim, dim)))
-        spline_kernels.derivatives(*self._given(z), *result)
+        spline_kernels.derivatives(*self._kernel_arguments(z), *result)
         return result
 
     def derivatives_within(
         self, x: Array, pose: RigidPose, lower: Array, upper: Array
     ) -> SdfDerivatives | None:
-        """Of points x (n, dim) of the world, with the grid at a pose, in its own coordinates; None where not all of
-        them are in the box from lower to upper (dim,) of the grid."""
+        """The derivatives at world points x (n, dim) with the grid at a pose, in the grid's coordinates; None unless
+        all points are in the box from lower to upper (dim,) of the grid."""
         inside, *found = spline_kernels.derivatives_within(
-            pose.rotation, pose.translation, lower, upper, *self._given(x)
+            pose.rotation, pose.translation, lower, upper, *self._kernel_arguments(x)
         )
         return SdfDerivatives(*found) if inside else None
 
     def closer_to(
         self, x: Array, pose: RigidPose, lower: Array, upper: Array, distance: float
     ) -> tuple[IntArray, Array, Array]:
-        """Which of the points x (n, dim) of the world are within `distance` of the box from lower to upper (dim,) of
-        the grid at a pose, and have values below it: (m,), their local coordinates (m, dim) and values (m,)."""
+        """Indices (m,) of the world points x (n, dim) that are within `distance` of the box from lower to upper (dim,)
+        of the grid at a pose and have values below `distance`, with their local coordinates (m, dim) and values
+        (m,)."""
         at = np.ascontiguousarray(x, dtype=np.float64)
         return spline_kernels.closer(
             at,
@@ -106,7 +107,7 @@ class SplineGrid:
             self._coefficients,
         )
 
-    def _given(self, z: Array) -> tuple[Array, Array, float, Array, IntArray, Array]:
-        """What all kernels take."""
+    def _kernel_arguments(self, z: Array) -> tuple[Array, Array, float, Array, IntArray, Array]:
+        """The arguments that all kernels share."""
         at = np.ascontiguousarray(z, dtype=np.float64)
         return at, self.origin, self.spacing, self._last_cell, self._strides, self._coefficients

@@ -1,16 +1,51 @@
 """The sums of `spline.py`, point by point: 64 coefficients in 3D, 16 in 2D, axis by axis from the last.
 
-All take z (n, dim) [m]; the grid's origin (dim,), spacing, last cell (dim,) and strides (dim,), the last of which is 1;
-and the coefficients, flat. A point outside the grid is extrapolated from the cell nearest to it; to one that is nan the
-answer is nan.
+Common arguments: z (n, dim) [m]; the grid's origin (dim,), spacing, last cell (dim,) and strides (dim,), the last of
+which is 1; and the coefficients, flat. A point outside the grid is extrapolated from the nearest cell; a nan point
+gives nan.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.compiled import compiled
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import compiled
+
+# The uniform cubic B-spline: polynomial by power of the fraction f, times 6.
+_CUBIC = np.array(
+    [[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]]
+)
+
+
+def _sums(
+    z: Array, origin: Array, spacing: float, last: Array, strides: IntArray, c: Array
+) -> tuple[Array, Array, Array]:
+    """Value (n,), gradient (n, dim) and Hessian (n, dim, dim): the coefficients of the cell times the polynomials, or
+    their derivatives, along every axis."""
+    n, dim = z.shape
+    t = (z - origin) / spacing
+    cell = np.clip(np.floor(t), 0.0, last).astype(int)
+    f = t - cell
+    powers = np.stack([np.ones_like(f), f, f**2, f**3], axis=-1)
+    slopes = np.stack([np.zeros_like(f), np.ones_like(f), 2 * f, 3 * f**2], axis=-1) / spacing
+    bends = np.stack([np.zeros_like(f), np.zeros_like(f), 2 + 0 * f, 6 * f], axis=-1) / spacing**2
+    b = np.array([powers, slopes, bends]) @ _CUBIC.T / 6  # (order, n, dim, 4)
+    offsets = np.add.outer(np.arange(4) * strides[0], np.arange(4) * strides[1])
+    if dim == 3:
+        offsets = np.add.outer(offsets, np.arange(4) * strides[2])
+    block = c[(cell @ strides).reshape(-1, *[1] * dim) + offsets]
+
+    def total(orders: IntArray) -> Array:
+        along = [b[order, :, axis] for axis, order in enumerate(orders)]
+        return np.einsum("nij,ni,nj->n" if dim == 2 else "nijk,ni,nj,nk->n", block, *along)
+
+    unit = np.eye(dim, dtype=int)
+    gradient = np.stack([total(unit[a]) for a in range(dim)], axis=-1)
+    hessian = np.stack([total(unit[a] + unit[b]) for a in range(dim) for b in range(dim)], axis=-1)
+    return total(0 * unit[0]), gradient, hessian.reshape(n, dim, dim)
 
 
 @compiled
@@ -26,13 +61,13 @@ def _polynomials(f: float, b: Array) -> None:
 
 @compiled
 def _locate(point: Array, origin: Array, spacing: float, last: Array, strides: IntArray, b: Array) -> int:
-    """Where the first coefficient of a point's cell is; b (dim, 3, 4): its polynomials along each axis."""
+    """Index of the first coefficient of a point's cell; fills in b (dim, 3, 4), its polynomials along each axis."""
     first = 0
     for axis in range(len(point)):
         t = (point[axis] - origin[axis]) / spacing
         cell = (
             min(np.floor(t), last[axis]) if t > 0.0 else 0.0
-        )  # that of nan too, which must not index anything
+        )  # also for nan, which must not become an index
         first += int(cell) * strides[axis]
         _polynomials(t - cell, b[axis])
     return first
@@ -80,7 +115,7 @@ def _value(first: int, strides: IntArray, b: Array, c: Array) -> float:
     return total
 
 
-@compiled
+@compiled(reference=lambda *arguments: _sums(*arguments[:6])[0])
 def values(
     z: Array, origin: Array, spacing: float, last: Array, strides: IntArray, c: Array, value: Array
 ) -> None:
@@ -91,7 +126,7 @@ def values(
         value[point] = _value(_locate(z[point], origin, spacing, last, strides, b), strides, b, c)
 
 
-@compiled
+@compiled(reference=lambda *arguments: _sums(*arguments[:6])[:2])
 def gradients(
     z: Array,
     origin: Array,
@@ -152,7 +187,7 @@ def _derivatives(
     return value
 
 
-@compiled
+@compiled(reference=lambda *arguments: _sums(*arguments[:6]))
 def derivatives(
     z: Array,
     origin: Array,
@@ -182,7 +217,14 @@ def _to_local(x: Array, rotation: Array, translation: Array, z: Array) -> None:
             z[a] += rotation[i, a] * (x[i] - translation[i])
 
 
-@compiled
+def _sums_within(
+    rotation: Array, translation: Array, lower: Array, upper: Array, x: Array, *grid: Any
+) -> tuple[bool, Array, Array, Array]:
+    z = (x - translation) @ rotation
+    return bool(((lower <= z) & (z <= upper)).all()), *_sums(z, *grid)
+
+
+@compiled(reference=_sums_within)
 def derivatives_within(
     rotation: Array,
     translation: Array,
@@ -196,7 +238,7 @@ def derivatives_within(
     c: Array,
 ) -> tuple[bool, Array, Array, Array]:
     """Whether all points x = R z + t (n, dim) lie in the box from lower to upper (dim,), and if so the values (n,),
-    gradients (n, dim) and Hessians (n, dim, dim) by z there."""
+    gradients (n, dim) and Hessians (n, dim, dim) with respect to z."""
     n, dim = x.shape
     value, gradient, hessian = np.empty(n), np.empty((n, dim)), np.empty((n, dim, dim))
     b, z = np.empty((dim, 3, 4)), np.empty(dim)
@@ -210,7 +252,17 @@ def derivatives_within(
     return True, value, gradient, hessian
 
 
-@compiled
+def _sums_below(
+    x: Array, rotation: Array, translation: Array, lower: Array, upper: Array, distance: float, *grid: Any
+) -> tuple[IntArray, Array, Array]:
+    origin, spacing, last, strides, _, c = grid
+    z = (x - translation) @ rotation
+    value = _sums(z, origin, spacing, last, strides, c)[0]
+    index = np.flatnonzero(((lower < z) & (z < upper)).all(axis=1) & (value < distance))
+    return index, z[index], value[index]
+
+
+@compiled(reference=_sums_below)
 def closer(
     x: Array,
     rotation: Array,
@@ -225,8 +277,8 @@ def closer(
     least: Array,
     c: Array,
 ) -> tuple[IntArray, Array, Array]:
-    """Which of the points x = R z + t (n, dim) lie in the box from lower to upper (dim,) and have values below
-    `distance`: (m,), their z (m, dim) and values (m,). least: by cell, what the value there is not below."""
+    """Indices (m,) of the points x = R z + t (n, dim) that lie in the box from lower to upper (dim,) and have values
+    below `distance`, with their z (m, dim) and values (m,). least: a lower bound of the value in each cell."""
     n, dim = x.shape
     index, near, value = np.empty(n, dtype=np.int64), np.empty((n, dim)), np.empty(n)
     b, z = np.empty((dim, 3, 4)), np.empty(dim)

@@ -1,17 +1,18 @@
-"""The nearest facet of every node of a grid, handed from node to node: the kernels of `mesh_distance.py`.
+"""The nearest facet of every node of a grid, propagated from node to node: the kernels of `mesh_distance.py`.
 
-Triangles are corners (t, 3, 3) in units of the grid's spacing, its first node being the origin; node (i, j, k) has the
-flat index (i n_1 + j) n_2 + k.
+Triangles are given by corners (t, 3, 3) in units of the grid's spacing, with its first node as the origin; node (i, j,
+k) has the flat index (i n_1 + j) n_2 + k.
 """
 
 from __future__ import annotations
 
 import math
 
+import igl
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.compiled import compiled
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.compiled import compiled
 
 
 @compiled
@@ -20,8 +21,8 @@ def _length(a: Array, b: Array) -> float:
 
 
 @compiled
-def mark_beside(corners: Array, shape: IntArray, marked: BoolArray) -> None:
-    """Set marked (n_0 n_1 n_2,) where a node has surface within about a cell.
+def mark_near(corners: Array, shape: IntArray, marked: BoolArray) -> None:
+    """Set marked (n_0 n_1 n_2,) at nodes within about a cell of the surface.
 
     Each triangle is sampled every half cell, along its longest side and across it, and the 4 x 4 x 4 nodes around each
     sample are marked.
@@ -49,9 +50,14 @@ def mark_beside(corners: Array, shape: IntArray, marked: BoolArray) -> None:
                             marked[(i * shape[1] + j) * shape[2] + k] = True
 
 
-@compiled
+def _by_igl(t: Array, x: float, y: float, z: float) -> float:
+    return float(igl.point_mesh_squared_distance(np.array([[x, y, z]]), t, np.array([[0, 1, 2]]))[0][0])
+
+
+@compiled(reference=_by_igl)
 def _squared_distance(t: Array, x: float, y: float, z: float) -> float:
-    """Of the point (x, y, z) from a triangle t (3, 3) with corners a, b, c (Ericson 2004, section 5.1.5)."""
+    """Squared distance of the point (x, y, z) from a triangle t (3, 3) with corners a, b, c (Ericson 2004, section
+    5.1.5)."""
     ax, ay, az = x - t[0, 0], y - t[0, 1], z - t[0, 2]
     ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
     vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
@@ -90,7 +96,7 @@ def _descend(
     y: float,
     z: float,
 ) -> tuple[float, int]:
-    """The nearest facet on the way down from a facet, and its squared distance."""
+    """Squared distance and index of the facet that a descent over neighbouring facets ends at."""
     while True:
         start = facet
         for at in range(starts[start], starts[start + 1]):
@@ -111,11 +117,12 @@ def sweep(
     squared: Array,
     facet: IntArray,
 ) -> None:
-    """Hand the nearest facets (n,) of the fixed nodes on to the others: eight sweeps, one from each corner of the grid.
+    """Propagate the nearest facets (n,) of the fixed nodes to the others: eight sweeps, one from each corner of the
+    grid.
 
-    A node takes over the facet of one of the seven nodes behind it if that is nearer than its own, and goes on from
-    there over the surface, from facet to facet beside (t, 3), as long as that takes it nearer. squared (n,): the
-    squared distance [cells^2]; both are filled in where not fixed.
+    A node takes the facet of one of the seven nodes behind it if it is nearer than its own, and descends from there
+    over neighbouring facets as long as the distance decreases. squared (n,): the squared distance [cells^2]; both are
+    filled in where not fixed.
     """
     n0, n1, n2 = shape
     for direction in range(8):

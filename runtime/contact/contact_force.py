@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceForces:
-    """The forces (m, dim) [N] on a collider that a contact force is the sum of, at the points (m, dim) [m].
+    """Point forces (m, dim) [N] on a collider at points (m, dim) [m]. Their sum is the contact force.
 
-    nodes: (n,) the nodes of the mesh that could bear such, each for the part of the surface nearest to it; index: (m,)
-    which of them do; tangential: whether it is friction.
+    nodes: (n,) mesh nodes where such forces can act, each representing the surface area nearest to it; index: (m,)
+    which of these nodes carry a force; tangential: whether the forces are friction.
     """
 
     nodes: IntArray
@@ -27,26 +27,26 @@ class SurfaceForces:
 
 @dataclass(frozen=True, eq=False)
 class ContactForce:
-    """What the body does to one collider at the end of a step.
+    """The force of the body on one collider at the end of a step.
 
     force (dim,) [N] on the collider, friction included; torque (1,) in 2D, (3,) in 3D [N m] about the origin
-    of the collider's own frame; penetration: the deepest point [m]; points: how many surface points are in
-    contact; loads: what it is the sum of.
+    of the collider's own frame; penetration: of the deepest point [m]; points: number of surface points in
+    contact; parts: the point forces that sum to it.
     """
 
     force: Array
     torque: Array
     penetration: float
     points: int
-    loads: Sequence[SurfaceForces] = ()
+    parts: Sequence[SurfaceForces] = ()
 
 
-def resultant(loads: Sequence[SurfaceForces], origin: Array) -> tuple[Array, Array]:
-    """Force (dim,) and torque about ``origin`` of loads."""
+def resultant(parts: Sequence[SurfaceForces], origin: Array) -> tuple[Array, Array]:
+    """Force (dim,) and torque about ``origin`` of point forces."""
     dim = len(origin)
     force, torque = np.zeros(dim), np.zeros(1 if dim == 2 else 3)
-    for load in loads:
-        arm, forces = load.points - origin, load.forces
+    for part in parts:
+        arm, forces = part.points - origin, part.forces
         force += forces.sum(axis=0)
         if dim == 2:
             torque += (arm[:, 0] * forces[:, 1] - arm[:, 1] * forces[:, 0]).sum()

@@ -1,16 +1,16 @@
 """Coulomb friction as a lagged, smoothed dissipative potential (IPC: Li et al. 2020).
 
 Over one step of length h a contact point moves by u_i relative to the collider; with P_i = I - n_i n_i^T,
-the normal force N_i and the normal n_i held from the last evaluation of contact (lagged),
+the normal force N_i and the normal n_i fixed at their values of the last evaluation of contact (lagged),
 
     D(x) = sum_i mu N_i f0(|P_i u_i|),    u_i = x_i - T_end T_start^-1 x_i,start,
 
     f0(y) = y^2/eps - y^3/(3 eps^2) + eps/3   for y < eps,   else y          (C2)
     f1(y) = f0'(y) = 2 y/eps - y^2/eps^2      for y < eps,   else 1          (C1; IPC eq. 14)
 
-where eps = slip_velocity h. Points slower than slip_velocity stick, up to that creep; faster ones feel mu N.
-The Hessian is positive semi-definite. u_i is measured against where the collider's own motion over the step
-would have carried the point, so a body that rides along with the collider feels nothing.
+where eps = slip_velocity h. Points slower than slip_velocity stick, up to that creep; on faster points the friction
+force is mu N. The Hessian is positive semi-definite. u_i is relative to the motion of the collider over the step, so
+friction vanishes on a body that moves rigidly with the collider.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.pose import RigidPose
-from runtime.contact import point_kernels as kernels
-from runtime.contact.penalty import ContactTerms
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import point_kernels as kernels
+from softprint.runtime.contact.penalty import ContactTerms
+from softprint.runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True, eq=False)
 class LaggedContact:
-    """What friction holds fixed within a minimisation, for the m points in contact; world coordinates.
+    """The lagged quantities that friction keeps fixed within a minimisation, for the m points in contact; world
+    coordinates.
 
-    index (m,) of the points; force (m,) normal force [N]; normal (m, dim); anchor (m, dim): where the point
-    would be at the end of the step if it stuck to the collider [m], which there is at `pose`.
+    index (m,) of the points; force (m,) normal force [N]; normal (m, dim); anchor (m, dim) [m]: the position of the
+    point at the end of the step if it stuck to the collider, with the collider at `pose`.
     """
 
     index: IntArray
@@ -41,8 +42,8 @@ class LaggedContact:
     pose: RigidPose
 
     def at(self, pose: RigidPose) -> LaggedContact:
-        """The same with the collider at another pose: normals and anchors go with it, so that friction does not change
-        with a common motion of points and collider."""
+        """The same with the collider at another pose: normals and anchors move rigidly with the collider, so that
+        friction is invariant to a common rigid motion of points and collider."""
         if pose is self.pose or not len(self.index):
             return self
         change = pose.compose(self.pose.inverse())
@@ -78,9 +79,9 @@ class CoulombFriction:
     def lag(
         self, contact: ContactTerms, start: Array, pose_start: RigidPose, pose_end: RigidPose
     ) -> LaggedContact:
-        """Hold the normals and normal forces of `contact`, evaluated with the collider at pose_end.
+        """Fix the normals and normal forces of `contact`, evaluated with the collider at pose_end.
 
-        start: (n, dim) world positions at the start of the step of the points `contact` was given;
+        start: (n, dim) world positions, at the start of the step, of the points that `contact` was evaluated at;
         pose_start, pose_end: the collider's pose at the start and at the end of the step.
         """
         return LaggedContact(

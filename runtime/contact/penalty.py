@@ -19,16 +19,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.contact import point_kernels as kernels
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import point_kernels as kernels
+from softprint.runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True, eq=False)
 class ContactTerms:
-    """Contact of the m penetrating points among the n points given; world coordinates.
+    """Penalty contact of the m penetrating points among n points; world coordinates.
 
     energy [J]; index (m,) of the points; gradient (m, dim) [N], the contact force being its negative;
     hessian (m, dim, dim) [N/m]; depth (m,) [m]; normal (m, dim), the unit outward normal of the collider.
@@ -43,22 +43,21 @@ class ContactTerms:
 
     @classmethod
     def none(cls, dim: int) -> ContactTerms:
-        """Nothing touches."""
-        nowhere, nothing = np.empty((0, dim)), np.empty(0)
-        return cls(0.0, np.empty(0, dtype=np.int64), nowhere, np.empty((0, dim, dim)), nothing, nowhere)
+        """No contact."""
+        no_vectors, no_depths = np.empty((0, dim)), np.empty(0)
+        hessian = np.empty((0, dim, dim))
+        return cls(0.0, np.empty(0, dtype=np.int64), no_vectors, hessian, no_depths, no_vectors)
 
 
 def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[IntArray, Array, Array]:
-    """Which of the world points x (n, dim) lie inside the collider.
-
-    Their index (m,), local coordinates (m, dim) and signed distances (m,), all negative.
-    """
+    """The world points x (n, dim) that lie inside the collider: their indices (m,), collider coordinates (m, dim) and
+    signed distances (m,), all negative."""
     return collider.closer_to(x, pose, 0.0)
 
 
 @dataclass(frozen=True)
 class PenaltyContact:
-    """Contact that costs (stiffness / 3) depth^3 for each unit of surface area; stiffness in N/m^4."""
+    """Contact energy (stiffness / 3) depth^3 per unit of surface area; stiffness in N/m^4."""
 
     stiffness: float
 
@@ -69,7 +68,7 @@ class PenaltyContact:
             )
 
     def energy(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> float:
-        """The contact energy alone [J], for line searches; arguments as for `terms`."""
+        """The contact energy [J] without derivatives, for line searches; arguments as for `terms`."""
         index, _, distance = penetrating_points(x, collider, pose)
         return float(self.stiffness / 3.0 * (areas[index] @ (-distance) ** 3))
 

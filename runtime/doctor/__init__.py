@@ -1,6 +1,6 @@
-"""Is this machine fit for the work? One check for each thing that has been seen to go wrong."""
+"""Checks of the installation, one for each known problem."""
 
-from runtime.doctor.examine import examine
-from runtime.doctor.finding import Finding, Level
+from softprint.runtime.doctor.examine import examine
+from softprint.runtime.doctor.finding import Finding, Level
 
 __all__ = ["Finding", "Level", "examine"]

@@ -1,4 +1,4 @@
-"""Checks run in processes of their own: what they load may crash, and must not stay loaded."""
+"""Run checks in child processes: a library that they load may crash, and must not stay loaded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TIMEOUT = 120.0  # s: the first import of PyTorch or VTK from a cold disk takes 
 
 @dataclass(frozen=True)
 class ChildResult:
-    """succeeded: exit status 0 in time; output: what it printed; complaint: the last line on stderr, or why
+    """succeeded: exit status 0 in time; output: what it printed; complaint: the last line on stderr, or the reason why
     it ended.
     """
 
@@ -23,7 +23,7 @@ class ChildResult:
 
 
 def run_python(code: str, environment: Mapping[str, str] | None = None) -> ChildResult:
-    """Run Python code in a process of its own."""
+    """Run Python code in a child process."""
     return run_command([sys.executable, "-c", code], environment)
 
 

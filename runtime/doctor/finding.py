@@ -1,4 +1,4 @@
-"""What a check found."""
+"""The result of a check."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Level(Enum):
-    """OK: as it should be. WARN: it works, but not as well as it could. MISSING, BROKEN: it does not work."""
+    """OK: works. WARN: works, but not as well as it could. MISSING, BROKEN: does not work."""
 
     OK = "OK"
     WARN = "WARN"
@@ -17,8 +17,8 @@ class Level(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """subject: what was looked at; detail: what was seen; remedy: what to do unless all is well; needed:
-    whether the runtime itself cannot do without it."""
+    """subject: what was checked; detail: what was found; remedy: what to do about it; needed: whether the runtime
+    requires it."""
 
     subject: str
     level: Level
@@ -28,7 +28,5 @@ class Finding:
 
     @property
     def is_fatal(self) -> bool:
-        """Whether something that nobody can do without does not work, or something that is there is
-        broken.
-        """
+        """Whether something required does not work, or something installed is broken."""
         return self.level is Level.BROKEN or (self.needed and self.level is Level.MISSING)

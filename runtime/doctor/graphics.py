@@ -1,11 +1,11 @@
-"""Whether pictures can be made without a display."""
+"""Check whether pictures can be rendered without a display."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
-from runtime.doctor.child import run_python
-from runtime.doctor.finding import Finding, Level
+from softprint.runtime.doctor.child import run_python
+from softprint.runtime.doctor.finding import Finding, Level
 
 _RENDER = """
 import pyvista
@@ -19,7 +19,7 @@ print(plotter.render_window.GetClassName())
 
 
 def check_rendering() -> Finding:
-    """Draws a ball off screen."""
+    """Render a ball off screen."""
     subject = "off-screen OpenGL"
     if find_spec("pyvista") is None:
         return Finding(subject, Level.MISSING, "for pictures in the report", "pip install pyvista")

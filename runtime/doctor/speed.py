@@ -1,16 +1,15 @@
-"""Which BLAS is at work, how fast it is, and with how many threads."""
+"""Check which BLAS is used, how fast it is, and with how many threads."""
 
 from __future__ import annotations
 
 import os
 
-from runtime.doctor.child import run_python
-from runtime.doctor.finding import Finding, Level
+from softprint.runtime.doctor.child import run_python
+from softprint.runtime.doctor.finding import Finding, Level
 
 SLOW = 20.0  # GFLOP/s on one core: reference BLAS reaches about 5, an optimised one 30 to 100
 
-# Multiplies two 1000 x 1000 matrices with one thread, best of three, and names the shared library that did
-# it.
+# Multiplies two 1000 x 1000 matrices with one thread, best of three, and prints the shared library used.
 _MEASURE = """
 import time
 import numpy as np
@@ -36,12 +35,12 @@ _SYSTEM = {
 
 
 def check_numpy_blas() -> Finding:
-    """The BLAS behind numpy: reduced dynamics."""
+    """The BLAS of numpy, used by reduced dynamics."""
     return _blas("BLAS of numpy", _NUMPY)
 
 
 def check_scipy_blas() -> Finding:
-    """The BLAS behind scipy, on Debian that of PETSc too: factorisations in the full space."""
+    """The BLAS of scipy, on Debian also of PETSc, used by factorisations in full space."""
     return _blas("BLAS of scipy", _SYSTEM)
 
 
@@ -59,7 +58,7 @@ def _blas(subject: str, parts: dict[str, str]) -> Finding:
 
 
 def check_threads() -> Finding:
-    """Threads against cores."""
+    """Compare the number of threads with the number of cores."""
     cores = len(os.sched_getaffinity(0))
     threads = os.environ.get("OMP_NUM_THREADS")
     if threads is None:

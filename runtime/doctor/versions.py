@@ -1,4 +1,4 @@
-"""Which libraries are there, in which version, and what is lost without them."""
+"""Check which libraries are installed, in which versions, and what needs them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from runtime.doctor.child import ChildResult, run_python
-from runtime.doctor.finding import Finding, Level
+from softprint.runtime.doctor.child import ChildResult, run_python
+from softprint.runtime.doctor.finding import Finding, Level
 
 
 @dataclass(frozen=True)
 class Library:
-    """module: what is imported; purpose: what it is for; remedy: how to get it; version: code that tells
-    it.
-    """
+    """module: import name; purpose: what it is for; remedy: how to install it; version: code that returns the
+    version."""
 
     module: str
     purpose: str
@@ -58,18 +57,18 @@ LIBRARIES = (
     Library("pyvista", "pictures in the report", _pip("pyvista")),
     Library("matplotlib", "figures in the report", _pip("matplotlib")),
     Library("jinja2", "the report", _pip("jinja2"), version="metadata.version('jinja2')"),
-    Library("gmsh", "making the example meshes anew", _pip("gmsh")),
+    Library("gmsh", "making the example meshes", _pip("gmsh")),
 )
 
 
 def check_python() -> Finding:
-    """Python itself."""
+    """The Python version."""
     version = ".".join(str(part) for part in sys.version_info[:3])
     return Finding("python", Level.OK, f"{version} ({sys.executable})")
 
 
 def check_libraries() -> Iterator[Finding]:
-    """Every library: there or not, and whether it imports."""
+    """Every library: whether it is installed and can be imported."""
     present = [library for library in LIBRARIES if find_spec(library.module) is not None]
     with ThreadPoolExecutor(max_workers=2) as pool:
         results = dict(zip(present, pool.map(_imported, present), strict=True))

@@ -1,4 +1,4 @@
-"""Pictures of the plane with matplotlib."""
+"""2D pictures with matplotlib."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
-from runtime.drawing.scene import Scene
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path
+from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
+from softprint.runtime.drawing.scene import Scene
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ _WIDTH, _DPI = 7.0, 160  # inches, dots an inch
 
 
 def draw_flat(path: Path, scene: Scene) -> None:
-    """Draw a scene of the plane; SoftprintError where matplotlib is not installed."""
+    """Draw a 2D scene; SoftprintError if matplotlib is not installed."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.collections import LineCollection

@@ -1,13 +1,11 @@
-"""What a picture of a file shows: a body or a surface, something it is coloured by, marks, and colliders."""
+"""The content of a picture: a body or a surface, values to colour it by, marks, and colliders."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +21,9 @@ class Marks:
 class Scene:
     """A picture to be drawn.
 
-    points: (n, dim) [m]; facets: (f, dim) the surface that is seen; cells: (c, 3) triangles that fill a body in
-    the plane; values: (n,) to colour by, called ``label``; solids: (vertices, facets) of colliders in the world;
-    edges: whether the edges of the mesh are worth showing.
+    points: (n, dim) [m]; facets: (f, dim) the visible surface; cells: (c, 3) triangles that fill a 2D body; values:
+    (n,) to colour by, named ``label``; solids: (vertices, facets) of colliders in the world; edges: whether to show the
+    edges of the mesh.
     """
 
     title: str
@@ -42,17 +40,3 @@ class Scene:
     @property
     def dim(self) -> int:
         return int(self.points.shape[1])
-
-
-def draw(path: Path, scene: Scene) -> None:
-    """Write the picture as PNG, whole or not at all. SoftprintError where what draws it is not there."""
-    if path.suffix.lower() != ".png":
-        raise SoftprintError(f"{path}: pictures are written as PNG; call it {path.stem}.png")
-    if scene.dim == 2:
-        from runtime.drawing.flat import draw_flat
-
-        draw_flat(path, scene)
-    else:
-        from runtime.drawing.solid import draw_solid
-
-        draw_solid(path, scene)

@@ -1,4 +1,4 @@
-"""Pictures of space with PyVista, off screen (EGL: neither a display nor xvfb is needed)."""
+"""3D pictures with PyVista, off screen (by EGL: no display or xvfb is needed)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.doctor.finding import Level
-from runtime.doctor.graphics import check_rendering
-from runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
-from runtime.drawing.scene import Scene
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.doctor.finding import Level
+from softprint.runtime.doctor.graphics import check_rendering
+from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
+from softprint.runtime.drawing.scene import Scene
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -25,21 +25,21 @@ _ANGLE = 22.0  # of the camera [degrees]
 
 
 def draw_solid(path: Path, scene: Scene) -> None:
-    """Draw a scene in space; SoftprintError where PyVista is missing or cannot draw off screen."""
-    # A missing GL driver ends a process, it does not raise: so it is tried in another one first.
+    """Draw a 3D scene; SoftprintError if PyVista is missing or cannot draw off screen."""
+    # A missing GL driver ends the process instead of raising, so rendering is tried in a child process first.
     finding = check_rendering()
     if finding.level is not Level.OK:
         raise SoftprintError(
-            f"no picture can be drawn here: {finding.subject} {finding.detail}; to put it right: {finding.remedy}"
+            f"no picture can be drawn here: {finding.subject} {finding.detail}; remedy: {finding.remedy}"
         )
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     import pyvista as pv
 
     plotter = pv.Plotter(off_screen=True, window_size=list(_SIZE), lighting="none")
     plotter.set_background("white")
-    turn = _turn(_direction(scene))
+    rotation = _rotation_to(_direction(scene))
     for position, intensity in (((1, -2, 3), 0.7), ((-3, -2, 1), 0.42), ((3, -1, 0.5), 0.3)):
-        light = pv.Light(position=tuple(turn @ position), intensity=intensity, light_type="scene light")
+        light = pv.Light(position=tuple(rotation @ position), intensity=intensity, light_type="scene light")
         light.positional = False
         plotter.add_light(light)
     _add_body(plotter, scene)
@@ -72,7 +72,7 @@ def _add_body(plotter: pv.Plotter, scene: Scene) -> None:
             ambient=0.45,
             diffuse=0.6,
             scalar_bar_args={
-                "title": f"{scene.label}\n",  # the line keeps it off the numbers
+                "title": f"{scene.label}\n",  # the line break separates it from the numbers
                 "color": "#1b1b1f",
                 "fmt": "%.2g",
                 "n_labels": 5,
@@ -119,8 +119,8 @@ def _surface(points: Array, facets: IntArray) -> pv.PolyData:
 
 
 def _look(plotter: pv.Plotter, scene: Scene) -> None:
-    """From the front, to the right and above, or so that a collider at the side of the body does not hide behind
-    it; with everything in the picture."""
+    """Set the camera: from the front, right and above, or from a side where a collider beside the body is visible;
+    everything fits in the picture."""
     seen = np.concatenate([scene.points, *(vertices for vertices, _ in scene.solids)])
     lower, upper = seen.min(axis=0), seen.max(axis=0)
     centre, radius = 0.5 * (lower + upper), 0.5 * float(np.linalg.norm(upper - lower))
@@ -136,19 +136,19 @@ def _look(plotter: pv.Plotter, scene: Scene) -> None:
 
 
 def _direction(scene: Scene) -> Array:
-    """(3,) from what is seen towards the camera, a unit vector."""
+    """(3,) unit vector from the scene towards the camera."""
     view = _VIEW
     if scene.solids:
-        aside = scene.solids[0][0].mean(axis=0)[:2] - scene.points.mean(axis=0)[:2]
-        distance = float(np.linalg.norm(aside))
+        offset = scene.solids[0][0].mean(axis=0)[:2] - scene.points.mean(axis=0)[:2]
+        distance = float(np.linalg.norm(offset))
         if distance > 0.15 * float(np.ptp(scene.points, axis=0).max()):
-            across = np.array([aside[1], -aside[0]])  # the collider is then to the right
-            view = np.append((across + 0.6 * aside) / (1.17 * distance), _VIEW[2] / 1.1)
+            across = np.array([offset[1], -offset[0]])  # shows the collider on the right
+            view = np.append((across + 0.6 * offset) / (1.17 * distance), _VIEW[2] / 1.1)
     return view / np.linalg.norm(view)
 
 
-def _turn(direction: Array) -> Array:
-    """(3, 3) rotation about the vertical from the usual view to this one: the lights go with the camera."""
+def _rotation_to(direction: Array) -> Array:
+    """(3, 3) rotation about the vertical from the default view to this one, so that the lights follow the camera."""
     angle = np.arctan2(direction[1], direction[0]) - np.arctan2(_VIEW[1], _VIEW[0])
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

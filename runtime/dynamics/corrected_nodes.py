@@ -1,75 +1,75 @@
-"""Where nodes of a body are at a state, with all detail: for those who look at it, not for its dynamics."""
+"""Positions of nodes of a body at a state, with all corrections: for drawing and evaluation, not for dynamics."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.contact.condensed.joint_press import BoundPressed, JointProbe
-from runtime.dynamics.state import ReducedState
-from runtime.learned.correction import BoundCorrection, Correction
-from runtime.linalg.row_products import placed
-from runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.learned.correction import (
+    BoundContactCorrection,
+    BoundField,
+    ContactCorrection,
+    FieldCorrection,
+)
+from softprint.runtime.linalg.row_products import placed
+from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 
 class Snapshot(NamedTuple):
-    """Handle rows and turn (n_rows, dim) of a state, and what every collider does there: plain data."""
+    """The data from which positions are computed: handle rows and frame rows (n_rows, dim) of a state, its solved
+    contact, and displacements (n, dim) [m] by field corrections, None without one."""
 
     rows: Array
-    turn: Array
-    parts: list[Any]
+    frame_rows: Array
+    contact: SolvedContact | None
+    field: Array | None
+
+
+class Corrections(NamedTuple):
+    """The corrections of a scene: field corrections and contact corrections by the names of their colliders; contact:
+    solves condensed contact, None without condensed contact."""
+
+    fields: Mapping[str, FieldCorrection]
+    of_contact: Mapping[str, ContactCorrection]
+    contact: CondensedContact | None
 
 
 class CorrectedNodes:
-    """x = U rows + internal response + corrections of the given nodes, all by default. corrections: (name of the
-    collider, correction); joint: those that are pressed together with others, by the collider's name; nothing is
-    prepared before the first question."""
+    """x = U rows + static condensation + corrections of the given nodes, all by default. condensation: of these nodes.
+    Everything is prepared at its first use."""
 
     def __init__(
         self,
         body: ReducedBody,
-        corrections: Sequence[tuple[str, Correction]],
-        internal: StaticCondensation | None,
+        corrections: Corrections,
+        condensation: StaticCondensation | None,
         nodes: IntArray | None = None,
-        joint: Mapping[str, JointProbe] | None = None,
     ) -> None:
-        self._body, self._nodes, self._joint = body, nodes, joint or {}
-        self._corrections, self._everywhere = corrections, internal
+        self._body, self._corrections, self._nodes = body, corrections, nodes
+        self._condensation = condensation
 
-    def positions(self, state: ReducedState) -> Array:
-        """(n, dim) [m]."""
-        return self.drawn(self.snapshot(state))
+    def field_displacement(self, rows: Array, poses: Mapping[str, RigidPose]) -> Array | None:
+        """u (n, dim) [m] by field corrections; None without one."""
+        found = [bound.displacement(rows, poses[name]) for name, bound in self._fields]
+        return sum(found[1:], start=found[0]) if found else None
 
-    def snapshot(self, state: ReducedState) -> Snapshot:
-        """What is to be drawn: loads are pressed now, if they have not been."""
-        turn = state.rows if state.turn is None else state.turn
-        parts = [self._part(collider, correction, state, turn) for collider, correction in self._bound]
-        return Snapshot(state.rows, turn, parts)
-
-    def _part(self, collider: str, correction: BoundCorrection, state: ReducedState, turn: Array) -> Any:
-        """Of one collider: displacement (n, dim) [m], or what `BoundPressed.drawn` makes it of; None for none."""
-        rows, pose = state.rows, state.poses[collider]
-        press = None
-        if collider in self._joint:
-            press = self._joint[collider].press(rows, state.poses, turn)
-            if press is None:
-                return None
-        if isinstance(correction, BoundPressed):
-            return correction.pressed(press, rows, pose, turn)
-        return correction.displacement(rows, pose, turn)
-
-    def drawn(self, snapshot: Snapshot) -> Array:
-        """(n, dim) [m] of a snapshot of these nodes, most of the work: on any thread or in another process, beside
-        other steps."""
+    def positions(self, snapshot: Snapshot) -> Array:
+        """(n, dim) [m] of a snapshot of these nodes. May run on any thread or in another process, concurrently with
+        steps."""
         x = placed(self._basis, snapshot.rows)
-        if self._internal is not None:
-            x += self._internal.displacement(snapshot.rows, snapshot.turn)
-        for (_, correction), part in zip(self._bound, snapshot.parts, strict=True):
-            if part is not None:
-                x += correction.drawn(part) if isinstance(correction, BoundPressed) else part
+        if self._condensation is not None:
+            x += self._condensation.corotated(snapshot.frame_rows).displacement(snapshot.rows)
+        if snapshot.field is not None:
+            x += snapshot.field
+        if snapshot.contact is not None:
+            for bound in self._of_contact:
+                x += bound.displacement(snapshot.contact)
         return x
 
     @cached_property
@@ -77,14 +77,17 @@ class CorrectedNodes:
         return self._body.basis if self._nodes is None else self._body.basis[self._nodes]
 
     @cached_property
-    def _internal(self) -> StaticCondensation | None:
-        if self._everywhere is None or self._nodes is None:
-            return self._everywhere
-        return self._everywhere.at(self._nodes)
-
-    @cached_property
-    def _bound(self) -> list[tuple[str, BoundCorrection]]:
-        if not self._corrections:
+    def _fields(self) -> Sequence[tuple[str, BoundField]]:
+        fields = self._corrections.fields
+        if not fields:
             return []
         points = self._body.node_points(self._nodes)
-        return [(collider, correction.bind(points)) for collider, correction in self._corrections]
+        return [(name, field.bind(points)) for name, field in fields.items()]
+
+    @cached_property
+    def _of_contact(self) -> Sequence[BoundContactCorrection]:
+        _, corrections, contact = self._corrections
+        if contact is None or not corrections:
+            return []
+        points = self._body.node_points(self._nodes)
+        return [correction.bind(points, contact, name) for name, correction in corrections.items()]

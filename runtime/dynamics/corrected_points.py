@@ -1,7 +1,7 @@
-"""Where a body is watched in every step: the corners of its cubature cells and its surface samples.
+"""The nodes whose positions every step needs: the corners of the cubature cells and the surface samples.
 
-Their positions are x = U rows + u(rows, poses), u being the sum of the corrections. All corrections are asked
-once for all of these points together, for each question costs as much as some hundred points.
+Their positions are x = U rows + u(rows, poses), with u the sum of the corrections. Every correction is evaluated once
+for all of these points together, since the overhead of an evaluation equals the cost of some hundred points.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.colliders.pose import Poses
-from runtime.dynamics.timings import Phase
-from runtime.learned.correction import BoundField, CorrectionField, FieldCorrection
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.dynamics.timings import Phase
+from softprint.runtime.learned.correction import BoundField, CorrectionField, FieldCorrection
 
 
 class CorrectedPoints:
-    """The n watched nodes of a body. corners: (m, dim+1) of the cubature cells and samples: (s,) of the
-    surface, both as numbers of watched points.
+    """The n points of a body that every step evaluates. corners: (m, dim+1) of the cubature cells and samples: (s,) of
+    the surface, both as indices of these points.
 
     corrections: (name of the collider, correction); reach [m]: surface samples whose reduced position is
     farther than that from the collider need no correction, see `FieldCorrection.bind`.
@@ -48,7 +48,7 @@ class CorrectedPoints:
         return bool(self._corrections)
 
     def displacement(self, rows: Array, poses: Poses, phase: Phase) -> Array | None:
-        """u (n, dim) [m]; None where there is no correction at all."""
+        """u (n, dim) [m]; None without corrections."""
         if not self._corrections:
             return None
         with phase:
@@ -56,7 +56,7 @@ class CorrectedPoints:
             return sum(fields[1:], start=fields[0])
 
     def linearise(self, rows: Array, poses: Poses, phase: Phase) -> CorrectionField | None:
-        """u and du/drows of the points where any correction is active; None where none is."""
+        """u and du/drows of the points where any correction is active; None if there are none."""
         if not self._corrections:
             return None
         with phase:
@@ -73,14 +73,14 @@ class CorrectedPoints:
         return displacement
 
     def slots(self, field: CorrectionField) -> IntArray:
-        """(n,) where in the field each point is, -1 where the field is inactive."""
+        """(n,) index of each point in the field, -1 where the field is inactive."""
         slots = np.full(self.count, -1)
         slots[field.index] = np.arange(len(field.index))
         return slots
 
 
 def _sum_of(fields: Sequence[CorrectionField]) -> CorrectionField:
-    """Several fields on the union of their points."""
+    """The sum of several fields, on the union of their points."""
     if len(fields) == 1:
         return fields[0]
     index = np.unique(np.concatenate([field.index for field in fields]))

@@ -1,8 +1,8 @@
-"""The colliders of a scene that move freely, as unknowns of a step beside the handle rows.
+"""Free rigid bodies: the colliders of a scene that move freely, as unknowns of a step beside the handle rows.
 
-Each brings a twist about its centre of mass (`runtime/rigid/twist.py`), its inertia and weight (`runtime/rigid/
-flight.py`), and the contact with all other colliders (`free_body_contact.py`). In the vector of all unknowns of the
-step the twists follow the handles, collider by collider, angles scaled to metres.
+Each adds a twist about its centre of mass (`runtime/rigid/twist.py`), its inertia and weight
+(`runtime/rigid/flight.py`), and its contact with all other colliders (`free_body_contact.py`). In the vector of all
+unknowns of the step the twists follow the handles, collider by collider, with angles scaled to metres.
 """
 
 from __future__ import annotations
@@ -13,24 +13,26 @@ from functools import cached_property
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import Poses
-from runtime.contact.collider_coupling import Centres, Coupling, Link
-from runtime.dynamics.free_body_contact import ColliderContact, ColliderFriction
-from runtime.dynamics.newton import Linearisation
-from runtime.dynamics.state import Configuration, ReducedState
-from runtime.dynamics.timings import Timings
-from runtime.rigid.flight import FreeFlight, RigidMotion, centre_of, moved
-from runtime.rigid.free_collider import FreeCollider
-from runtime.rigid.twist import twist_size
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
+from softprint.runtime.contact.lagged_friction import LaggedFriction
+from softprint.runtime.dynamics.free_body_contact import ColliderContact
+from softprint.runtime.dynamics.state import Configuration, ReducedState
+from softprint.runtime.dynamics.timings import Timings
+from softprint.runtime.optimise import Linearisation
+from softprint.runtime.rigid.flight import FreeFlight, RigidMotion, centre_of, moved
+from softprint.runtime.rigid.free_collider import FreeCollider
+from softprint.runtime.rigid.twist import twist_size
 
-# Near other things a collider moves at most by this share of its smallest half extent at a time, so that it cannot pass
-# through a surface between two looks at it.
+# Near other surfaces a collider moves by at most this fraction of its smallest half extent between two evaluations of
+# contact, so that it cannot pass through a surface undetected.
 _HOP = 0.3
-# What corrections and the internal response may add to where the surface of the body is, of the collider's size.
+# Bound on the displacement of the body's surface by corrections and static condensation, as a fraction of the
+# collider's size.
 _ROOM = 0.25
-# A force that moves a collider in a step by less than this share of its size is not worth balancing.
+# A force that moves a collider in a step by less than this fraction of its size counts as balanced.
 _NEGLIGIBLE_SHIFT = 1e-6
 # As in `step_energy.py`.
 _ROUND_OFF = 1e-13
@@ -46,12 +48,12 @@ class FreeBodies:
         contact: ColliderContact,
         basis: Array,
     ) -> None:
-        """basis: (s, n_rows) of the surface of the body, to know what is near it."""
+        """basis: (s, n_rows) at the surface samples of the body, to find those near a collider."""
         self.free = dict(free)
         self.contact = contact
         self._shapes, self._basis = shapes, basis
         self._twist = twist_size(next(iter(shapes.values())).dim) if shapes else 0
-        # Half the extent of a collider turns its angles into lengths.
+        # Half the extent of a collider converts its angles to lengths.
         of_free = [shapes[name] for name in self.free]
         units = [np.r_[np.ones(s.dim), np.full(self._twist - s.dim, 1.0 / s.size)] for s in of_free]
         self.units: Array = np.concatenate([*units, np.empty(0)])
@@ -61,28 +63,28 @@ class FreeBodies:
 
     @property
     def size(self) -> int:
-        """Unknowns."""
+        """The number of unknowns."""
         return len(self.units)
 
     def size_of(self, name: str) -> float:
-        """Of a collider [m]."""
+        """The size of a collider [m]."""
         return self._shapes[name].size
 
     def slot(self, name: str) -> slice:
-        """Those of one collider."""
+        """The unknowns of one collider."""
         first = self._twist * list(self.free).index(name)
         return slice(first, first + self._twist)
 
     def retract(self, poses: Poses, v: Array) -> Poses:
         """Poses after the increment v (n,)."""
-        turned = dict(poses)
+        new_poses = dict(poses)
         twists = v * self.units
         for name, collider in self.free.items():
-            turned[name] = moved(collider.mass, poses[name], twists[self.slot(name)])
-        return turned
+            new_poses[name] = moved(collider.mass, poses[name], twists[self.slot(name)])
+        return new_poses
 
     def longest(self, x: Configuration, twists: Array) -> float:
-        """The share of twists (n,), in metres and radians, that can be gone at once."""
+        """The largest fraction of twists (n,), in metres and radians, that one step may take."""
         share = 1.0
         surface: Array | None = None
         for name, free in self.free.items():
@@ -100,7 +102,7 @@ class FreeBodies:
         return share
 
     def centres(self, poses: Poses) -> Centres:
-        """Centres of mass."""
+        """Centres of mass of the free colliders."""
         return {name: centre_of(collider.mass, poses[name]) for name, collider in self.free.items()}
 
     def weight(self, poses: Poses, gravity: Array) -> float:
@@ -109,38 +111,37 @@ class FreeBodies:
         return -sum(float(self.free[name].mass.mass * gravity @ centre) for name, centre in centres.items())
 
     def kinetic(self, poses: Poses, motions: Mapping[str, RigidMotion]) -> float:
-        """[J]."""
+        """Kinetic energy [J]."""
         return sum(motions[name].energy(collider.mass, poses[name]) for name, collider in self.free.items())
 
-    def step(self, state: ReducedState, time_step: float, gravity: Array, friction: bool) -> FreeStep:
-        """A step of time_step [s] that begins at a state; friction: whether there is any."""
+    def step(self, state: ReducedState, time_step: float, gravity: Array) -> FreeStep:
+        """A step of time_step [s] that starts at a state."""
         flights = {
             name: FreeFlight(collider.mass, state.poses[name], state.motions[name], time_step, gravity)
             for name, collider in self.free.items()
         }
-        return FreeStep(self, flights, ColliderFriction(state.poses, time_step) if friction else None)
+        return FreeStep(self, flights)
 
 
 @dataclass(frozen=True, eq=False)
 class FreeStep:
-    """One step: how each collider would fly if nothing touched it, and what friction among colliders remembers."""
+    """One step: the motion of each collider without contact."""
 
-    movers: FreeBodies
+    bodies: FreeBodies
     flights: Mapping[str, FreeFlight]
-    friction: ColliderFriction | None
 
     def carried_on(self, poses: Poses, share: float = 1.0) -> Poses:
-        """With the free colliders where their momenta alone would take them in a share of the step."""
+        """Poses with the free colliders moved by their momenta alone for a fraction of the step."""
         return {**poses, **{name: flight.carried_on(share) for name, flight in self.flights.items()}}
 
     def start(self, rows: Array, poses: Poses, energy: Callable[[Configuration], float]) -> Configuration:
-        """Where Newton starts: the free colliders carried on, in hops that nothing is passed by in, for as long as the
-        energy does not rise."""
-        at, all_the_way = (Configuration(rows, self.carried_on(poses, share)) for share in (0.0, 1.0))
-        far = np.concatenate([flight.step for flight in self.flights.values()])
-        hops = int(np.ceil(1.0 / self.movers.longest(at, far)))
+        """The starting point of the minimisation: the free colliders moved by their momenta for as long as the energy
+        does not increase, in steps that are too short to pass through anything."""
+        at, end = (Configuration(rows, self.carried_on(poses, share)) for share in (0.0, 1.0))
+        motion = np.concatenate([flight.step for flight in self.flights.values()])
+        hops = int(np.ceil(1.0 / self.bodies.longest(at, motion)))
         if hops == 1:
-            return all_the_way
+            return end
         least = energy(at)
         for hop in range(1, hops + 1):
             ahead = Configuration(rows, self.carried_on(poses, hop / hops))
@@ -151,31 +152,31 @@ class FreeStep:
         return at
 
     def motions(self, poses: Poses) -> dict[str, RigidMotion]:
-        """Of the free colliders, the step having ended at poses."""
+        """The motions of the free colliders at the end of the step, at poses."""
         return {name: flight.motion_at(poses[name]) for name, flight in self.flights.items()}
 
     def inertia(self, poses: Poses) -> float:
-        """Incremental [J]."""
+        """The inertia term of the incremental energy [J]."""
         return sum(flight.energies(poses[name])[0] for name, flight in self.flights.items())
 
-    def among(self, poses: Poses) -> tuple[float, float]:
-        """Energy of contact and of friction among colliders [J]."""
-        return self.movers.contact.energies(poses, self.friction)
+    def among(self, poses: Poses, lagged: LaggedFriction | None) -> tuple[float, float]:
+        """Energies of contact and of lagged friction between colliders [J]."""
+        return self.bodies.contact.energies(poses, lagged)
 
     def longest(self, x: Configuration, v: Array) -> float:
-        """The share of the unknowns v (n,) that can be gone at once."""
-        return self.movers.longest(x, v * self.movers.units)
+        """The largest fraction of the increment v (n,) that one step may take."""
+        return self.bodies.longest(x, v * self.bodies.units)
 
     @cached_property
     def _floor(self) -> float:
-        """Forces below it are nothing [N]."""
-        sizes = ((flight.inert, self.movers.size_of(name)) for name, flight in self.flights.items())
+        """The force below which forces count as balanced [N]."""
+        sizes = ((flight.inert, self.bodies.size_of(name)) for name, flight in self.flights.items())
         return _NEGLIGIBLE_SHIFT * max(inert * size for inert, size in sizes)
 
-    def energy(self, poses: Poses) -> float:
-        """All but what body and colliders do to each other [J]."""
+    def energy(self, poses: Poses, lagged: LaggedFriction | None) -> float:
+        """All energy of the free colliders except their contact with the body [J]."""
         flying = sum(sum(flight.energies(poses[name])) for name, flight in self.flights.items())
-        return flying + sum(self.among(poses))
+        return flying + sum(self.among(poses, lagged))
 
     def joined(
         self,
@@ -184,28 +185,28 @@ class FreeStep:
         couplings: Sequence[Coupling],
         links: Sequence[Link],
         tangent: Array,
-        relag: bool,
+        lagged: LaggedFriction | None,
         timings: Timings,
     ) -> Linearisation:
-        """By all unknowns, the body's first. body: what the handles feel; couplings: what body and free colliders feel
-        of each other; links: and free colliders of one another, through it; tangent: d rows / d unknowns of the body;
-        relag: let friction take up the forces found here."""
-        movers = self.movers
-        units, n, energy = movers.units, movers.size, 0.0
+        """The linearisation by all unknowns, those of the body first. body: by the unknowns of the body alone;
+        couplings: of the body with free colliders; links: of free colliders with each other through the body; tangent:
+        d rows / d unknowns of the body; lagged: see `LaggedFriction`."""
+        bodies = self.bodies
+        units, n, energy = bodies.units, bodies.size, 0.0
         flying, touching, hessian = np.zeros(n), np.zeros(n), np.zeros((n, n))
         with timings.contact:
             for name, flight in self.flights.items():
-                at = movers.slot(name)
+                at = bodies.slot(name)
                 energy += sum(flight.energies(poses[name]))
                 flying[at], hessian[at, at] = flight.linearise(poses[name])
-            for pair in movers.contact.linearise(poses, movers.centres(poses), self.friction, relag):
+            for pair in bodies.contact.linearise(poses, bodies.centres(poses), lagged):
                 energy += pair.energy
-                for name, slope in pair.gradients(movers.free):
-                    touching[movers.slot(name)] += slope
-                for one, other, block in pair.blocks(movers.free):
-                    hessian[movers.slot(one), movers.slot(other)] += block
+                for name, slope in pair.gradients(bodies.free):
+                    touching[bodies.slot(name)] += slope
+                for one, other, block in pair.blocks(bodies.free):
+                    hessian[bodies.slot(one), bodies.slot(other)] += block
             for coupling in couplings:
-                touching[movers.slot(coupling.name)] += coupling.gradient
+                touching[bodies.slot(coupling.name)] += coupling.gradient
         flying, touching = units * flying, units * touching
 
         def joint() -> Array:
@@ -214,12 +215,12 @@ class FreeStep:
             mixed, twisted = np.zeros((len(tangent), n)), hessian.copy()
             with timings.contact:
                 for coupling in couplings:
-                    at = movers.slot(coupling.name)
+                    at = bodies.slot(coupling.name)
                     by_both, by_twist = coupling.blocks()
                     mixed[:, at] += by_both
                     twisted[at, at] += by_twist
                 for first, second, block in links:
-                    one, other, linked = movers.slot(first), movers.slot(second), block()
+                    one, other, linked = bodies.slot(first), bodies.slot(second), block()
                     twisted[one, other] += linked
                     twisted[other, one] += linked.T
             full = np.empty((m + n, m + n))

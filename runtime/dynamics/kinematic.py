@@ -1,4 +1,4 @@
-"""Kinematic handles: not solved for, but held, or led along a path."""
+"""Kinematic handles: not solved for, but fixed or moved along a path."""
 
 from __future__ import annotations
 
@@ -7,44 +7,44 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.body.handles import Handles
-from runtime.colliders.path import KeyframedPath
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.handles import Handles
+from softprint.runtime.colliders.path import KeyframedPath
 
 
 @dataclass(frozen=True, eq=False)
 class KinematicHandle:
-    """handle: a point by number or a frame by name. path: how it moves *from rest*: its position is the
-    displacement of the point, or of the frame's pivot [m], its rotation turns the frame about the pivot; None
-    holds it at rest."""
+    """handle: a point by number or a frame by name. path: its motion *from rest*: its position is the displacement of
+    the point, or of the frame's pivot [m], its rotation rotates the frame about the pivot; None fixes the handle at
+    rest."""
 
     handle: int | str
     path: KeyframedPath | None = None
 
 
 def free_dofs(handles: Handles, kinematic: Sequence[KinematicHandle]) -> IntArray:
-    """(n_free,) the minimal coordinates that are left to solve for."""
+    """(n_free,) the minimal coordinates that are solved for."""
     free = np.ones(handles.n_dofs, dtype=bool)
-    for held in kinematic:
-        free[handles.dofs_of(held.handle)] = False
+    for fixed in kinematic:
+        free[handles.dofs_of(fixed.handle)] = False
     return np.flatnonzero(free)
 
 
 def place_kinematic(
     rows: Array, rest_rows: Array, handles: Handles, kinematic: Sequence[KinematicHandle], time: float
 ) -> Array:
-    """Rows with every kinematic handle where it has to be at ``time`` [s]."""
+    """Rows with every kinematic handle at its prescribed position at ``time`` [s]."""
     placed = rows.copy()
-    for held in kinematic:
-        at = handles.rows_of(held.handle)
+    for fixed in kinematic:
+        at = handles.rows_of(fixed.handle)
         placed[at] = rest_rows[at]
-        if held.path is None:
+        if fixed.path is None:
             continue
-        pose = held.path.pose(time)
-        if isinstance(held.handle, str):
-            pivot = handles.position(rest_rows, held.handle)
+        pose = fixed.path.pose(time)
+        if isinstance(fixed.handle, str):
+            pivot = handles.position(rest_rows, fixed.handle)
             translation = pivot + pose.translation - pose.rotation @ pivot
-            placed = handles.with_frame(placed, held.handle, pose.rotation, translation)
+            placed = handles.with_frame(placed, fixed.handle, pose.rotation, translation)
         else:
             placed[at] += pose.translation
     return placed

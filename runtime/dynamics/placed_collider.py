@@ -1,24 +1,28 @@
-"""The colliders of a scene: led along paths, posed by the caller, or free to move."""
+"""The colliders of a scene: moved along paths, posed by the caller, or moving freely."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from runtime.colliders.collider import Collider
-from runtime.colliders.path import KeyframedPath
-from runtime.colliders.pose import Poses, RigidPose
-from runtime.errors import SoftprintError
-from runtime.learned.correction import Correction, is_field
-from runtime.rigid.flight import RigidMotion
-from runtime.rigid.free_collider import FreeCollider
+import numpy as np
+
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.path import KeyframedPath
+from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.correction import ContactCorrection, Correction
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.rigid.flight import RigidMotion
+from softprint.runtime.rigid.free_collider import FreeCollider
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedCollider:
-    """A collider in the scene. path: where it is over time, None where the caller gives its pose with every
-    step; correction: what was learned about its contact with this body; free: its mass and its start, where it moves as
-    forces have it."""
+    """A collider in the scene. path: its pose over time, None where the caller gives its pose with every step;
+    correction: learned for its contact with this body; free: mass and initial motion of a collider that moves freely,
+    under the forces on it."""
 
     name: str
     collider: Collider
@@ -28,20 +32,20 @@ class PlacedCollider:
 
 
 def free_colliders(colliders: Sequence[PlacedCollider]) -> dict[str, FreeCollider]:
-    """Those that move freely, by name."""
+    """The colliders that move freely, by name."""
     return {placed.name: placed.free for placed in colliders if placed.free is not None}
 
 
 def starting_motions(colliders: Sequence[PlacedCollider]) -> dict[str, RigidMotion]:
-    """How the free ones move at the start."""
+    """The initial motions of the free colliders."""
     return {name: free.motion for name, free in free_colliders(colliders).items()}
 
 
 def poses_at(
     colliders: Sequence[PlacedCollider], time: float, poses: Mapping[str, RigidPose] | None
 ) -> Poses:
-    """Where every collider is at ``time`` [s]: the given pose, or else that of its path; of free ones that of the
-    start."""
+    """The pose of every collider at ``time`` [s]: the given one, otherwise that of its path, or the initial one of a
+    free collider."""
     given = dict(poses or {})
     placed = {}
     for collider in colliders:
@@ -61,19 +65,21 @@ def poses_at(
 def poses_after(
     colliders: Sequence[PlacedCollider], time: float, poses: Mapping[str, RigidPose] | None, before: Poses
 ) -> Poses:
-    """Where every collider is at the end of a step, at ``time`` [s]; free ones where they were before, for the step to
-    move them."""
+    """The pose of every collider at the end of a step, at ``time`` [s]; free colliders keep their poses, which the step
+    solves for."""
     free = free_colliders(colliders)
-    led = [name for name in free if name in (poses or {})]
-    if led:
+    posed = [name for name in free if name in (poses or {})]
+    if posed:
         raise SoftprintError(
-            f"collider {led[0]!r} moves freely: leave its pose to the step, or place it without a density and a mass"
+            f"collider {posed[0]!r} moves freely: leave its pose to the step, or place it without a density and a mass"
         )
     return poses_at(colliders, time, {**(poses or {}), **{name: before[name] for name in free}})
 
 
-def check_colliders(colliders: Sequence[PlacedCollider], dim: int) -> None:
-    """SoftprintError for names, dimensions or corrections that do not fit together."""
+def check_colliders(
+    colliders: Sequence[PlacedCollider], dim: int, mechanics: BodyMechanics | None, contact: PenaltyContact
+) -> None:
+    """Raises SoftprintError where names, dimensions or corrections do not fit together."""
     names = [placed.name for placed in colliders]
     if len(set(names)) != len(names):
         raise SoftprintError(
@@ -92,8 +98,31 @@ def check_colliders(colliders: Sequence[PlacedCollider], dim: int) -> None:
                 f"correction {correction.name!r} was learned for collider {correction.collider!r}, "
                 f"not for {placed.collider.name!r}"
             )
-        if placed.free is not None and is_field(correction):
+        if isinstance(correction, ContactCorrection):
+            _check_contact_correction(placed, correction, mechanics, contact)
+        elif placed.free is not None:
             raise SoftprintError(
-                f"correction {correction.name!r} says nothing of how it changes with the pose of its collider, so "
-                f"{placed.name!r} cannot move freely with it: play the scene with a correction of form loads, or bare"
+                f"correction {correction.name!r} has no derivative by the pose of its collider, so {placed.name!r} "
+                "cannot move freely with it: play the scene with a correction of form force, or without corrections"
             )
+
+
+def _check_contact_correction(
+    placed: PlacedCollider,
+    correction: ContactCorrection,
+    mechanics: BodyMechanics | None,
+    contact: PenaltyContact,
+) -> None:
+    """Raises SoftprintError where its mechanics or stiffness are not those of the simulator."""
+    own = correction.mechanics.compliance
+    given = None if mechanics is None else mechanics.compliance
+    if own is None or given is None or not own.equals(given):
+        raise SoftprintError(
+            f"correction {correction.name!r} of collider {placed.name!r} corrects forces of the body's mechanics: give "
+            "Simulator(mechanics=...) those that it was trained with, `correction.mechanics`"
+        )
+    if not np.isclose(correction.stiffness, contact.stiffness, rtol=1e-9):
+        raise SoftprintError(
+            f"correction {correction.name!r} was trained for a contact stiffness of {correction.stiffness:g} N/m^4, "
+            f"not for {contact.stiffness:g}: give PenaltyContact({correction.stiffness:g}), or train it for this one"
+        )

@@ -1,33 +1,32 @@
 """The reduced simulator: backward Euler steps of a soft body among rigid colliders (thesis 5.4).
 
-A control loop needs `Simulator.rest_state`, `Simulator.step`, and what a step returns; see
+A control loop needs `Simulator.rest_state`, `Simulator.step`, and the result of a step; see
 `examples/control_loop.py`. The cost of a step depends on handles, cubature cells and surface samples, never
 on the size of the mesh; only `Simulator.positions` and `Simulator.deformation_gradients` touch every node or
-cell.
+cell. A step is a function of its arguments: warm starts and kept factorisations are in the state.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray, same
-from runtime.body.body import ReducedBody
-from runtime.colliders.pose import RigidPose
-from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.contact.condensed.condensed_contact import CondensedContact
-from runtime.contact.contact_force import ContactForce
-from runtime.contact.friction_state import FrictionState
-from runtime.dynamics.corrected_nodes import CorrectedNodes, Snapshot
-from runtime.dynamics.corrected_points import CorrectedPoints
-from runtime.dynamics.free_bodies import FreeBodies, FreeStep
-from runtime.dynamics.free_body_contact import ColliderContact
-from runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
-from runtime.dynamics.newton import NewtonResult, NewtonSettings, Status, minimise
-from runtime.dynamics.placed_collider import (
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.contact_force import ContactForce
+from softprint.runtime.contact.lagged_friction import SlipStart
+from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.dynamics.corrected_nodes import CorrectedNodes, Snapshot
+from softprint.runtime.dynamics.free_bodies import FreeBodies, FreeStep
+from softprint.runtime.dynamics.free_body_contact import ColliderContact
+from softprint.runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
+from softprint.runtime.dynamics.placed_collider import (
     PlacedCollider,
     check_colliders,
     free_colliders,
@@ -35,55 +34,36 @@ from runtime.dynamics.placed_collider import (
     poses_at,
     starting_motions,
 )
-from runtime.dynamics.state import Configuration, ReducedState, StepResult
-from runtime.dynamics.step_energy import StepEnergy
-from runtime.dynamics.step_start import StepStart
-from runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
-from runtime.dynamics.terms.elastic import Elastic, ElasticEnergy
-from runtime.dynamics.terms.kept_elastic_hessian import kept_if_dear
-from runtime.dynamics.terms.springs import HandleSpring, QuadraticForm, Springs
-from runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
-from runtime.dynamics.terms.weight import Weight
-from runtime.dynamics.timings import Timings
-from runtime.elasticity.reduced_elasticity import ReducedElasticity
-from runtime.errors import SoftprintError
-from runtime.learned.correction import is_field
-from runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.dynamics.settings import DynamicsSettings
+from softprint.runtime.dynamics.state import Configuration, ReducedState, StepResult
+from softprint.runtime.dynamics.step.body_terms import build_terms, find_corrections
+from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
+from softprint.runtime.dynamics.step.frame import CorotatedFrame
+from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint, Unknowns, by_axis
+from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step
+from softprint.runtime.dynamics.step.step_start import StepStart, kept_factorisation
+from softprint.runtime.dynamics.terms.springs import HandleSpring, QuadraticForm, Springs
+from softprint.runtime.dynamics.timings import Timings
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.optimise import Minimum, Newton, NewtonSettings, Status
 
-# A body strained by less than this feels no force worth balancing: the floor of the scale of residuals.
+# Forces of a strain below this count as balanced: the floor of the scale of residuals.
 _NEGLIGIBLE_STRAIN = 1e-9
-# A surface point whose reduced position is farther from the collider than this share of the collider's size
-# is taken not to be pushed into it by a correction, and so needs none.
-_REACH = 0.25
-# A static solve turns the internal response anew until no part of it turns by more than this [rad], but not more often
-# than so many times: it converges fast, for the turn hardly matters where strain is small.
-_SAME_TURN = 1e-6
-_TURNS = 10
-
-
-@dataclass(frozen=True)
-class DynamicsSettings:
-    """time_step h [s]; newton: for each step; friction_updates: how many of a step's first Newton iterations
-    take up new normal forces for friction, which are then frozen so that the iterations can converge."""
-
-    time_step: float = 1.0 / 60.0
-    newton: NewtonSettings = field(default_factory=NewtonSettings)
-    friction_updates: int = 3
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.time_step) and self.time_step > 0):
-            raise SoftprintError(f"the time step must be a positive number of seconds, not {self.time_step}")
-        if self.friction_updates < 1:
-            raise SoftprintError(f"friction_updates must be at least 1, not {self.friction_updates}")
+# A static solve updates the rotations of its frame until none changes by more than this [rad], at most so many times.
+# It converges fast, since the rotations hardly matter where the strain is small.
+_SAME_ROTATION = 1e-6
+_FRAMES = 10
 
 
 class Simulator:
     """Steps one body.
 
-    gravity (dim,) [m/s^2]; kinematic: handles that are held or led and not solved for. Corrections come with
-    their colliders. internal: how the body settles where the subspace cannot follow, for all of its nodes and
-    the same gravity; with it the reduced positions are U rows + u_int everywhere; that which a correction brings by
-    default. Raises SoftprintError where body, colliders, paths and handles do not fit together.
+    contact: the penalty law; gravity (dim,) [m/s^2]; kinematic: handles that are fixed or moved along a path and not
+    solved for. Corrections belong to their colliders. mechanics: linear mechanics of the body outside the subspace:
+    with its static condensation u the reduced positions are U rows + u everywhere, and with its surface compliance
+    contact is condensed. Raises SoftprintError where body, mechanics, colliders, corrections, paths and handles do not
+    fit together.
     """
 
     def __init__(
@@ -92,247 +72,216 @@ class Simulator:
         colliders: Sequence[PlacedCollider] = (),
         *,
         contact: PenaltyContact,
+        mechanics: BodyMechanics | None = None,
         friction: CoulombFriction | None = None,
         gravity: Sequence[float] | Array | None = None,
         springs: Sequence[HandleSpring] = (),
         kinematic: Sequence[KinematicHandle] = (),
         settings: DynamicsSettings | None = None,
-        internal: StaticCondensation | None = None,
     ) -> None:
-        self.body = body
-        self.colliders = tuple(colliders)
+        self.body, self.colliders = body, tuple(colliders)
         self.settings = settings or DynamicsSettings()
-        self._springs = Springs(springs, body.handles)
-        self._springs_at: tuple[float, QuadraticForm] | None = None
-        self._kinematic = tuple(kinematic)
-        if internal is None:
-            brought = (
-                placed.correction.internal for placed in self.colliders if placed.correction is not None
-            )
-            internal = next((response for response in brought if response is not None), None)
-        self._internal = internal
-        acceleration = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
-        self._check(acceleration)
-        self._gravity = acceleration
+        self._gravity = _acceleration(body, gravity)
+        _check_mechanics(body, mechanics)
+        check_colliders(self.colliders, body.dim, mechanics, contact)
+        self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
+        self._springs, self._kinematic = Springs(springs, body.handles), tuple(kinematic)
         self._start = StepStart(body, self._kinematic, self.settings.time_step)
-        self._free = free_dofs(body.handles, self._kinematic)
-        self._weight = Weight(body, acceleration, internal)
-        self._units = body.handles.units(0.5 * body.mesh.size)[self._free]
-        stiffness = float(np.mean(body.material.young)) * body.mesh.size ** (body.dim - 1)
-        self._force_floor = max(
-            _NEGLIGIBLE_STRAIN * stiffness, float(body.node_mass.sum() * np.linalg.norm(acceleration))
-        )
-        shapes = {placed.name: placed.collider for placed in self.colliders}
-        self._corrections = [(p.name, p.correction) for p in self.colliders if p.correction is not None]
-        potentials = {
-            name: correction.potential
-            for name, correction in self._corrections
-            if correction.potential is not None
-        }
-        self._condensed = CondensedContact(potentials, friction)
-        at_points = [(name, correction) for name, correction in self._corrections if is_field(correction)]
-        penalised = {name: shape for name, shape in shapes.items() if name not in potentials}
-        sizes = [shapes[name].size for name, _ in at_points if np.isfinite(shapes[name].size)]
-        self._points = CorrectedPoints(body, at_points, _REACH * max(sizes, default=np.inf))
-        elastic: Elastic = (
-            ElasticEnergy(body, self._points)
-            if internal is None
-            else CondensedElasticEnergy(body, self._points, internal)
-        )
-        self._elastic = kept_if_dear(elastic, ReducedElasticity.of(body))
-        self._surface = SurfaceContactEnergy(body, self._points, penalised, contact, friction, internal)
-        self._nodes = CorrectedNodes(body, self._corrections, internal, joint=self._condensed.joint)
-        self._samples = CorrectedNodes(
-            body, self._corrections, internal, body.surface.nodes, self._condensed.joint
-        )
+        free = free_dofs(body.handles, self._kinematic)
+        self._unknowns = Unknowns(body.handles, free, body.handles.units(0.5 * body.mesh.size)[free])
         self._friction = friction
-        free = free_colliders(self.colliders)
-        self._movers = FreeBodies(
-            free, shapes, ColliderContact(free, shapes, contact, friction), body.basis[body.surface.nodes]
+        self._corrections = find_corrections(body, self.colliders, self.mechanics, contact)
+        self._terms = build_terms(
+            body, self.colliders, self._corrections, self.mechanics, contact, friction, self._gravity
         )
-        self._last: tuple[ReducedState, Array, Array] | None = None  # the surface at the end of the last step
-
-    def _check(self, gravity: Array) -> None:
-        dim = self.body.dim
-        if gravity.shape != (dim,) or not np.isfinite(gravity).all():
-            raise SoftprintError(f"gravity must be {dim} numbers for this body, not {gravity.tolist()}")
-        if self._internal is not None:
-            if len(self._internal) != self.body.n_nodes:
-                raise SoftprintError(
-                    f"the internal response is of {len(self._internal)} nodes, but the body has {self.body.n_nodes}: "
-                    "give that of all of them"
-                )
-            if not np.allclose(self._internal.gravity, gravity, rtol=1e-12):
-                raise SoftprintError(
-                    f"the internal response is for the gravity {self._internal.gravity.tolist()}, not for "
-                    f"{gravity.tolist()}: train the correction for the gravity of the scene, or take "
-                    "`StaticCondensation.under` it"
-                )
-        check_colliders(self.colliders, dim)
+        stiffness = float(np.mean(body.material.young)) * body.mesh.size ** (body.dim - 1)
+        weight = float(body.node_mass.sum() * np.linalg.norm(self._gravity))
+        self._force_floor = max(_NEGLIGIBLE_STRAIN * stiffness, weight)
+        shapes = {placed.name: placed.collider for placed in self.colliders}
+        bodies = free_colliders(self.colliders)
+        among = ColliderContact(bodies, shapes, contact, friction)
+        self._free_bodies = FreeBodies(bodies, shapes, among, body.basis[body.surface.nodes])
 
     def rest_state(self, time: float = 0.0, poses: Mapping[str, RigidPose] | None = None) -> ReducedState:
-        """The undeformed body, not moving; kinematic handles where they are at ``time`` [s]. A motion begins: where
-        contact came from is forgotten, of which drawings and forces of a state in contact may depend."""
-        self._condensed.begin()
+        """The undeformed body with zero velocity; kinematic handles at their positions at ``time`` [s]."""
         rest = self.body.rest_rows
         rows = place_kinematic(rest, rest, self.body.handles, self._kinematic, time)
         where = poses_at(self.colliders, time, poses)
-        return ReducedState(time, rows, np.zeros_like(rows), where, motions=starting_motions(self.colliders))
+        return ReducedState(time, rows, np.zeros_like(rows), where, starting_motions(self.colliders))
 
     def step(
         self, state: ReducedState, poses: Mapping[str, RigidPose] | None = None
     ) -> StepResult[ReducedState]:
-        """One time step. ``poses``: of colliders at the *end* of the step, in place of their paths."""
-        self._check_state(state)
-        timings = Timings()
-        h = self.settings.time_step
+        """One time step. ``poses``: of colliders at the *end* of the step, instead of their paths."""
+        self.body.handles.check_rows(state.rows, "rows of the state")
+        timings, h = Timings(), self.settings.time_step
         end = state.time + h
         end_poses = poses_after(self.colliders, end, poses, state.poses)
-        free = (
-            self._movers.step(state, h, self._gravity, self._friction is not None) if self._movers else None
-        )
+        free = self._free_bodies.step(state, h, self._gravity) if self._free_bodies else None
         inertia = QuadraticForm.about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
-        turn = state.rows
-        contact = None
-        if self._friction is not None:
-            before = turn if state.turn is None else state.turn
-            surface = self._surface_of(state, before, timings)
-            with timings.contact:
-                settled = self._condensed.settled(state.rows, state.poses, before)
-            contact = FrictionState(surface, state.poses, h, settled)
-        energy = self._energy(end, turn, inertia, contact, timings, free)
-        begin = self._start(state, energy, end, end_poses)
+        frame = self._terms.in_frame(state.rows)
+        problem = self._problem(frame, inertia, end, free, timings)
+        begin = self._evaluated(frame, state, timings)
+        start, predicted_by = self._start(state, problem, begin, end, end_poses)
         if free is not None:
-            begin = free.start(begin.rows, end_poses, energy.energy)
-        solved = minimise(energy, begin, self.settings.newton, timings.solve)
-        rows, end_poses = solved.x
-        velocity = (rows - state.rows) / h
-        motions = {} if free is None else free.motions(end_poses)
-        reached = ReducedState(end, rows, velocity, end_poses, turn, motions)
-        self._start.learn(solved, reached, energy)
-        return self._result(solved, reached, energy, inertia, timings, free)
-
-    def _check_state(self, state: ReducedState) -> None:
-        """One that the last step did not return may have been made by hand."""
-        if self._last is None or self._last[0] is not state:
-            self.body.handles.check_rows(state.rows, "rows of the state")
+            start = self._free_start(start, problem, begin, free, end_poses)
+        point = problem.point(begin.near(start))
+        solved = solve_step(problem, point, self.settings.method, self._sliding(state, timings))
+        reached = self._reached(solved, end, (solved.x.body.at.rows - state.rows) / h, free)
+        reached = replace(reached, factorisation=kept_factorisation(solved, predicted_by))
+        return self._result(solved, reached, inertia, timings, free)
 
     def settle(
         self, state: ReducedState | None = None, newton: NewtonSettings | None = None
     ) -> StepResult[ReducedState]:
-        """Static equilibrium near ``state`` (the rest state by default) at its time, without friction: where
-        a scene starts. Something must hold the body: kinematic handles, springs or contact. Colliders that move freely
-        stay where they are, and keep their motion."""
+        """Static equilibrium near ``state`` (the rest state by default) at its time, without friction: the start of a
+        scene. The body must be supported: by kinematic handles, springs or contact. Colliders that move freely keep
+        their poses and motions."""
         begin = state or self.rest_state()
-        self._check_state(begin)
-        settings = newton or NewtonSettings(max_iterations=100, tolerance=1e-6)
-        timings = Timings()
-        rows, iterations = begin.rows, 0
-        for _ in range(_TURNS):
-            energy = self._static_energy(begin, rows, timings)
-            turned = self._turns(rows)
-            solved = minimise(energy, Configuration(rows, begin.poses), settings, timings.solve)
-            rows, iterations = solved.x.rows, iterations + solved.iterations
-            if not solved.converged or np.abs(self._turns(rows) - turned).max(initial=0.0) < _SAME_TURN:
+        self.body.handles.check_rows(begin.rows, "rows of the state")
+        optimiser = Newton(newton or NewtonSettings(max_iterations=100, tolerance=1e-6))
+        timings, iterations = Timings(), 0
+        for _ in range(_FRAMES):
+            solved = solve_step(*self._static(begin, timings), optimiser, None)
+            iterations += solved.iterations
+            rotations = self._rotations(begin.rows)
+            begin = replace(begin, rows=solved.x.body.at.rows, contact=_solved_contact(solved.x.body))
+            change = np.abs(self._rotations(begin.rows) - rotations).max(initial=0.0)
+            if not solved.converged or change < _SAME_ROTATION:
                 break
-        return self._static_result(replace(solved, iterations=iterations), begin, energy, timings)
+        return self._static_result(replace(solved, iterations=iterations), begin, timings)
 
     def at_rest(self) -> StepResult[ReducedState]:
-        """The rest state as the result of no step at all: its energies and contact forces."""
+        """The rest state as a result without any step: its energies and contact forces."""
         state, timings = self.rest_state(), Timings()
-        solved = NewtonResult(Configuration(state.rows, state.poses), Status.CONVERGED, 0, 0.0, 0.0)
-        energy = self._static_energy(state, state.rows, timings)
-        return self._static_result(solved, state, energy, timings)
+        _, point = self._static(state, timings)
+        return self._static_result(Minimum(point, Status.CONVERGED, 0, 0.0, 0.0), state, timings)
 
-    def _turns(self, turn: Array) -> Array:
-        """(n, dim, dim), see `StaticCondensation.turns`; none where there is no such response."""
-        return (
-            np.empty((0, self.body.dim, self.body.dim))
-            if self._internal is None
-            else self._internal.turns(turn)
-        )
+    def _evaluated(self, frame: CorotatedFrame, state: ReducedState, timings: Timings) -> BodyEvaluation:
+        """The body at a state in a frame, with the warm start and the kept Hessian of the state."""
+        contact = self._corrections.contact
+        warm_start = None if contact is None else contact.resume(state.contact)
+        at = Configuration(state.rows, state.poses)
+        return BodyEvaluation(frame, at, warm_start, state.elastic_hessian, timings)
 
-    def _pulled(self, time: float) -> QuadraticForm:
-        """By the springs, at a time [s]; that of the last one asked for is kept."""
-        if self._springs_at is None or self._springs_at[0] != time:
-            self._springs_at = time, self._springs.form(time)
-        return self._springs_at[1]
+    def _free_start(
+        self, start: Configuration, problem: StepEnergy, begin: BodyEvaluation, free: FreeStep, poses: Poses
+    ) -> Configuration:
+        """The starting point with the free colliders moved by their momenta until they meet an obstacle."""
+        body = begin
 
-    def _static_energy(self, state: ReducedState, turn: Array, timings: Timings) -> StepEnergy:
-        return self._energy(state.time, turn, self._no_inertia, None, timings, None)
+        def energy(at: Configuration) -> float:
+            nonlocal body
+            point = problem.point(body.near(at))
+            body = point.body
+            return point.energy
+
+        return free.start(start.rows, poses, energy)
+
+    def _sliding(self, state: ReducedState, timings: Timings) -> SlidingStep | None:
+        """The start from which the slip of a step is measured; None without friction."""
+        if self._friction is None:
+            return None
+        frame = self._terms.in_frame(state.frame)
+        body = self._evaluated(frame, state, timings)
+
+        def contact_nodes(index: IntArray) -> Array:
+            found = self._contact_at(state, body)
+            assert found is not None  # called by condensed contact only
+            return found.deformed_positions(index)
+
+        slip = SlipStart(body.positions, state.poses, self.settings.time_step, contact_nodes)
+        return SlidingStep(slip, self.settings.friction_updates)
+
+    def _contact_at(self, state: ReducedState, body: BodyEvaluation) -> ContactEvaluation | None:
+        """The condensed contact of a state: the stored one if it was solved at the rows of the state."""
+        contact, nodes = self._corrections.contact, body.frame.contact_nodes
+        if contact is None or nodes is None:
+            return None
+        return contact.evaluation(nodes, state.rows, state.contact) if state.contact_is_here else body.contact
+
+    def _static(self, state: ReducedState, timings: Timings) -> tuple[StepEnergy, StepPoint]:
+        """The energy without inertia in the frame of a state, and its point at that state."""
+        frame = self._terms.in_frame(state.rows)
+        problem = self._problem(frame, self._no_inertia, state.time, None, timings)
+        return problem, problem.point(self._evaluated(frame, state, timings))
 
     def _static_result(
-        self, solved: NewtonResult[Configuration], begin: ReducedState, energy: StepEnergy, timings: Timings
+        self, solved: Minimum[StepPoint], begin: ReducedState, timings: Timings
     ) -> StepResult[ReducedState]:
-        rows = solved.x.rows
-        state = ReducedState(begin.time, rows, np.zeros_like(rows), begin.poses, energy.turn, begin.motions)
-        return self._result(solved, state, energy, self._no_inertia, timings, None)
+        state = self._reached(solved, begin.time, np.zeros_like(begin.rows), None)
+        state = replace(state, motions=begin.motions)
+        return self._result(solved, state, self._no_inertia, timings, None)
 
     @cached_property
     def _no_inertia(self) -> QuadraticForm:
         return QuadraticForm.about(np.zeros_like(self.body.reduced_mass), self.body.rest_rows)
 
-    def _energy(
+    def _rotations(self, rows: Array) -> Array:
+        """(n, dim, dim) of the nodes of the body; none without static condensation."""
+        condensation = None if self.mechanics is None else self.mechanics.condensation
+        if condensation is None:
+            return np.empty((0, self.body.dim, self.body.dim))
+        return condensation.corotation.rotations(rows)
+
+    def _problem(
         self,
-        time: float,
-        turn: Array,
+        frame: CorotatedFrame,
         inertia: QuadraticForm,
-        contact: FrictionState | None,
-        timings: Timings,
+        time: float,
         free: FreeStep | None,
+        timings: Timings,
     ) -> StepEnergy:
-        springs = self._pulled(time)
-        weight, height = self._weight.form(turn)
+        springs = self._springs.form(time)
+        weight, height = frame.weight
         quadratic = QuadraticForm(
             inertia.matrix + springs.matrix,
             inertia.linear + springs.linear + weight,
             inertia.constant + springs.constant + height,
         )
-        return StepEnergy(
-            handles=self.body.handles,
-            free=self._free,
-            quadratic=quadratic,
-            points=self._points,
-            elastic=self._elastic,
-            surface=self._surface,
-            condensed=self._condensed,
-            turn=turn,
-            step=contact,
-            free_colliders=free,
-            friction_updates=self.settings.friction_updates,
-            force_floor=self._force_floor,
-            units=self._units,
-            timings=timings,
+        blocks = by_axis(quadratic.matrix, self.body.dim)
+        return StepEnergy(self._unknowns, quadratic, springs, blocks, free, None, self._force_floor, timings)
+
+    def _reached(
+        self, solved: Minimum[StepPoint], time: float, velocity: Array, free: FreeStep | None
+    ) -> ReducedState:
+        """The state at the end of a solve, with the warm start of the next one."""
+        body = solved.x.body
+        return ReducedState(
+            time=time,
+            rows=body.at.rows,
+            rows_velocity=velocity,
+            poses=body.at.poses,
+            motions={} if free is None else free.motions(body.at.poses),
+            frame_rows=body.frame.rows,
+            contact=_solved_contact(body),
+            elastic_hessian=body.kept_hessian,
         )
 
     def _result(
         self,
-        solved: NewtonResult[Configuration],
+        solved: Minimum[StepPoint],
         state: ReducedState,
-        energy: StepEnergy,
         inertia: QuadraticForm,
         timings: Timings,
         free: FreeStep | None,
     ) -> StepResult[ReducedState]:
-        rows, velocity = state.rows, state.rows_velocity
-        found = energy.evaluate(solved.x)
-        self._last = (state, energy.turn, found.surface)
-        normal, friction, forces = energy.contacts(found)
-        springs = self._pulled(state.time)
-        weight, height = self._weight.form(energy.turn)
+        x, rows, velocity = solved.x, state.rows, state.rows_velocity
+        normal, friction, forces = x.contacts()
+        weight, height = x.body.frame.weight
         energies = {
             "inertia": inertia.energy(rows),
             "kinetic": 0.5 * float(np.vdot(velocity, self.body.reduced_mass @ velocity)),
             "gravity": height - float(np.vdot(weight, rows)),
-            "springs": springs.energy(rows),
-            "elastic": found.elastic,
+            "springs": x.problem.springs.energy(rows),
+            "elastic": x.body.elastic.energy,
             "contact": normal,
             "friction": friction,
         }
-        if self._movers:
+        if self._free_bodies:
             energies["inertia"] += 0.0 if free is None else free.inertia(state.poses)
-            energies["kinetic"] += self._movers.kinetic(state.poses, state.motions)
-            energies["gravity"] += self._movers.weight(state.poses, self._gravity)
+            energies["kinetic"] += self._free_bodies.kinetic(state.poses, state.motions)
+            energies["gravity"] += self._free_bodies.weight(state.poses, self._gravity)
         return StepResult(
             state,
             solved.status,
@@ -344,47 +293,82 @@ class Simulator:
             forces,
         )
 
-    def _surface_of(self, state: ReducedState, turn: Array, timings: Timings) -> Array:
-        """Corrected surface samples at a state; remembered for the state that the last step returned."""
-        if self._last is not None:
-            last, last_turn, surface = self._last
-            if last is state and same(last_turn, turn):
-                return surface
-        displacement = self._points.displacement(state.rows, state.poses, timings.correction)
-        return self._surface.positions(state.rows, turn, displacement)
-
     def surface_positions(self, state: ReducedState) -> Array:
-        """(s, dim) [m]: the body's surface samples, corrections included: what a hand feels and an eye sees, at a
-        cost that does not grow with the mesh."""
-        return self._samples.positions(state)
+        """(s, dim) [m]: the surface samples of the body, corrections included, at a cost that does not grow with the
+        mesh."""
+        return self.surface_drawn(self.surface_snapshot(state))
 
     def surface_snapshot(self, state: ReducedState) -> Snapshot:
-        """What `surface_drawn` makes the same of, later: see `CorrectedNodes`."""
-        return self._samples.snapshot(state)
+        """A snapshot from which `surface_drawn` computes the same positions later."""
+        return self._snapshot(state, self._samples)
 
     def surface_drawn(self, snapshot: Snapshot) -> Array:
-        """(s, dim) [m], on any thread or in another process, beside the next step (`background_drawing.py`)."""
-        return self._samples.drawn(snapshot)
+        """(s, dim) [m] of a snapshot. May run on any thread or in another process, concurrently with the next step
+        (`runtime/scenes/background_drawing.py`)."""
+        return self._samples.positions(snapshot)
 
     def follow(self, nodes: IntArray) -> Callable[[ReducedState], Array]:
-        """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state, corrections included: bound
-        once, at a cost that does not grow with the mesh."""
-        joint = self._condensed.joint
-        return CorrectedNodes(self.body, self._corrections, self._internal, nodes, joint).positions
+        """Positions (n, dim) [m] of some nodes (n,) of the mesh as a function of the state, corrections included:
+        prepared once, at a cost that does not grow with the mesh."""
+        followed = self._corrected_nodes(nodes)
+        return lambda state: followed.positions(self._snapshot(state, followed))
 
     def positions(self, state: ReducedState) -> Array:
-        """(n_nodes, dim) [m]: every node of the mesh, corrections included. As costly as the mesh is
-        large."""
-        return self._nodes.positions(state)
+        """(n_nodes, dim) [m]: every node of the mesh, corrections included. The cost is proportional to the mesh."""
+        return self._nodes.positions(self._snapshot(state, self._nodes))
+
+    def _snapshot(self, state: ReducedState, nodes: CorrectedNodes) -> Snapshot:
+        """Of a state, for some nodes."""
+        solved = state.contact
+        if not state.contact_is_here:
+            solved = _solved_contact(self._evaluated(self._terms.in_frame(state.frame), state, Timings()))
+        return Snapshot(state.rows, state.frame, solved, nodes.field_displacement(state.rows, state.poses))
+
+    @cached_property
+    def _nodes(self) -> CorrectedNodes:
+        return self._corrected_nodes(None)
+
+    @cached_property
+    def _samples(self) -> CorrectedNodes:
+        return self._corrected_nodes(self.body.surface.nodes)
+
+    def _corrected_nodes(self, nodes: IntArray | None) -> CorrectedNodes:
+        condensation = None if self.mechanics is None else self.mechanics.condensation
+        if condensation is not None and nodes is not None:
+            condensation = condensation.at(nodes)
+        return CorrectedNodes(self.body, self._corrections, condensation, nodes)
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
-        """The normal forces on every collider at a state; those of a `StepResult` hold friction too."""
-        turn = state.rows if state.turn is None else state.turn
-        at_points = self._surface.forces(self._surface_of(state, turn, Timings()), state.poses, None)[2]
-        return {**at_points, **self._condensed.forces(state.rows, state.poses, turn, None)[2]}
+        """The normal forces on every collider at a state; those of a `StepResult` include friction."""
+        body = self._evaluated(self._terms.in_frame(state.frame), state, Timings())
+        contact = self._contact_at(state, body)
+        return {**body.surface.forces(None), **({} if contact is None else contact.forces())}
 
     def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""
         return self.body.mesh.deformation_gradients(
             self.positions(state), slice(None) if cells is None else cells
+        )
+
+
+def _solved_contact(body: BodyEvaluation) -> SolvedContact | None:
+    """The warm start of the next contact solve."""
+    return None if body.contact is None else body.contact.solved
+
+
+def _acceleration(body: ReducedBody, gravity: Sequence[float] | Array | None) -> Array:
+    """Gravity as an array (dim,). Raises SoftprintError for anything else."""
+    found = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
+    if found.shape != (body.dim,) or not np.isfinite(found).all():
+        raise SoftprintError(f"gravity must be {body.dim} numbers for this body, not {found.tolist()}")
+    return found
+
+
+def _check_mechanics(body: ReducedBody, mechanics: BodyMechanics | None) -> None:
+    """Raises SoftprintError for mechanics of another body."""
+    condensation = None if mechanics is None else mechanics.condensation
+    if condensation is not None and len(condensation) != body.n_nodes:
+        raise SoftprintError(
+            f"the static condensation is of {len(condensation)} nodes, but the body has {body.n_nodes}: "
+            "give that of all of them"
         )

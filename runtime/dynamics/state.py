@@ -1,4 +1,4 @@
-"""What a simulator steps from and to, and what it says about a step."""
+"""The state of a simulation, and the result of a step."""
 
 from __future__ import annotations
 
@@ -7,42 +7,73 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Generic, NamedTuple, TypeVar
 
-from runtime.arrays import Array
-from runtime.colliders.pose import RigidPose
-from runtime.contact.contact_force import ContactForce
-from runtime.rigid.flight import RigidMotion
+import numpy as np
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.contact.contact_force import ContactForce
+from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
+from softprint.runtime.optimise.descent import Descent
+from softprint.runtime.rigid.flight import RigidMotion
 
 State = TypeVar("State")
 
 
 class Configuration(NamedTuple):
-    """What a step solves for: handle rows (n_rows, dim) and where every collider is; of these only those move that move
-    freely."""
+    """The unknowns of a step: handle rows (n_rows, dim) and the poses of all colliders, of which only free colliders
+    move."""
 
     rows: Array
-    poses: Mapping[str, RigidPose]
+    poses: Poses
+
+
+@dataclass(frozen=True, eq=False)
+class KeptFactorisation:
+    """contact_gradient: of the contact energy by the unknowns (n_free,) [N] at a state whose forces balance; descent:
+    the factorised Hessian of the last iteration before it."""
+
+    contact_gradient: Array
+    descent: Descent
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedState:
-    """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: where each
-    collider stands at this time; turn (n_rows, dim): the handle rows at which the internal response of the body was
-    turned in the step that led here, None where no step did; motions: how the colliders move that move freely."""
+    """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: of all colliders at
+    this time; motions: of the colliders that move freely.
+
+    The warm start of the next step, plain data, None in a state without a previous step: frame_rows (n_rows, dim): the
+    handle rows of the corotated frame of the previous step; contact: solved at this state, with its active set;
+    factorisation: predicts the start of the next step; elastic_hessian: used again while the strain changes little.
+    """
 
     time: float
     rows: Array
     rows_velocity: Array
     poses: Mapping[str, RigidPose]
-    turn: Array | None = None
     motions: Mapping[str, RigidMotion] = field(default_factory=dict)
+    frame_rows: Array | None = None
+    contact: SolvedContact | None = None
+    factorisation: KeptFactorisation | None = None
+    elastic_hessian: KeptHessian | None = None
+
+    @property
+    def frame(self) -> Array:
+        """The frame rows: the rows of the state itself without a previous step."""
+        return self.rows if self.frame_rows is None else self.frame_rows
+
+    @property
+    def contact_is_here(self) -> bool:
+        """Whether the contact that the state carries was solved at its rows, and not at those of another state."""
+        return self.contact is not None and np.array_equal(self.contact.rows, self.rows)
 
 
 @dataclass(frozen=True, eq=False)
 class StepResult(Generic[State]):
     """One step, reduced or full.
 
-    state: at its end; status: its `sentence` is advice, and 0 means converged; iterations: linear solves;
-    residual: relative, as last seen by the solver (see `newton`); energies [J] and timings [s] by name;
+    state: at its end; status: how the solve ended, with advice in its `sentence`; 0 means converged; iterations: linear
+    solves; residual: relative, as last evaluated by the solver (see `newton`); energies [J] and timings [s] by name;
     contacts by collider.
     """
 

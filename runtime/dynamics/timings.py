@@ -1,4 +1,4 @@
-"""Where the time of a step goes."""
+"""Timings of the phases of a step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PHASES = ("positions", "elastic", "contact", "correction", "solve")
 
 
 class Phase:
-    """A stopwatch to be entered as often as the phase comes up; ``seconds`` is the sum."""
+    """A stopwatch that may be entered many times; ``seconds`` is the sum."""
 
     def __init__(self) -> None:
         self.seconds = 0.0

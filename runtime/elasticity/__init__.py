@@ -1,5 +1,5 @@
-"""Hyperelastic materials and the elastic energy of simplex meshes and of reduced bodies."""
+"""Hyperelastic materials (one file each in `materials/`) and the elastic energy of meshes and of reduced bodies."""
 
-from runtime.elasticity.materials import Linear, Material, NeoHookean, StableNeoHookean, make_material
+from softprint.runtime.elasticity.materials import MATERIALS, Material, make_material
 
-__all__ = ["Linear", "Material", "NeoHookean", "StableNeoHookean", "make_material"]
+__all__ = ["MATERIALS", "Material", "make_material"]

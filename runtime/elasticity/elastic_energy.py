@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array, scatter_sum
-from runtime.elasticity.materials import Material
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, scatter_sum
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.mesh import Mesh
 
 
 def elastic_energy(mesh: Mesh, material: Material, positions: Array) -> float:

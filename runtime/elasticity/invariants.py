@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array
-from runtime.compiled import compiled
+from softprint.runtime.arrays import Array
+from softprint.runtime.compiled import compiled
 
 Floats = NDArray[np.floating[Any]]
 
 
-@compiled
+@compiled(reference=lambda F: np.einsum("nij,nij->n", F, F) + 3.0 - F.shape[-1])
 def first_invariant(F: Floats) -> Array:
     """I_C (n,) of the deformation in space: F_33 = 1 adds 1 in plane strain."""
     n, dim = F.shape[:2]
@@ -27,7 +27,7 @@ def first_invariant(F: Floats) -> Array:
     return result
 
 
-@compiled
+@compiled(reference=np.linalg.det)
 def determinant(F: Floats) -> Array:
     """J (n,)."""
     n, dim = F.shape[:2]
@@ -54,7 +54,7 @@ def _cofactor(F: Floats, i: int, j: int) -> float:
     return F[a, k] * F[b, m] - F[a, m] * F[b, k]
 
 
-@compiled
+@compiled(reference=lambda F: np.einsum("n,nji->nij", np.linalg.det(F), np.linalg.inv(F)))
 def cofactor(F: Floats) -> Array:
     """dJ/dF_ij (n, dim, dim): the cofactor matrix, finite for singular F too (J F^-T where F is regular)."""
     n, dim = F.shape[:2]

@@ -5,25 +5,21 @@ With the basis gradients D_c (n_rows, dim) of a cell, F_c,ij = sum_r rows_ri D_c
     dE/drows_ri           = sum_c w_c D_c,rj P_c,ij
     d2E/drows_ri drows_sk = sum_c w_c D_c,rj A_c,ijkl D_c,sl,
 
-each written as one matrix product over (cell, j). Where a correction moves the corners of a cell too, F
-depends on all rows and the general form with B = dF/drows is used.
+each computed as one matrix product over (cell, j). Where a correction also displaces the corners of a cell, F
+depends on all rows, and the general form with B = dF/drows is used.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.elasticity.materials import Material
-from runtime.linalg.row_products import deformed
-from runtime.mesh import Mesh
-
-if TYPE_CHECKING:
-    from runtime.body.body import ReducedBody
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.linalg.row_products import deformed
+from softprint.runtime.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +27,7 @@ class ReducedElasticity:
     """m cubature cells of a body.
 
     weights: (m,) [m^dim]; material: at those cells; basis_gradient: D (m, n_rows, dim) [1/m]; corners: (m,
-    dim+1) node indices and hat_gradients: (m, dim+1, dim) [1/m] of the cells, for corrections that move
+    dim+1) node indices and hat_gradients: (m, dim+1, dim) [1/m] of the cells, for corrections that displace
     their corners.
     """
 
@@ -42,15 +38,10 @@ class ReducedElasticity:
     hat_gradients: Array
 
     @classmethod
-    def of(cls, body: ReducedBody) -> ReducedElasticity:
-        """On the body's cubature."""
-        return cls.on_cells(body.mesh, body.basis, body.material, body.cubature.cells, body.cubature.weights)
-
-    @classmethod
     def on_cells(
         cls, mesh: Mesh, basis: Array, material: Material, cells: IntArray, weights: Array
     ) -> ReducedElasticity:
-        """On cells and weights of one's own choice; all cells with their volumes give full integration.
+        """On any cells with any weights; all cells with their volumes give full integration.
 
         basis: (n_nodes, n_rows); material: of all cells of the mesh.
         """
@@ -74,21 +65,21 @@ class ReducedElasticity:
 
     @cached_property
     def _flat(self) -> Array:
-        """D as a matrix (m*dim, n_rows) over (cell, j)."""
+        """D as a matrix (m*dim, n_rows), with rows (cell, j)."""
         return np.ascontiguousarray(
             self.basis_gradient.transpose(0, 2, 1).reshape(-1, self.basis_gradient.shape[1])
         )
 
     @cached_property
     def _flat_weighted(self) -> Array:
-        """(n_rows, m*dim) with the weights multiplied in."""
+        """D^T times the weights, as a matrix (n_rows, m*dim)."""
         return np.ascontiguousarray(
             (np.repeat(self.weights, self.basis_gradient.shape[2])[:, None] * self._flat).T
         )
 
     @cached_property
     def _basis_gradient_transposed(self) -> Array:
-        """(m, dim, n_rows)."""
+        """D^T of every cell (m, dim, n_rows)."""
         return np.ascontiguousarray(self.basis_gradient.transpose(0, 2, 1))
 
     def deformation_gradients(self, rows: Array) -> Array:
@@ -96,7 +87,7 @@ class ReducedElasticity:
         return deformed(self._basis_gradient_transposed, rows)
 
     def correction_gradients(self, displacement: Array) -> Array:
-        """What a displacement (n_nodes, dim) of the nodes adds to F: (m, dim, dim)."""
+        """The change of F (m, dim, dim) by a displacement (n_nodes, dim) of the nodes."""
         return displacement[self.corners].transpose(0, 2, 1) @ self.hat_gradients
 
     def energy(self, F: Array) -> float:
@@ -104,14 +95,15 @@ class ReducedElasticity:
         return float(self.weights @ self.material.energy_density(F))
 
     def gradient(self, F: Array) -> Array:
-        """dE/drows (n_rows, dim) [N] where F moves with the rows through the basis alone."""
+        """dE/drows (n_rows, dim) [N] where F depends on the rows through the basis alone."""
         stress = self.material.first_piola(F)
         return self._flat_weighted @ stress.transpose(0, 2, 1).reshape(-1, stress.shape[1])
 
     def hessian(self, F: Array) -> Array:
-        """d2E/drows2 (n_rows*dim, n_rows*dim) [N/m], row-major in (row, axis); basis alone."""
+        """d2E/drows2 (n_rows*dim, n_rows*dim) [N/m], row-major in (row, axis), where F depends on the rows through the
+        basis alone."""
         count, n_rows, dim = self.basis_gradient.shape
-        # Of the blocks by axis i and k those with k < i are the transposes of the others.
+        # The blocks of axes i and k with k < i are the transposes of the others.
         i, k = np.triu_indices(dim)
         tangent = self.material.tangent(F).transpose(0, 2, 1, 3, 4)[:, :, i, k]  # (c, j, ik, l)
         right = tangent.reshape(count, -1, dim) @ self._basis_gradient_transposed
@@ -127,13 +119,13 @@ class ReducedElasticity:
         return (stress.ravel() @ derivative.reshape(stress.size, -1)).reshape(derivative.shape[-2:])
 
     def general_hessian(self, F: Array, derivative: Array) -> Array:
-        """sum_c w B^T A B (n_rows*dim, n_rows*dim) for a given B: the Hessian less the term in d2F/drows2."""
+        """sum_c w B^T A B (n_rows*dim, n_rows*dim) for a given B: the Hessian without the term in d2F/drows2."""
         count, size = len(F), F.shape[1] * F.shape[2]
         tangent = self.weights[:, None, None] * self.material.tangent(F).reshape(count, size, size)
         B = derivative.reshape(count, size, -1)
         return B.reshape(count * size, -1).T @ (tangent @ B).reshape(count * size, -1)
 
     def basis_derivative(self) -> Array:
-        """B (m, dim, dim, n_rows, dim) of the basis alone: dF_ij/drows_rk = D_rj delta_ik."""
+        """B (m, dim, dim, n_rows, dim) by the basis alone: dF_ij/drows_rk = D_rj delta_ik."""
         dim = self.basis_gradient.shape[2]
         return np.einsum("crj,ik->cijrk", self.basis_gradient, np.eye(dim))

@@ -1,16 +1,22 @@
-"""One experiment, one TOML file: its schema, its checks, and how it is read.
+"""Experiment files (TOML): schema, checks, and reading.
 
-Import the collider specs, which other packages need without the rest, from
-`runtime.experiment.colliders_schema`.
+Each `*_schema.py` holds the tables of one section; those of `[[colliders]]` are in `runtime/colliders/kinds/`, those of
+materials are named in `runtime/elasticity/materials/`, the kinds of learned corrections in `runtime/learned/`.
 """
 
-from runtime.experiment.body_schema import BodySpec, FrameSpec, HandlesSpec, MaterialRegionSpec, MaterialSpec
-from runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
-from runtime.experiment.experiment import Experiment, ExperimentSpec
-from runtime.experiment.load import load_experiment
-from runtime.experiment.sampling_schema import SamplingSpec, SolverSpec
-from runtime.experiment.scene_schema import KeyframeSpec, SceneColliderSpec, SceneSpec, SpringSpec
-from runtime.experiment.training_schema import ModelSpec, TrainingSpec
+from softprint.runtime.experiment.body_schema import (
+    BodySpec,
+    FrameSpec,
+    HandlesSpec,
+    MaterialRegionSpec,
+    MaterialSpec,
+)
+from softprint.runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
+from softprint.runtime.experiment.experiment import Experiment, ExperimentSpec
+from softprint.runtime.experiment.load import load_experiment
+from softprint.runtime.experiment.sampling_schema import SamplingSpec, SolverSpec
+from softprint.runtime.experiment.scene_schema import KeyframeSpec, SceneColliderSpec, SceneSpec, SpringSpec
+from softprint.runtime.experiment.training_schema import ModelSpec, TrainingSpec
 
 __all__ = [
     "BodySpec",

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from runtime.experiment.section import Box, Count, Name, Positive, Section, Vector
+from softprint.runtime.elasticity.materials import MATERIALS
+from softprint.runtime.experiment.section import Box, Count, Name, Positive, Section, Vector
 
 Poisson = Annotated[float, Field(gt=-1, lt=0.5)]
 PointCount = Annotated[int, Field(ge=0)]
+if TYPE_CHECKING:
+    MaterialModel = str
+else:
+    MaterialModel = Literal[tuple(MATERIALS)]
 Segment = Annotated[tuple[Vector, Vector], Field(description="from one point to another [m]")]
 
 
 class FrameSpec(Section):
     """A rigid frame: all nodes of the rest mesh in a box, or near the segments of a bone, move together."""
 
-    name: Name = Field(description="what scenes and springs call the frame")
+    name: Name = Field(description="the name of the frame in scenes and springs")
     box: Box | None = None
     segments: Annotated[tuple[Segment, ...], Field(min_length=1)] | None = Field(
-        None, description="the lines of a bone; they and `radius` take the place of a box"
+        None, description="the segments of a bone; with `radius`, in place of a box"
     )
-    radius: Positive | None = Field(None, description="of the bone about its segments [m]")
+    radius: Positive | None = Field(None, description="radius of the bone about its segments [m]")
 
     @model_validator(mode="after")
     def _one_region(self) -> FrameSpec:
@@ -34,19 +39,19 @@ class FrameSpec(Section):
 
 
 class HandlesSpec(Section):
-    """`[body.handles]`: what moves the reduced body."""
+    """`[body.handles]`: the degrees of freedom of the reduced body."""
 
     points: PointCount | tuple[Vector, ...] = Field(
         description="how many point handles to place, farthest apart on the surface; "
-        "or a list of places [m], each taken to its nearest node"
+        "or a list of positions [m], each moved to its nearest node"
     )
     frames: tuple[FrameSpec, ...] = Field(
-        (), description="rigid frames, each a name and a box, or segments and their radius [m]"
+        (), description="rigid frames, each with a name and a box, or with segments and their radius [m]"
     )
 
 
 class MaterialRegionSpec(Section):
-    """A part of the body with values of its own: the cells whose centroid lies in the box."""
+    """A part of the body with its own material: the cells whose centroid lies in the box."""
 
     box: Box
     young: Positive | None = Field(None, description="Young's modulus [Pa]; that of the body if absent")
@@ -57,14 +62,12 @@ class MaterialRegionSpec(Section):
 class MaterialSpec(Section):
     """`[body.material]`: hyperelastic solid; plane strain in 2D."""
 
-    model: Literal["stable_neo_hookean", "neo_hookean", "isochoric_neo_hookean", "linear"] = Field(
-        "stable_neo_hookean", description="strain energy density"
-    )
+    model: MaterialModel = Field("stable_neo_hookean", description="strain energy density")
     young: Positive = Field(description="Young's modulus [Pa]")
-    poisson: Poisson = Field(description="Poisson's ratio, between -1 and 0.5 without the ends")
+    poisson: Poisson = Field(description="Poisson's ratio, between -1 and 0.5, exclusive")
     density: Positive = Field(1000.0, description="density [kg/m^3] (kg/m^2 in 2D)")
     regions: tuple[MaterialRegionSpec, ...] = Field(
-        (), description="parts of another material, later ones on top"
+        (), description="parts of another material; later ones override earlier ones"
     )
 
 
@@ -75,9 +78,9 @@ class CubatureSpec(Section):
 
 
 class SurfaceSpec(Section):
-    """`[body.surface]`: where the runtime looks for contact."""
+    """`[body.surface]`: the points at which the runtime evaluates contact."""
 
-    samples: Count = Field(3000, description="at most so many contact points")
+    samples: Count = Field(3000, description="limit of contact points")
 
 
 class BodySpec(Section):

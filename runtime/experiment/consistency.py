@@ -1,4 +1,4 @@
-"""Checks that need more than one key: dimensions, names that refer to one another, times in order, files."""
+"""Checks that need more than one key: dimensions, references between names, order of times, files."""
 
 from __future__ import annotations
 
@@ -6,25 +6,26 @@ import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from runtime.errors import SoftprintError
-from runtime.experiment.experiment import LIBRARY, RESERVED, Experiment
-from runtime.experiment.problems import Problem
-from runtime.experiment.scene_schema import (
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import LIBRARY, RESERVED, Experiment
+from softprint.runtime.experiment.problems import Problem
+from softprint.runtime.experiment.scene_schema import (
     KeyframeSpec,
     KinematicEntry,
     KinematicSpec,
     SceneColliderSpec,
     SceneSpec,
 )
-from runtime.shapes import SHAPES
+from softprint.runtime.learned.registry import FORMS
+from softprint.runtime.shapes import SHAPES
 
-_NAMED = 12  # how many names a refusal lists at most
-_FARTHEST = 1.0  # how far a free collider may go in its first step [m]
+_NAMED = 12  # limit of names listed in an error
+_FARTHEST = 1.0  # limit of a free collider's displacement in its first step [m]
 _POINTS_DO_NOT_TURN = "a point handle has no rotation, only frames have"
 
 
 def inconsistencies(experiment: Experiment) -> list[Problem]:
-    """Everything in which the tables of an experiment contradict each other or the disk."""
+    """All contradictions between the tables of an experiment, and missing files."""
     return [
         *_repeated_names(experiment),
         *_body(experiment),
@@ -70,20 +71,18 @@ def _body(experiment: Experiment) -> Iterator[Problem]:
         for number, point in enumerate(body.handles.points):
             yield from _vector(experiment, f"body.handles.points[{number}]", point)
     elif body.handles.points == 0 and not body.handles.frames:
-        yield Problem(
-            "body.handles", "has neither points nor frames", "a reduced body needs handles to move by"
-        )
+        yield Problem("body.handles", "has neither points nor frames", "a reduced body needs handles")
 
 
 def _colliders(experiment: Experiment) -> Iterator[Problem]:
     if experiment.library is not None and experiment.dim == 2:
-        yield Problem("library", "holds solids", "an experiment in the plane names its own [[colliders]]")
+        yield Problem("library", "has 3D solids", "a 2D experiment defines its own [[colliders]]")
     if experiment.library is not None:
         shapes = experiment.library.shapes
         for number, name in enumerate(shapes):
             yield from _known(f"library.shapes[{number}]", name, list(SHAPES), "shape of the library")
             if name in shapes[:number]:
-                yield Problem(f"library.shapes[{number}]", "is there twice", "name each shape once", name)
+                yield Problem(f"library.shapes[{number}]", "is listed twice", "name each shape once", name)
     elif experiment.sampling.test_places is not None:
         yield Problem(
             "sampling.test_places", "is for the testing shapes of a [library]", "leave it out, or add one"
@@ -91,7 +90,9 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
     for number, spec in enumerate(experiment.colliders):
         if not spec.name:
             yield Problem(
-                f"colliders[{number}].name", "is missing", "scenes and corrections call the collider by it"
+                f"colliders[{number}].name",
+                "is missing",
+                "scenes and corrections refer to the collider by it",
             )
         if spec.name in RESERVED:
             yield Problem(f"colliders[{number}].name", RESERVED[spec.name], "give it another", spec.name)
@@ -106,7 +107,7 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
         if (experiment.dim == 3 and spec.shape in flat) or (experiment.dim == 2 and spec.shape in solid):
             yield Problem(
                 f"colliders[{number}].shape",
-                f"has not the {experiment.dim} dimensions of this experiment",
+                f"does not have the {experiment.dim} dimensions of this experiment",
                 "gravity's number of entries sets the dimension",
                 spec.shape,
             )
@@ -119,7 +120,7 @@ def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
             yield Problem(
                 "sampling.collider",
                 "is a plane",
-                "a contact needs a collider that can come from outside, such as a box or a mesh",
+                "a contact needs a bounded collider that can approach from outside, such as a box or a mesh",
                 spec.name,
             )
     for key, name in (
@@ -136,11 +137,11 @@ def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
         )
     if experiment.training.collider == LIBRARY:
         for number, model in enumerate(experiment.training.models):
-            if model.form == "field":
+            if not FORMS[model.form].any_collider:
                 yield Problem(
                     f"training.models[{number}].form",
-                    "is the displacement field of one collider, but training is for any",
-                    'take form = "loads" or "descriptor"',
+                    "is a form of models for one collider, but training is for any",
+                    f"use {' or '.join(name for name, form in FORMS.items() if form.any_collider)}",
                     model.form,
                 )
 
@@ -156,13 +157,13 @@ def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Pr
         key = f"{here}.springs[{index}]"
         yield from _handle(experiment, f"{key}.handle", spring.handle)
         if spring.rotation_stiffness and not isinstance(spring.handle, str):
-            yield Problem(f"{key}.rotation_stiffness", "turns nothing", _POINTS_DO_NOT_TURN)
+            yield Problem(f"{key}.rotation_stiffness", "has no effect", _POINTS_DO_NOT_TURN)
         if not spring.rotation_stiffness:
             yield from _no_rotation(
                 f"{key}.keyframes", spring.keyframes, "give the frame a rotation_stiffness"
             )
         if (spring.target is None) == (spring.keyframes is None):
-            yield Problem(key, "needs a target or keyframes", "give one of the two")
+            yield Problem(key, "needs a target or keyframes", "give either of them")
         if spring.target is not None:
             yield from _vector(experiment, f"{key}.target", spring.target)
         if spring.keyframes is not None:
@@ -172,8 +173,8 @@ def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Pr
 
 
 def _tracking(experiment: Experiment, key: str, file: Path) -> Iterator[Problem]:
-    """A table of poses, each of a frame of the body."""
-    from runtime.experiment.recorded_motion import read_recorded_motion  # which brings numba along
+    """A recorded motion, whose frames must be frames of the body."""
+    from softprint.runtime.experiment.recorded_motion import read_recorded_motion  # imports numba
 
     missing = list(_file(experiment, key, file))
     yield from missing
@@ -190,28 +191,30 @@ def _tracking(experiment: Experiment, key: str, file: Path) -> Iterator[Problem]
 
 
 def _scene_collider(experiment: Experiment, key: str, collider: SceneColliderSpec) -> Iterator[Problem]:
-    """Led or free, and not something of both."""
+    """A collider is either kinematic or free."""
     start = ("position", "rotation", "velocity", "spin")
     if not collider.free:
         if collider.keyframes is None:
-            remedy = "or give a density or a mass, and it moves freely from its position"
+            remedy = "or give a density or a mass to let it move freely from its position"
             yield Problem(f"{key}.keyframes", "is missing", remedy)
             return
         yield from _keyframes(experiment, f"{key}.keyframes", collider.keyframes)
         for name in start:
             if getattr(collider, name) is not None:
-                yield Problem(f"{key}.{name}", "is of colliders that move freely", "give a density or a mass")
+                yield Problem(
+                    f"{key}.{name}", "is for colliders that move freely", "give a density or a mass"
+                )
         return
     if collider.keyframes is not None:
-        yield Problem(f"{key}.keyframes", "leads a collider that moves freely", "give keyframes or a density")
+        yield Problem(f"{key}.keyframes", "moves a collider that moves freely", "give keyframes or a density")
     if collider.density is not None and collider.mass is not None:
-        yield Problem(f"{key}.mass", "is given beside a density", "give one of the two")
+        yield Problem(f"{key}.mass", "is given in addition to a density", "give either of them")
     if any(spec.name == collider.name and spec.shape == "plane" for spec in experiment.colliders):
         yield Problem(
-            f"{key}.name", "is a plane, which has no mass", "lead it along keyframes", collider.name
+            f"{key}.name", "is a plane, which has no mass", "move it along keyframes", collider.name
         )
     if collider.position is None:
-        yield Problem(f"{key}.position", "is missing", "a collider that moves freely starts somewhere")
+        yield Problem(f"{key}.position", "is missing", "a collider that moves freely needs a start position")
     for name in ("position", "velocity"):
         vector = getattr(collider, name)
         if vector is not None:
@@ -220,8 +223,8 @@ def _scene_collider(experiment: Experiment, key: str, collider: SceneColliderSpe
     if speed * experiment.dynamics.time_step > _FARTHEST:
         yield Problem(
             f"{key}.velocity",
-            f"takes it {speed * experiment.dynamics.time_step:g} m in one step",
-            f"at most {_FARTHEST:g} m: near other things a step goes in hops shorter than the collider is thick",
+            f"moves it {speed * experiment.dynamics.time_step:g} m in one step",
+            f"at most {_FARTHEST:g} m: near other bodies its path is searched in parts shorter than its thickness",
             collider.velocity,
         )
     for name in ("rotation", "spin"):
@@ -240,14 +243,14 @@ def _kinematic(experiment: Experiment, key: str, entries: Iterable[KinematicEntr
             here += ".handle"
         yield from _handle(experiment, here, handle)
         if handle in seen:
-            yield Problem(here, "is given twice", "a handle is held, or led along one path", handle)
+            yield Problem(here, "is given twice", "a handle is either fixed or moved along one path", handle)
         seen.add(handle)
 
 
 def _no_rotation(key: str, keyframes: Iterable[KeyframeSpec] | None, remedy: str) -> Iterator[Problem]:
     for number, keyframe in enumerate(keyframes or ()):
         if keyframe.rotation is not None:
-            yield Problem(f"{key}[{number}].rotation", "turns nothing", remedy, keyframe.rotation)
+            yield Problem(f"{key}[{number}].rotation", "has no effect", remedy, keyframe.rotation)
 
 
 def _handle(experiment: Experiment, key: str, handle: int | str) -> Iterator[Problem]:

@@ -1,4 +1,4 @@
-"""Every key an experiment file may have, told from the schema itself."""
+"""Descriptions of every key of an experiment file, from its schema."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _NAMES = {float: "number", int: "whole number", str: "text", bool: "true or fals
 def described_keys(
     model: type[BaseModel], prefix: str = "", within: tuple[type[BaseModel], ...] = ()
 ) -> Iterator[tuple[str, str, str]]:
-    """(key, kind, description) of every key below a table, in the order of the schema; tables come first.
+    """(key, kind, description) of every key below a table, in the order of the schema, tables first.
 
-    A table's own line has the kind "table" or "tables"; of tables told apart by a key, each has its lines.
-    within: the tables around this one, which are not told again where they stand inside themselves.
+    A table's own line has the kind "table" or "tables"; of alternative tables, selected by a key, each has its own
+    lines. within: the enclosing tables, which are not described again if nested in themselves.
     """
     for name, field in model.model_fields.items():
         key = f"{prefix}{name}"
@@ -62,7 +62,7 @@ def _kind(field: FieldInfo) -> str:
 
 
 def _toml(value: object) -> str:
-    """A value as it would be written in the file."""
+    """A value in TOML syntax."""
     if isinstance(value, tuple):
         return f"[{', '.join(_toml(entry) for entry in value)}]"
     return f"{value:g}" if isinstance(value, float) else json.dumps(value)

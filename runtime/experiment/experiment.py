@@ -1,4 +1,4 @@
-"""An experiment as read from its file: every table, checked alone and against the others."""
+"""An experiment read from its file, with every table checked alone and against the others."""
 
 from __future__ import annotations
 
@@ -6,31 +6,32 @@ from pathlib import Path
 
 from pydantic import Field, PrivateAttr
 
-from runtime.experiment.body_schema import BodySpec
-from runtime.experiment.colliders_schema import ColliderSpec, LibraryTable
-from runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
-from runtime.experiment.report_schema import ReportSpec
-from runtime.experiment.sampling_schema import SamplingSpec
-from runtime.experiment.scene_schema import SceneSpec
-from runtime.experiment.section import Name, Section
-from runtime.experiment.training_schema import TrainingSpec
-from runtime.shapes import SHAPES, names
+from softprint.runtime.colliders.kinds.registry import ColliderSpec
+from softprint.runtime.experiment.body_schema import BodySpec
+from softprint.runtime.experiment.colliders_schema import LibraryTable
+from softprint.runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
+from softprint.runtime.experiment.report_schema import ReportSpec
+from softprint.runtime.experiment.sampling_schema import SamplingSpec
+from softprint.runtime.experiment.scene_schema import SceneSpec
+from softprint.runtime.experiment.section import Name, Section
+from softprint.runtime.experiment.training_schema import TrainingSpec
+from softprint.runtime.shapes import SHAPES, names
 
-LIBRARY = "library"  # as the collider of sampling and training: all shapes of the library
-ANY_COLLIDER = "any"  # as the collider of a correction that was learned for all of them
+LIBRARY = "library"  # collider of sampling and training: all shapes of the library
+ANY_COLLIDER = "any"  # collider of a correction that was trained for all colliders
 # Names that no collider of a file may have.
 RESERVED = {LIBRARY: "stands for all shapes of [library]", ANY_COLLIDER: "stands for any collider"}
 
 
 class ExperimentSpec(Section):
-    """`[experiment]`: what it is called and where its random numbers start."""
+    """`[experiment]`: its name and the seed of its random numbers."""
 
-    name: Name = Field(description="names the default output folder, runs/NAME")
+    name: Name = Field(description="name, also of the default output folder runs/NAME")
     seed: int = Field(0, ge=0, lt=2**32, description="the one seed of all random numbers")
 
 
 class Experiment(Section):
-    """One experiment file. Made by `load_experiment`, which also makes sure that its tables fit together."""
+    """One experiment file. Made by `load_experiment`, which also checks that its tables are consistent."""
 
     experiment: ExperimentSpec
     body: BodySpec
@@ -71,18 +72,18 @@ class Experiment(Section):
 
     @property
     def text(self) -> str:
-        """The text of the file with the overrides as comments below, for the metadata of what comes of it."""
+        """The text of the file with the overrides as comments below, for the metadata of output files."""
         return self._text
 
     def with_colliders(self, colliders: tuple[ColliderSpec, ...], note: str) -> Experiment:
-        """The same experiment with other [[colliders]]; the note says so below its text."""
+        """The same experiment with other [[colliders]]; the note is added below its text."""
         changed = self.model_copy(update={"colliders": colliders})
         changed._text = f"{self._text}\n# {note}"
         return changed
 
     @property
     def collider_names(self) -> list[str]:
-        """All that `collider` knows: those of the file, and the library's where there is a [library] table."""
+        """All valid names of `collider`: those of the file, and the library's if there is a [library] table."""
         own = [spec.name for spec in self.colliders]
         return own if self.library is None else [*own, *(name for name in SHAPES if name not in own)]
 
@@ -104,14 +105,14 @@ class Experiment(Section):
         return (chosen,)
 
     def contact_places(self, name: str) -> int:
-        """How many contact places one of the sampled colliders meets in each state."""
+        """Number of contact places of a sampled collider in each state."""
         sampling = self.sampling
         testing = sampling.collider == LIBRARY and name in names("test")
         return sampling.test_places or sampling.places if testing else sampling.places
 
     @property
     def planned_contacts(self) -> int:
-        """Of one collider in every rotation at each place, of several once at each."""
+        """Number of contacts: a single collider has every rotation at each place, several colliders have one each."""
         sampled = self.sampled_colliders
         turns = self.sampling.rotations if len(sampled) == 1 else 1
         return self.sampling.states * sum(map(self.contact_places, sampled)) * turns

@@ -1,4 +1,4 @@
-"""Reading an experiment file."""
+"""Read an experiment file."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from runtime.errors import SoftprintError
-from runtime.experiment.consistency import inconsistencies
-from runtime.experiment.experiment import LIBRARY, Experiment
-from runtime.experiment.overrides import apply_override
-from runtime.experiment.problems import problems_of, raise_problems
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.consistency import inconsistencies
+from softprint.runtime.experiment.experiment import LIBRARY, Experiment
+from softprint.runtime.experiment.overrides import apply_override
+from softprint.runtime.experiment.problems import problems_of, raise_problems
+from softprint.runtime.experiment.renamed import renamed
 
 
 def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> Experiment:
     """Read and check a whole experiment.
 
-    overrides: `key.subkey=VALUE`, applied before anything is checked. Raises SoftprintError with one line for
-    each problem: file, key, what is wrong, the value, and what would be right.
+    overrides: `key.subkey=VALUE`, applied before anything is checked. Raises SoftprintError with one line for each
+    problem: file, key, error, value, and remedy.
     """
     path = Path(path)
     text = _text(path)
@@ -31,10 +32,10 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> Experime
         raise SoftprintError(f"{path}: this is not TOML: {error}") from error
     for override in overrides:
         apply_override(data, override)
+    raise_problems(path, renamed(data))
     _name_the_only_collider(data)
     try:
-        # Strict, so that "5" is no number; from JSON, because strict pydantic takes lists for tuples only
-        # there.
+        # Strict, so that "5" is not a number; from JSON, because strict pydantic accepts lists as tuples only there.
         experiment = Experiment.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
         raise_problems(path, problems_of(error, Experiment, data))
@@ -57,7 +58,7 @@ def _text(path: Path) -> str:
 
 
 def _name_the_only_collider(data: dict[str, Any]) -> None:
-    """`[sampling]` and `[training]` need not name a collider where the file has a library, or just one."""
+    """Fill in the collider of `[sampling]` and `[training]` if the file has a library, or just one collider."""
     colliders = data.get("colliders")
     if "library" in data:
         name: object = LIBRARY

@@ -8,15 +8,15 @@ import re
 import tomllib
 from typing import Any
 
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:
     """Set one key of the tables in place.
 
     override: `a.b=VALUE` with VALUE as in TOML. An entry of a list of tables is named by its number
-    (`scenes.0` or `scenes[0]`, from 0) or by its `name`. Raises SoftprintError if it cannot be read or leads
-    nowhere.
+    (`scenes.0` or `scenes[0]`, from 0) or by its `name`. Raises SoftprintError if it cannot be parsed or names no
+    entry.
     """
     key, equals, text = override.partition("=")
     path = re.sub(r"\[(\d+)\]", r".\1", key.strip()).split(".")
@@ -35,7 +35,7 @@ def apply_override(data: dict[str, Any], override: str) -> None:
     for part in path[:-1]:
         here = _entry(here, part, override) if isinstance(here, list) else here.setdefault(part, {})
         if not isinstance(here, dict | list):
-            raise SoftprintError(f"--set {override}: [{part}] holds a value and no further keys")
+            raise SoftprintError(f"--set {override}: [{part}] is a value and has no further keys")
     if isinstance(here, list):
         here[_index(here, path[-1], override)] = value
     else:

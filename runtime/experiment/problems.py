@@ -1,6 +1,4 @@
-"""What is wrong with an experiment file, said for people: key, reason, the value found, and what would be
-right.
-"""
+"""Problems of an experiment file as sentences: key, reason, the value found, and the remedy."""
 
 from __future__ import annotations
 
@@ -15,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
 
 Location = Sequence[str | int]
 _NO_VALUE = object()
@@ -23,7 +21,7 @@ _NO_VALUE = object()
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong. got: the offending value, left out where there is none."""
+    """One problem. got: the offending value, if there is one."""
 
     key: str
     wrong: str
@@ -43,7 +41,7 @@ def raise_problems(path: Path, problems: Sequence[Problem]) -> None:
 
 
 def shown(value: object) -> str:
-    """A value as TOML would have it, shortened."""
+    """A value in TOML syntax, shortened."""
     try:
         text = json.dumps(value)
     except TypeError:
@@ -100,7 +98,7 @@ def _problem(details: ErrorDetails, model: type[BaseModel], data: Any) -> Proble
 
 
 def _in_the_file(details: ErrorDetails, data: Any) -> Location:
-    """The location without what pydantic puts in for the branches of unions: only steps that the file has."""
+    """The location without the entries that pydantic adds for branches of unions."""
     location: list[str | int] = []
     here: Any = data
     part: Any
@@ -115,7 +113,7 @@ def _in_the_file(details: ErrorDetails, data: Any) -> Location:
 
 
 def _described(model: type[BaseModel], location: Location) -> str:
-    """The description of the innermost key on the way that has one."""
+    """The description of the innermost key of a location that has one."""
     texts = [
         field.description for field, _ in _walk(model, location) if field is not None and field.description
     ]
@@ -123,16 +121,14 @@ def _described(model: type[BaseModel], location: Location) -> str:
 
 
 def _owners(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
-    """The models that may stand at a location."""
+    """The models that are possible at a location."""
     return [[model], *(owners for _, owners in _walk(model, location))][-1]
 
 
 def _walk(
     model: type[BaseModel], location: Location
 ) -> Iterator[tuple[FieldInfo | None, list[type[BaseModel]]]]:
-    """For each step of a location: the field it names, if it names one, and the models that may stand
-    there.
-    """
+    """For each step of a location: the field it names, if any, and the models that are possible there."""
     owners = [model]
     for part in location:
         named = [

@@ -1,9 +1,9 @@
-"""A recorded motion of bones: a table of where each of them was, and when, as a tracker writes it.
+"""A recorded motion of bones: a table of poses over time, as written by a tracker.
 
 A file of comma-separated values (CSV) with the heading `frame,time,x,y,z,rx,ry,rz` in 3D and `frame,time,x,y,angle` in
 2D: the name of a rigid frame, the time [s], the position of a point of the bone, such as its joint [m], and the bone's
-orientation as axis times angle [rad]. The first row of a frame is its rest: it says which point of the rest body is
-tracked, and the orientation that later ones are compared with.
+orientation as axis times angle [rad]. The first row of a frame is its rest pose: it gives the tracked point of the rest
+body, and the reference for later orientations.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.colliders import KeyframedPath, RigidPose
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders import KeyframedPath, RigidPose
+from softprint.runtime.errors import SoftprintError
 
 COLUMNS = {2: ("frame", "time", "x", "y", "angle"), 3: ("frame", "time", "x", "y", "z", "rx", "ry", "rz")}
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame:
-    """frame: its name; anchor: (dim,) the tracked point in the rest body [m]; path: where the anchor is, and how far
-    the frame is turned from rest, over time."""
+    """frame: its name; anchor: (dim,) the tracked point in the rest body [m]; path: the position of the anchor and the
+    frame's rotation from rest, over time."""
 
     frame: str
     anchor: Array
@@ -33,7 +33,7 @@ class TrackedFrame:
 
 
 def read_recorded_motion(path: Path, dim: int) -> list[TrackedFrame]:
-    """The tracks of a file, in its order. SoftprintError for what is not such a table."""
+    """The tracks of a file, in its order. Raises SoftprintError if the file is not such a table."""
     columns = COLUMNS[dim]
     try:
         text = path.read_text(encoding="utf-8")
@@ -54,7 +54,7 @@ def read_recorded_motion(path: Path, dim: int) -> list[TrackedFrame]:
             )
         tracks.setdefault(row[0], []).append(values)
     if not tracks:
-        raise SoftprintError(f"{path}: holds no frame; each row after the first is a frame at one time")
+        raise SoftprintError(f"{path}: has no frames; each row after the first is a frame at one time")
     return [_tracked(path, name, np.array(track), dim) for name, track in tracks.items()]
 
 

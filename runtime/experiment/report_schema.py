@@ -1,14 +1,14 @@
-"""The `[report]` table: how thoroughly the held-out motions are judged."""
+"""The `[report]` table: the evaluation of held-out motions."""
 
 from __future__ import annotations
 
 from pydantic import Field
 
-from runtime.experiment.section import Count, Name, Section
+from softprint.runtime.experiment.section import Count, Name, Section
 
 
 class ReportSpec(Section):
-    """`[report]`: what `softprint report` solves and puts first."""
+    """`[report]`: settings of `softprint report`."""
 
-    frames: Count = Field(24, description="frames of a test scene on which the full-space solvers run")
-    model: Name = Field("ours", description="the correction that headline figures speak of")
+    frames: Count = Field(24, description="frames of a test scene that the full-space solvers solve")
+    model: Name = Field("ours", description="the correction of the headline figures")

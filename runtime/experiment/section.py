@@ -1,4 +1,4 @@
-"""What every table of an experiment file has in common, and the few types they share."""
+"""The base class of all tables of an experiment file, and types that they share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class Section(BaseModel):
-    """A table that refuses keys it does not know and cannot be changed once it is read."""
+    """An immutable table that rejects unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -19,6 +19,6 @@ Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 
-# The number of entries is checked against the dimension of the experiment once all tables are read.
+# The number of entries is checked against the dimension of the experiment after all tables are read.
 Vector = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
 Box = Annotated[tuple[Vector, Vector], Field(description="lowest and highest corner [m]")]

@@ -6,16 +6,18 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.experiment import colliders_schema as schema
-from runtime.io.files import content_hash, file_hash
-from runtime.shapes import find_shape
+from softprint.runtime.colliders.kinds.library import LibrarySpec
+from softprint.runtime.colliders.kinds.registry import DifferenceSpec, UnionSpec
+from softprint.runtime.colliders.kinds.table import ColliderTable
+from softprint.runtime.io.files import content_hash, file_hash
+from softprint.runtime.shapes import find_shape
 
 if TYPE_CHECKING:
-    from runtime.experiment.experiment import Experiment
-    from runtime.experiment.scene_schema import SceneSpec
+    from softprint.runtime.experiment.experiment import Experiment
+    from softprint.runtime.experiment.scene_schema import SceneSpec
 
 
-def collider_files(spec: schema.ColliderSpec, base_dir: Path, where: str = "") -> dict[str, str]:
+def collider_files(spec: ColliderTable, base_dir: Path, where: str = "") -> dict[str, str]:
     """SHA-256 of the file of a collider and of those of its parts, by where they stand in its table: "" its own,
     "parts[1]" that of its second part."""
     file = getattr(spec, "file", None)
@@ -25,16 +27,16 @@ def collider_files(spec: schema.ColliderSpec, base_dir: Path, where: str = "") -
     return hashes
 
 
-def with_whole_paths(spec: schema.ColliderSpec, base_dir: Path) -> schema.ColliderSpec:
+def with_absolute_paths(spec: ColliderTable, base_dir: Path) -> ColliderTable:
     """The same collider wherever it is read from: the files that it and its parts name with their whole paths."""
     changes: dict[str, object] = {}
     file = getattr(spec, "file", None)
     if file is not None:
         changes["file"] = (base_dir / file).absolute()
-    if isinstance(spec, schema.UnionSpec | schema.DifferenceSpec):
-        changes["parts"] = [with_whole_paths(part, base_dir) for part in spec.parts]
-    if isinstance(spec, schema.DifferenceSpec):
-        changes["base"] = with_whole_paths(spec.base, base_dir)
+    if isinstance(spec, UnionSpec | DifferenceSpec):
+        changes["parts"] = [with_absolute_paths(part, base_dir) for part in spec.parts]
+    if isinstance(spec, DifferenceSpec):
+        changes["base"] = with_absolute_paths(spec.base, base_dir)
     return spec.model_copy(update=changes)
 
 
@@ -57,16 +59,16 @@ def formulas_hash(experiment: Experiment, names: Sequence[str]) -> str | None:
     return content_hash({entry: find_shape(entry).formula_hash for entry in shapes})
 
 
-def _parts(spec: schema.ColliderSpec) -> Iterator[tuple[str, schema.ColliderSpec]]:
-    if isinstance(spec, schema.DifferenceSpec):
+def _parts(spec: ColliderTable) -> Iterator[tuple[str, ColliderTable]]:
+    if isinstance(spec, DifferenceSpec):
         yield "base", spec.base
-    if isinstance(spec, schema.UnionSpec | schema.DifferenceSpec):
+    if isinstance(spec, UnionSpec | DifferenceSpec):
         for number, part in enumerate(spec.parts):
             yield f"parts[{number}]", part
 
 
-def _library_entries(spec: schema.ColliderSpec) -> Iterator[str]:
-    if isinstance(spec, schema.LibrarySpec):
+def _library_entries(spec: ColliderTable) -> Iterator[str]:
+    if isinstance(spec, LibrarySpec):
         yield spec.entry_name
     for _, part in _parts(spec):
         yield from _library_entries(part)

@@ -1,4 +1,4 @@
-"""All fields of one deformed body: what a picture of a sample or of a frame can show."""
+"""All fields of one deformed body, for pictures of a sample or a frame."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.body import ReducedBody
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.contact import PenaltyContact
-from runtime.elasticity.invariants import determinant
-from runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.elasticity.invariants import determinant
+from softprint.runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
+from softprint.runtime.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
 class Deformed:
-    """A body at positions (n_nodes, dim) [m], and the colliders where they are.
+    """A body at positions (n_nodes, dim) [m], and its colliders at their poses.
 
     label: what it is ("sample_12"); time [s], or the number of the sample; node_values: further fields at
     the nodes, by name, such as the contact displacement of a sample.
@@ -47,7 +47,7 @@ def fields_of(body: ReducedBody, contact: PenaltyContact, deformed: Deformed) ->
 
     The pressure at a surface node is k depth^2 for each unit of *rest* area (see
     :mod:`runtime.contact.penalty`); with the node's own share of that area it gives ``contact_force`` [N],
-    the force on the body, whose sum over the nodes is the whole of it.
+    the force on the body, whose sum over the nodes is the total force.
     """
     x = deformed.positions
     F = in_three_dimensions(body.mesh.deformation_gradients(x))

@@ -1,4 +1,4 @@
-"""Deformed bodies one after the other into a folder: a .vtu each, the colliders beside it, and one .pvd."""
+"""Write a series of deformed bodies to a folder: a .vtu for each body and its colliders, and one .pvd."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.colliders.level_set import collider_surface
-from runtime.contact import PenaltyContact
-from runtime.fields.deformed import Deformed, fields_of
-from runtime.fields.vtu import write_collection, write_fields, write_surface
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.level_set import collider_surface
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.fields.deformed import Deformed, fields_of
+from softprint.runtime.fields.vtu import write_collection, write_fields, write_surface
 
 
 def write_series(
@@ -25,7 +25,7 @@ def write_series(
 ) -> Path:
     """Write ``folder``/``name``.pvd and the files it names, in ``folder``/``name``/; returns the .pvd.
 
-    Files of an earlier series that are not part of this one are left where they are, but no longer named.
+    Files of an earlier series that are not part of this one are kept, but the .pvd no longer names them.
     """
     parts: list[tuple[float, str, Path]] = []
     surfaces: dict[str, tuple[Array, IntArray]] = {}

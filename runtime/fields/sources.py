@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.body.body import ReducedBody
-from runtime.colliders.collider import Collider
-from runtime.errors import SoftprintError
-from runtime.fields.deformed import Deformed
-from runtime.scenes.motion_file import Motion
-from runtime.truth.truth_file import TruthData
-from runtime.truth.truth_schema import CONVERGED, STATUS_NAMES
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.fields.deformed import Deformed
+from softprint.runtime.scenes.motion_file import Motion
+from softprint.runtime.truth.truth_file import TruthData
+from softprint.runtime.truth.truth_schema import CONVERGED, STATUS_NAMES
 
 
 def deformed_samples(
     truth: TruthData, body: ReducedBody, colliders: Mapping[str, Collider], samples: Sequence[int]
 ) -> Iterator[Deformed]:
-    """The given samples one by one; SoftprintError for a number that is none, or for a sample without a solution."""
+    """The given samples one by one; SoftprintError for an invalid number, or for a sample without a solution."""
     for sample in samples:
         if not 0 <= sample < truth.n_samples:
             raise SoftprintError(
@@ -47,9 +47,9 @@ def deformed_samples(
 def deformed_frames(
     motion: Motion, colliders: Mapping[str, Collider], frames: Sequence[int]
 ) -> Iterator[Deformed]:
-    """The given frames one by one; SoftprintError for a number that is none."""
+    """The given frames one by one; SoftprintError for an invalid number."""
     for frame in frames:
-        positions = motion.positions(frame)  # refuses a frame that is not there
+        positions = motion.positions(frame)  # raises for an invalid frame
         yield Deformed(
             label=f"frame_{frame:06d}",
             time=float(motion.times[frame]),
@@ -65,6 +65,6 @@ def _known(colliders: Mapping[str, Collider], name: str, path: Path) -> Collider
     if name not in colliders:
         known = ", ".join(colliders) or "none"
         raise SoftprintError(
-            f"{path}: has contacts of a collider {name!r}, which the experiment does not know; its colliders: {known}"
+            f"{path}: has contacts of a collider {name!r}, which is not in the experiment; its colliders: {known}"
         )
     return colliders[name]

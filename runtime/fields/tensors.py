@@ -4,17 +4,17 @@
     sigma = J^-1 P F^T, J = det F     Cauchy stress [Pa], P = dPsi/dF
     sqrt(3/2 s:s), s = dev sigma      von Mises stress [Pa]
 
-A body in the plane is in plane strain: its F is completed by F_33 = 1, so that E_33 = 0 and the stress out of
-the plane, which is not zero, is there.
+A 2D body is in plane strain: its F is completed by F_33 = 1, so E_33 = 0, and the out-of-plane stress, which is not
+zero, is included.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.elasticity.invariants import determinant
-from runtime.elasticity.materials import Material
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.invariants import determinant
+from softprint.runtime.elasticity.materials import Material
 
 
 def in_three_dimensions(F: Array) -> Array:
@@ -31,7 +31,7 @@ def green_strain(F: Array) -> Array:
 
 
 def cauchy_stress(material: Material, F: Array) -> Array:
-    """sigma (n, 3, 3) [Pa], symmetric; not finite where det F is 0, and where the material has no stress."""
+    """sigma (n, 3, 3) [Pa], symmetric; not finite where det F is 0, or where the material's stress is undefined."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return material.first_piola(F) @ F.transpose(0, 2, 1) / determinant(F)[:, None, None]
 

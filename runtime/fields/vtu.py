@@ -1,7 +1,7 @@
 """VTK files of fields, and the collection (.pvd) that lets ParaView play them as one series.
 
-Points are where the nodes are *now*; "Warp By Vector" with ``displacement`` and scale -1 shows the body at
-rest. Vectors have three numbers and tensors nine (row by row), as VTK wants them also in the plane.
+Points are at the *deformed* positions; "Warp By Vector" with ``displacement`` and scale -1 shows the body at rest.
+Vectors have three components and tensors nine (row by row) in 2D too, as VTK requires.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
-from runtime.fields.deformed import FieldSet
-from runtime.io.files import atomic_path
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.fields.deformed import FieldSet
+from softprint.runtime.io.files import atomic_path
 
 _CELLS = {2: "triangle", 3: "tetra"}
 _FACETS = {2: "line", 3: "triangle"}
 
 
 def write_fields(path: Path, fields: FieldSet) -> None:
-    """Write one .vtu, whole or not at all: float64 points, fields and cells, compressed."""
+    """Write one .vtu, atomically: float64 points, fields and cells, compressed."""
     import meshio
 
     mesh = meshio.Mesh(
@@ -65,7 +65,7 @@ def write_collection(path: Path, parts: Sequence[tuple[float, str, Path]]) -> No
 
 
 def _padded(values: Array) -> NDArray[np.float64]:
-    """Vectors of the plane get a third component, 0; scalars stay as they are."""
+    """2D vectors get a third component, 0; scalars are unchanged."""
     if values.ndim == 1:
         return values
     padded = np.zeros((len(values), 3))

@@ -1,4 +1,4 @@
-"""bench.json: what a step costs, model by model."""
+"""bench.json: timings of a step for each model."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary, versions
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary, versions
 
 _KEYS = {"scene", "iterations", "speeds", "machine"}
 
@@ -19,7 +19,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Scene, machine and the numbers of every model."""
+    """Scene, machine and the timings of every model."""
     bench = json.loads(path.read_text(encoding="utf-8"))
     try:
         sections: dict[str, dict[str, Any]] = {

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.body import ReducedBody
-from runtime.body.body_file import KIND as BODY
-from runtime.body.body_file import VERSION, load_body
-from runtime.drawing.colours import FRAMES, POINTS
-from runtime.drawing.scene import Marks, Scene
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.mesh_quality import mesh_facts
-from runtime.inspect.summary import Summary, byte_size, versions
-from runtime.io.files import open_softprint_h5, read_text
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.body_file import KIND as BODY
+from softprint.runtime.body.body_file import VERSION, load_body
+from softprint.runtime.drawing.colours import FRAMES, POINTS
+from softprint.runtime.drawing.scene import Marks, Scene
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.mesh_quality import mesh_facts
+from softprint.runtime.inspect.summary import Summary, byte_size, versions
+from softprint.runtime.io.files import open_softprint_h5, read_text
 
 
 def recognise(head: FileHead) -> bool:
@@ -26,7 +26,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """All of it is read, so that damage is found."""
+    """Reads the whole file, so that damage is found."""
     body = load_body(path)
     with open_softprint_h5(path, BODY, VERSION) as file:
         provenance, recipe = json.loads(file.attrs["provenance"]), read_text(file.attrs, "recipe")

@@ -1,14 +1,14 @@
-"""The curves of a training: corrections/MODEL.json."""
+"""Training curves: corrections/MODEL.json."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary
 
 _KEYS = {"model", "held_out", "history"}
 
@@ -18,13 +18,13 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """How far it was trained, from what, and how well it does on states that it has not seen."""
+    """Training steps, training data, and the error on held-out states."""
     curves = json.loads(path.read_text(encoding="utf-8"))
     try:
         held_out, history = curves["held_out"], curves["history"]
         facts = {
             "model": curves["model"],
-            "samples to learn from, left out": [curves["samples"], curves["left_out"]],
+            "training samples, left out": [curves["samples"], curves["left_out"]],
             "error on held-out states": {name: held_out[name] for name in ("rms", "worst")},
             "held-out samples": held_out["samples"],
             "label-noise floor": curves["noise_floor"],
@@ -35,7 +35,7 @@ def summarise(path: Path, part: Part) -> Summary:
             sections["at the end"] = dict(history[-1])
     except (KeyError, TypeError, ValueError) as error:
         raise SoftprintError(f"{path}: the curves are incomplete ({error}): train again") from error
-    return Summary(path, "the curves of a training", sections)
+    return Summary(path, "training curves", sections)
 
 
 KIND = Kind(recognise, summarise)

@@ -1,4 +1,4 @@
-"""What `softprint collider` tells of a mesh file, and the mended surface as a file."""
+"""The output of `softprint collider` for a mesh file, and the repaired surface as a file."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from runtime.colliders.examine import Examined, examine
-from runtime.colliders.mesh_collider import read_surface, surface_collider, unit_hint
-from runtime.errors import SoftprintError
-from runtime.inspect.summary import Summary
-from runtime.io.files import atomic_path
+from softprint.runtime.colliders.examine import Examined, examine
+from softprint.runtime.colliders.mesh_collider import read_surface, surface_collider, unit_hint
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.summary import Summary
+from softprint.runtime.io.files import atomic_path
 
 _RESOLUTIONS = (8, 256)
 
 
 def examined_surface(path: Path, scale: float, resolution: int) -> tuple[Summary, Examined]:
-    """What was found, what was done, and how accurate the collider is, with the mended surface in the file's unit.
+    """The defects, the repairs and the accuracy of the collider, with the repaired surface in the file's unit.
 
-    scale: metres for each unit of the file. Raises SoftprintError where no collider can be made of it.
+    scale: metres for each unit of the file. Raises SoftprintError if no collider can be made from it.
     """
     if not (np.isfinite(scale) and scale > 0):
         raise SoftprintError(f"--scale must be a positive number of metres, not {scale}")
@@ -58,11 +58,11 @@ def examined_surface(path: Path, scale: float, resolution: int) -> tuple[Summary
 
 
 def write_surface(path: Path, examined: Examined) -> None:
-    """Write the mended surface as binary STL, whole or not at all."""
+    """Write the repaired surface as binary STL, atomically."""
     import trimesh
 
     if path.suffix.lower() != ".stl":
-        raise SoftprintError(f"{path}: the mended surface is written as STL; call it {path.stem}.stl")
+        raise SoftprintError(f"{path}: the repaired surface is written as STL; call it {path.stem}.stl")
     mesh = trimesh.Trimesh(examined.vertices, examined.triangles, process=False)
     with atomic_path(path) as temporary:
         mesh.export(temporary, file_type="stl")

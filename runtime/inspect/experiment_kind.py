@@ -1,14 +1,14 @@
-"""An experiment file, read and checked as every verb does."""
+"""An experiment file, read and checked as by every verb."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from runtime.experiment import Experiment, load_experiment
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary
+from softprint.runtime.experiment import Experiment, load_experiment
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary
 
 
 def recognise(head: FileHead) -> bool:

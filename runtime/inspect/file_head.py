@@ -1,4 +1,4 @@
-"""What a file says of itself in its first bytes and its metadata, before anyone reads all of it."""
+"""The first bytes and the metadata of a file, read before the rest of it."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from runtime.errors import SoftprintError
-from runtime.io.files import read_text
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import read_text
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 HEAD_BYTES = 4096
 LARGEST_HEADER = 100_000_000  # bytes: safetensors' own limit
-LARGEST_TEXT = 256_000_000  # bytes of JSON that are read to find out what it is
+LARGEST_TEXT = 256_000_000  # bytes of JSON that are read to find its kind
 
 
 @dataclass(frozen=True)
 class FileHead:
-    """start: the first bytes; marks: `softprint_kind` and what else the metadata says; h5: names of the top
-    groups and datasets of an HDF5 file; keys: the top names of a JSON object."""
+    """start: the first bytes; marks: the metadata, such as `softprint_kind`; h5: names of the top-level groups and
+    datasets of an HDF5 file; keys: the top-level keys of a JSON object."""
 
     path: Path
     start: bytes
@@ -30,13 +30,13 @@ class FileHead:
 
     @property
     def kind(self) -> str:
-        """`softprint_kind` of its metadata, "" if it has none."""
+        """`softprint_kind` in its metadata, "" if it has none."""
         return str(self.marks.get("softprint_kind", ""))
 
 
 def read_head(path: Path) -> FileHead:
-    """Look at a file. SoftprintError where it is missing, a folder, empty or not to be read; damage further
-    in is left to whoever reads it."""
+    """Read the head of a file. Raises SoftprintError if it is missing, a folder, empty or unreadable; damage in the
+    rest of it is found by its reader."""
     if path.is_dir():
         raise SoftprintError(f"{path}: is a folder; name a file in it")
     try:
@@ -88,7 +88,7 @@ def _safetensors_marks(path: Path) -> dict[str, Any]:
 
 def _json_keys(path: Path) -> frozenset[str]:
     if path.stat().st_size > LARGEST_TEXT:
-        raise SoftprintError(f"{path}: is too large to be a JSON file of Softprint's")
+        raise SoftprintError(f"{path}: is too large for a JSON file of Softprint")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

@@ -1,7 +1,7 @@
-"""Which kind a file is of: those of the runtime, and those that other packages announce.
+"""The kinds of files: those of the runtime, and those that other packages register.
 
-A package announces a kind of its own files by an entry point of the group ``softprint.kinds`` that names a
-:class:`Kind`; it is left out where the package is not installed.
+A package registers a kind by an entry point of the group ``softprint.kinds`` that names a :class:`Kind`; it is skipped
+if the package is not installed.
 """
 
 from __future__ import annotations
@@ -13,21 +13,23 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead, read_head
-from runtime.inspect.summary import Summary
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead, read_head
+from softprint.runtime.inspect.summary import Summary
 
 if TYPE_CHECKING:
-    from runtime.drawing.scene import Scene
+    from softprint.runtime.drawing.scene import Scene
 
 GROUP = "softprint.kinds"
-# In this order: what metadata names first, what only a suffix tells last.
+# In this order: kinds with metadata first, kinds known only by their suffix last.
 _OWN = (
     *(
         "body",
         "truth",
         "motion",
         "touch",
+        "state",
+        "mechanics",
         "correction",
         "report",
         "bench",
@@ -41,7 +43,7 @@ _OWN = (
 
 @dataclass(frozen=True)
 class Part:
-    """What of a file to say more about: a sample of a truth file, a frame of a motion."""
+    """The part of a file to describe in more detail: a sample of a truth file, a frame of a motion."""
 
     sample: int | None = None
     frame: int | None = None
@@ -49,9 +51,9 @@ class Part:
 
 @dataclass(frozen=True)
 class Kind:
-    """recognise: whether a file is of this kind, from its head; summarise: says what is in it, and raises
-    SoftprintError where it is damaged; part: which of `sample` and `frame` it has, "" if none; scene: how to
-    draw it, given the experiment whose colliders belong to it, None if there is nothing to draw."""
+    """recognise: whether a file is of this kind, from its head; summarise: describes its content, and raises
+    SoftprintError if it is damaged; part: `sample` or `frame`, if it has such parts, or ""; scene: how to draw it,
+    given the experiment with its colliders, None if there is nothing to draw."""
 
     recognise: Callable[[FileHead], bool]
     summarise: Callable[[Path, Part], Summary]
@@ -60,7 +62,7 @@ class Kind:
 
 
 def find_kind(path: Path) -> Kind:
-    """The kind of a file; SoftprintError where it is none that is known here."""
+    """The kind of a file; SoftprintError if it is unknown."""
     head = read_head(path)
     for kind in _kinds():
         if kind.recognise(head):
@@ -68,13 +70,13 @@ def find_kind(path: Path) -> Kind:
     if head.suffix == ".xdmf":
         raise SoftprintError(f"{path}: a side file for ParaView; inspect the .h5 file of the same name")
     what = "an HDF5 file, but not" if head.h5 is not None else "not a file of Softprint's, nor"
-    ours = "one of Softprint's" if head.h5 is not None else "a mesh that it reads"
+    ours = "one of Softprint's" if head.h5 is not None else "a mesh that it can read"
     raise SoftprintError(f"{path}: {what} {ours}")
 
 
 def _kinds() -> Iterator[Kind]:
     for name in _OWN:
-        yield import_module(f"runtime.inspect.{name}_kind").KIND
+        yield import_module(f"softprint.runtime.inspect.{name}_kind").KIND
     for point in entry_points(group=GROUP):
         try:
             kind: Kind = point.load()
@@ -84,9 +86,9 @@ def _kinds() -> Iterator[Kind]:
 
 
 def inspect_file(path: Path, part: Part = Part()) -> Summary:
-    """Say what a file is. SoftprintError where it is not one of ours, damaged, or has no such sample or frame."""
+    """The summary of a file. Raises SoftprintError if it is unknown, damaged, or has no such sample or frame."""
     kind = find_kind(path)
     for name in ("sample", "frame"):
         if getattr(part, name) is not None and kind.part != name:
-            raise SoftprintError(f"{path}: --{name} asks for a {name}, which this kind of file does not have")
+            raise SoftprintError(f"{path}: this kind of file has no {name}s, so --{name} does not apply")
     return kind.summarise(path, part)

@@ -1,15 +1,15 @@
-"""A body's mesh: triangles in the plane or tetrahedra, in any format that meshio reads."""
+"""A body's mesh: triangles in 2D or tetrahedra in 3D, in any format that meshio reads."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from runtime.drawing.scene import Scene
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.mesh_quality import mesh_facts
-from runtime.inspect.summary import Summary
-from runtime.mesh import read_mesh
+from softprint.runtime.drawing.scene import Scene
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.mesh_quality import mesh_facts
+from softprint.runtime.inspect.summary import Summary
+from softprint.runtime.mesh import read_mesh
 
 SUFFIXES = (".vtu", ".vtk", ".msh", ".mesh", ".xml", ".inp", ".med", ".bdf", ".avs")
 
@@ -19,7 +19,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Read and check it as `softprint body` does."""
+    """Reads and checks it as `softprint body` does."""
     return Summary(path, "a mesh for a body", {"mesh": mesh_facts(read_mesh(path))})
 
 

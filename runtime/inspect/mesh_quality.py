@@ -1,4 +1,4 @@
-"""How well shaped the cells of a mesh are, and whether its surface is closed."""
+"""The shape quality of a mesh's cells, and whether its surface is closed."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.mesh import Mesh
 
 
 def mesh_facts(mesh: Mesh) -> dict[str, Any]:
-    """What to say about a body's mesh. Angles are between faces in 3D (dihedral), between edges in 2D."""
+    """The main figures of a body's mesh. Angles are between faces in 3D (dihedral), between edges in 2D."""
     angles, shape = cell_angles(mesh), mean_ratio(mesh)
     unit, boundary = ("m^2", "m") if mesh.dim == 2 else ("m^3", "m^2")
     edges = facet_edges(mesh.facets)
@@ -64,8 +64,8 @@ def _edge_squares(mesh: Mesh) -> Array:
 
 
 def facet_edges(facets: IntArray) -> IntArray:
-    """How many facets meet in each edge of a triangle surface, or in each end of the segments of an outline: 2
-    everywhere if it is closed."""
+    """Number of facets at each edge of a triangle surface, or at each end of the segments of an outline: 2 everywhere
+    if it is closed."""
     if facets.shape[1] == 2:
         return np.unique(facets, return_counts=True)[1]
     edges = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)

@@ -1,4 +1,4 @@
-"""A motion file: one scene, as one model played it."""
+"""A motion file: one scene played by one model."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from runtime.drawing.scene import Scene
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.picture import known_colliders, placed_surfaces
-from runtime.inspect.summary import Section, Summary, spread, versions
-from runtime.io.files import open_softprint_h5, read_text
-from runtime.mesh import Mesh
-from runtime.scenes.motion_colliders import build_colliders
-from runtime.scenes.motion_file import KIND as MOTION
-from runtime.scenes.motion_file import VERSION, Motion, load_motion
+from softprint.runtime.drawing.scene import Scene
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.picture import known_colliders, placed_surfaces
+from softprint.runtime.inspect.summary import Section, Summary, spread, versions
+from softprint.runtime.io.files import open_softprint_h5, read_text
+from softprint.runtime.mesh import Mesh
+from softprint.runtime.scenes.motion_colliders import build_colliders
+from softprint.runtime.scenes.motion_file import KIND as MOTION
+from softprint.runtime.scenes.motion_file import VERSION, Motion, load_motion
 
 
 def recognise(head: FileHead) -> bool:
@@ -26,7 +26,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Everything but the positions is read; of those, the frame that was asked for."""
+    """Reads everything except the positions, of which only the requested frame is read."""
     motion = load_motion(path)
     with open_softprint_h5(path, MOTION, VERSION) as file:
         provenance, experiment = json.loads(file.attrs["provenance"]), read_text(file.attrs, "experiment")
@@ -79,8 +79,8 @@ def _frame(motion: Motion, frame: int) -> dict[str, Any]:
 
 
 def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
-    """A frame, coloured by the displacement from rest; the frame of deepest penetration if none was named.
-    Its colliders are those that it was played with, unless an experiment is given to take them from."""
+    """A frame, coloured by the displacement from rest; by default the frame of deepest penetration. Its colliders are
+    those in the file, or those of the experiment if one is given."""
     motion = load_motion(path)
     frame = int(np.argmax(motion.penetration)) if part.frame is None else part.frame
     with open_softprint_h5(path, MOTION, VERSION) as file:

@@ -1,4 +1,4 @@
-"""Pictures of files: which scene shows what is in a body, a truth, a motion, a mesh or a collider."""
+"""Pictures of files: bodies, truths, motions, meshes and colliders."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.drawing.scene import draw
-from runtime.errors import SoftprintError
-from runtime.inspect.kinds import Part, find_kind
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.drawing.draw import draw
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.kinds import Part, find_kind
 
 if TYPE_CHECKING:
-    from runtime.colliders.collider import Collider
-    from runtime.colliders.pose import RigidPose
+    from softprint.runtime.colliders.collider import Collider
+    from softprint.runtime.colliders.pose import RigidPose
 
     Poses = Mapping[str, RigidPose]
 
 
 def picture_of(path: Path, part: Part, picture: Path, experiment: Path | None) -> None:
-    """Draw the file; SoftprintError where there is nothing to draw of its kind. experiment: where the shapes of the
-    colliders of a sample or a frame are, None to leave them out."""
+    """Draw the file; SoftprintError if its kind cannot be drawn. experiment: defines the colliders of a sample or a
+    frame; None to leave them out."""
     kind = find_kind(path)
     if kind.scene is None:
-        raise SoftprintError(f"{path}: there is nothing to draw of it")
+        raise SoftprintError(f"{path}: this kind of file cannot be drawn")
     draw(picture, kind.scene(path, part, experiment))
 
 
 def known_colliders(names: Iterable[str], experiment: Path) -> dict[str, Collider]:
-    """The colliders of those names from an experiment file; SoftprintError where it has not got them all."""
-    from runtime.colliders.build import build_collider
-    from runtime.experiment import load_experiment
+    """The colliders of those names from an experiment file; SoftprintError if one is missing."""
+    from softprint.runtime.colliders.build import build_collider
+    from softprint.runtime.experiment import load_experiment
 
     known = load_experiment(experiment)
     colliders = {}
@@ -45,8 +45,8 @@ def known_colliders(names: Iterable[str], experiment: Path) -> dict[str, Collide
 
 
 def placed_surfaces(colliders: Mapping[str, Collider], poses: Poses) -> list[tuple[Array, IntArray]]:
-    """The surfaces of colliders at their poses; planes, which have no end, are left out."""
-    from runtime.colliders.level_set import collider_surface
+    """The surfaces of colliders at their poses; planes, which are unbounded, are left out."""
+    from softprint.runtime.colliders.level_set import collider_surface
 
     surfaces = []
     for name, pose in poses.items():

@@ -1,4 +1,4 @@
-"""The corners of a polygon collider, as text."""
+"""The corners of a polygon collider, a text file."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.colliders.polygon import load_polygon, polygon_collider
-from runtime.drawing.scene import Scene
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary
+from softprint.runtime.colliders.polygon import load_polygon, polygon_collider
+from softprint.runtime.drawing.scene import Scene
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary
 
 _NUMBERS = re.compile(rb"(\s*#[^\n]*\n)*\s*[-+.\deE]+\s+[-+.\deE]+\s*\n")
 
@@ -22,7 +22,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Checked as the collider of an experiment is."""
+    """Checks it as the collider of an experiment."""
     corners = load_polygon(path)
     polygon_collider(corners, resolution=8, name=path.name)
     after = np.roll(corners, -1, axis=0)

@@ -7,12 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary
-from runtime.published.adopt import SAME
-from runtime.published.handles import find_handles
-from runtime.published.layout import PublishedObject, has_meshes, numbers_of, open_published, read_meshes
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary
+from softprint.runtime.published.adopt import SAME
+from softprint.runtime.published.handles import find_handles
+from softprint.runtime.published.layout import (
+    PublishedObject,
+    has_meshes,
+    numbers_of,
+    open_published,
+    read_meshes,
+)
 
 _SAMPLES = {"q", "z", "x"}
 
@@ -25,7 +31,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Sizes; of meshes also the handles that their basis shows."""
+    """Sizes; for meshes also the handles that follow from their basis."""
     if has_meshes(path):
         meshes = read_meshes(path)
         found = find_handles(meshes.body, str(path))
@@ -47,7 +53,7 @@ def summarise(path: Path, part: Part) -> Summary:
             "nodes, dimension": [nodes, dim],
             "handle rows": rows,
             "different handle states": len(np.unique(np.round(q / SAME), axis=0)),
-            "unit of length": str(file.attrs.get("unit", "not told")),
+            "unit of length": str(file.attrs.get("unit", "not stated")),
         }
     return Summary(path, "samples of a published data set", {"samples": facts})
 

@@ -1,4 +1,4 @@
-"""report.json: the numbers of a report."""
+"""report.json: the figures of a report."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary, versions
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary, versions
 
 _REPORT = "softprint_report"
 
@@ -19,7 +19,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Headline and errors of a report; SoftprintError where something that every report has is missing."""
+    """Headline and errors of a report; SoftprintError if a required part is missing."""
     report = json.loads(path.read_text(encoding="utf-8"))
     try:
         return Summary(path, "a report", _sections(report), report["experiment"]["text"])

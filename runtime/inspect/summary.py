@@ -1,4 +1,4 @@
-"""What is said about a file: named sections of named values, for people as text, for programs as JSON."""
+"""The summary of a file: named sections of named values, as text for people and as JSON for programs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Section = Mapping[str, Any]
 @dataclass(frozen=True)
 class Summary:
     """kind: what the file is, in words; sections: title -> label -> value (text, numbers, lists, mappings);
-    experiment: the text of the experiment that it was made from, if it holds one."""
+    experiment: the text of the experiment that it was made from, if it contains one."""
 
     path: Path
     kind: str
@@ -36,7 +36,7 @@ class Summary:
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
 
     def as_text(self) -> str:
-        """Lines for a terminal: what it is, then the sections with their values in one column."""
+        """Lines for a terminal: the kind, then the sections with their values in one column."""
         lines = [f"{self.path}: {self.kind}, {byte_size(self.path.stat().st_size)}"]
         width = max((len(label) for section in self.sections.values() for label in section), default=0)
         for title, section in self.sections.items():
@@ -46,7 +46,7 @@ class Summary:
 
 
 def text_of(value: Any) -> str:
-    """One value in few words: numbers with four digits, mappings as "a 1, b 2"."""
+    """One value as short text: numbers with four digits, mappings as "a 1, b 2"."""
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {text_of(item)}" for name, item in value.items()) or "none"
     if isinstance(value, list | tuple | np.ndarray):
@@ -74,7 +74,7 @@ def plain(value: Any) -> Any:
 
 
 def byte_size(count: float) -> str:
-    """A number of bytes in the unit that people would take."""
+    """A number of bytes in a readable unit."""
     for unit in ("bytes", "kB", "MB"):
         if count < 1000:
             return f"{count:.0f} {unit}" if unit == "bytes" else f"{count:.3g} {unit}"
@@ -83,7 +83,7 @@ def byte_size(count: float) -> str:
 
 
 def spread(values: ArrayLike) -> dict[str, float] | None:
-    """Median, 90th percentile and largest of the finite values; None where there are none."""
+    """Median, 90th percentile and largest of the finite values; None if there are none."""
     finite = np.asarray(values, dtype=np.float64)
     finite = finite[np.isfinite(finite)]
     if not len(finite):
@@ -93,5 +93,5 @@ def spread(values: ArrayLike) -> dict[str, float] | None:
 
 
 def versions(provenance: Mapping[str, str]) -> Section:
-    """The software that made a file: one value for each package."""
+    """Versions of the software that made a file, one value for each package."""
     return dict(sorted(provenance.items())) if provenance else {"versions": None}

@@ -1,4 +1,4 @@
-"""A triangle surface: a collider, or what a collider could be made of."""
+"""A triangle surface: a collider, or a candidate for one."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.mesh_collider import SUFFIXES, read_surface
-from runtime.colliders.repair import closed_surface
-from runtime.drawing.colours import COLLIDER
-from runtime.drawing.scene import Scene
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.mesh_quality import facet_edges
-from runtime.inspect.summary import Summary
-from runtime.mesh.mesh import facet_vectors
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.mesh_collider import SUFFIXES, read_surface
+from softprint.runtime.colliders.repair import closed_surface
+from softprint.runtime.drawing.colours import COLLIDER
+from softprint.runtime.drawing.scene import Scene
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.mesh_quality import facet_edges
+from softprint.runtime.inspect.summary import Summary
+from softprint.runtime.mesh.mesh import facet_vectors
 
 
 def recognise(head: FileHead) -> bool:
@@ -25,11 +25,11 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """What stands in the file, and whether it can be a collider after the repairs that a collider gets."""
+    """The content of the file, and whether it can be a collider after the usual repairs."""
     vertices, triangles = read_surface(path)
     if not np.isfinite(vertices).all() or triangles.min() < 0 or triangles.max() >= len(vertices):
         raise SoftprintError(
-            f"{path}: has vertices that are not numbers, or triangles of vertices that are not there"
+            f"{path}: has vertices that are not numbers, or triangles of vertices that do not exist"
         )
     area = np.linalg.norm(facet_vectors(vertices, triangles), axis=1)
     facts: dict[str, Any] = {

@@ -1,16 +1,16 @@
-"""A touch file: what was felt all over the surface while a scene was played."""
+"""A touch file: contact and strain over the whole surface while a scene was played."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Section, Summary, versions
-from runtime.io.files import open_softprint_h5, read_text
-from runtime.touch.series import KIND as TOUCH
-from runtime.touch.series import VERSION
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Section, Summary, versions
+from softprint.runtime.io.files import open_softprint_h5, read_text
+from softprint.runtime.touch.series import KIND as TOUCH
+from softprint.runtime.touch.series import VERSION
 
 
 def recognise(head: FileHead) -> bool:
@@ -18,7 +18,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Scene, sizes, and the most that was felt."""
+    """Scene, sizes, and the largest values."""
     with open_softprint_h5(path, TOUCH, VERSION) as file:
         texts = {name: read_text(file.attrs, name) for name in ("scene", "model", "body_hash", "experiment")}
         times, pressure, strain = (file[name][()] for name in ("times", "pressure", "strain_norm"))
@@ -37,7 +37,7 @@ def summarise(path: Path, part: Part) -> Summary:
         "hashes": {"body": texts["body_hash"]},
         "made with": versions(provenance),
     }
-    return Summary(path, "what is felt at a surface", sections, texts["experiment"])
+    return Summary(path, "touch at a surface", sections, texts["experiment"])
 
 
 KIND = Kind(recognise, summarise)

@@ -1,4 +1,4 @@
-"""A truth file: how many samples, how well solved, how noisy."""
+"""A truth file: number, accuracy and label noise of its samples."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from runtime.drawing.scene import Scene
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.picture import known_colliders, placed_surfaces
-from runtime.inspect.summary import Section, Summary, byte_size, spread, versions
-from runtime.io.files import open_softprint_h5
-from runtime.mesh import Mesh
-from runtime.truth.truth_file import TruthData, load_truth
-from runtime.truth.truth_schema import CONVERGED, SAMPLES, STATUS_NAMES, VERSION
-from runtime.truth.truth_schema import KIND as TRUTH
+from softprint.runtime.drawing.scene import Scene
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.picture import known_colliders, placed_surfaces
+from softprint.runtime.inspect.summary import Section, Summary, byte_size, spread, versions
+from softprint.runtime.io.files import open_softprint_h5
+from softprint.runtime.mesh import Mesh
+from softprint.runtime.truth.truth_file import TruthData, load_truth
+from softprint.runtime.truth.truth_schema import CONVERGED, SAMPLES, STATUS_NAMES, VERSION
+from softprint.runtime.truth.truth_schema import KIND as TRUTH
 
 
 def recognise(head: FileHead) -> bool:
@@ -25,7 +25,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Every column but the displacements themselves is read."""
+    """Reads every column except the displacements."""
     with load_truth(path) as truth:
         sections: dict[str, Section] = {
             "truth": _contents(truth),
@@ -49,7 +49,7 @@ def _contents(truth: TruthData) -> dict[str, Any]:
             name: int((status == code).sum()) for code, name in STATUS_NAMES.items() if (status == code).any()
         },
         "jumped to another branch": int(truth.samples["branch_flag"].sum()),
-        "usable to learn from": int(truth.usable.sum()),
+        "usable for training": int(truth.usable.sum()),
         "contacts, planned": [len(truth.contacts), truth.header.planned_contacts],
         "states, refused": [len(truth.states), len(truth.refused)],
         "colliders": list(truth.header.colliders),
@@ -93,7 +93,7 @@ def _sample(truth: TruthData, sample: int) -> dict[str, Any]:
         "state, contact": [int(truth.sample_state[sample]), contact],
         "place (node)": int(truth.contacts["place"][contact]),
         "status": _status(truth, sample),
-        "usable to learn from": bool(truth.usable[sample]),
+        "usable for training": bool(truth.usable[sample]),
         **{_with_unit(key): truth.samples[key][sample] for key in columns},
         "displacement [m]": {"largest": float(size.max()), "RMS": float(np.sqrt(np.mean(size**2)))},
     }
@@ -119,7 +119,7 @@ def _with_unit(key: str) -> str:
 
 
 def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
-    """The body as a sample found it, coloured by the contact displacement; the deepest sample if none was named."""
+    """The deformed body of a sample, coloured by the contact displacement; the deepest sample by default."""
     with load_truth(path) as truth:
         converged = truth.samples["status"] == CONVERGED
         sample = part.sample

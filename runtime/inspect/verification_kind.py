@@ -1,4 +1,4 @@
-"""verify.json: what `softprint verify` found."""
+"""verify.json: the results of `softprint verify`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from runtime.errors import SoftprintError
-from runtime.inspect.file_head import FileHead
-from runtime.inspect.kinds import Kind, Part
-from runtime.inspect.summary import Summary, versions
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.summary import Summary, versions
 
 
 def recognise(head: FileHead) -> bool:
@@ -17,7 +17,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Verdicts, and every number that failed."""
+    """Verdicts, and every figure that failed."""
     found = json.loads(path.read_text(encoding="utf-8"))
     try:
         sections: dict[str, dict[str, Any]] = {
@@ -41,8 +41,8 @@ def _verdict(case: dict[str, Any]) -> str:
 
 
 def _failures(case: dict[str, Any]) -> dict[str, Any]:
-    told = {"did not finish": case["failure"]} if case["failure"] else {}
-    return told | {
+    failures = {"did not finish": case["failure"]} if case["failure"] else {}
+    return failures | {
         row["quantity"]: f"{row['ours']} instead of {row['reference']} {row['unit']}".rstrip()
         for row in case["rows"]
         if not row["passed"]

@@ -1,1 +1,1 @@
-"""How files are written whole, checked when read, and protected from what is in them."""
+"""Writing files atomically, checking them when they are read, and safety against malicious content."""

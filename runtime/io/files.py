@@ -1,8 +1,8 @@
-"""How every Softprint file is written and opened: whole or not at all, and never mistaken for another.
+"""How every Softprint file is written and opened: atomically, and with its kind checked.
 
-Each file says what it is (attributes ``softprint_kind`` and ``softprint_version``) and where it came from
-(``provenance``). It is written under a temporary name in its own folder and renamed when whole, so a process
-killed at any moment leaves either the old file or the new one.
+Each file states its kind and version (attributes ``softprint_kind`` and ``softprint_version``) and its origin
+(``provenance``). It is written under a temporary name in its own folder and renamed when complete, so a process killed
+at any moment leaves either the old file or the new one.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.errors import SoftprintError
-from runtime.io.h5_contents import claims, refuse_tricks, unreadable_datasets
-from runtime.io.seal import Damage, Unsealed, damage, seal, was_found_whole
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.h5_contents import claims, refuse_tricks, unreadable_datasets
+from softprint.runtime.io.seal import Damage, Unsealed, damage, is_verified, seal
 
 if TYPE_CHECKING:
     import h5py
 
-# What h5py and the reading of what it gives raise where bytes of a file were altered.
+# Exceptions that h5py, or code that uses its results, raises on altered bytes.
 _DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)
 _HDF5 = b"\x89HDF\r\n\x1a\n"  # how an HDF5 file begins
 _MAKERS = {
@@ -47,8 +47,8 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` (same suffix); on success it is synced and renamed to ``path``.
 
     On any exception the temporary file is removed and ``path`` is left as it was; an OSError (no space, no
-    permission) becomes a SoftprintError. Missing parent folders are made. What killed processes left of
-    earlier attempts is removed.
+    permission) becomes a SoftprintError. Missing parent folders are created. Temporary files of killed processes are
+    removed.
     """
     target = Path(path)
     try:
@@ -58,7 +58,7 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
             f"cannot make the folder {target.parent} for {target.name}: {error.strerror}"
         ) from error
     if target.is_dir():
-        raise SoftprintError(f"cannot write {target}: a folder of that name is in the way")
+        raise SoftprintError(f"cannot write {target}: a folder of that name exists")
     _remove_left_overs(target)
     attempt = f"{_machine()}-{os.getpid()}-{secrets.token_hex(6)}"
     temporary = target.with_name(f".{target.stem}.{attempt}{target.suffix}")
@@ -66,7 +66,7 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         yield temporary
         _sync(temporary, os.O_RDWR)
         os.replace(temporary, target)
-        _sync(target.parent, os.O_RDONLY)  # the rename itself must survive a power cut
+        _sync(target.parent, os.O_RDONLY)  # the rename itself must survive a power failure
     except OSError as error:
         ours = error.filename in (None, str(temporary), os.fspath(temporary))
         reason = error.strerror if ours and error.strerror else error
@@ -80,7 +80,7 @@ def _machine() -> str:
 
 
 def _remove_left_overs(target: Path) -> None:
-    """Temporary files of processes of this machine that are no more; of other machines we cannot tell."""
+    """Remove temporary files of ended processes of this machine; those of other machines may still run."""
     ours = re.compile(
         rf"\.{re.escape(target.stem)}\.{_machine()}-(\d+)-[0-9a-f]{{12}}{re.escape(target.suffix)}"
     )
@@ -95,7 +95,7 @@ def _is_alive(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except PermissionError:  # alive, and someone else's
+    except PermissionError:  # alive, owned by another user
         return True
     return True
 
@@ -109,14 +109,13 @@ def _sync(path: Path, flags: int) -> None:
 
 
 def provenance() -> dict[str, str]:
-    """Versions of the software at hand, for the metadata of a file. Imports nothing heavy."""
+    """Versions of the installed software, for the metadata of a file. Imports nothing heavy."""
     versions = {"python": platform.python_version(), "platform": platform.platform()}
     for package in _PACKAGES:
         try:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
-            # Debian's DOLFINx and PETSc carry no distribution metadata of that name; ask the module if it
-            # is loaded.
+            # Debian's DOLFINx and PETSc have no distribution metadata of that name; use the module's if it is loaded.
             module = sys.modules.get({"fenics-dolfinx": "dolfinx"}.get(package, package))
             if module is not None and hasattr(module, "__version__"):
                 versions[package] = str(module.__version__)
@@ -124,7 +123,7 @@ def provenance() -> dict[str, str]:
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file's bytes. Raises SoftprintError where it cannot be read."""
+    """SHA-256 of a file's bytes. Raises SoftprintError if it cannot be read."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
@@ -132,13 +131,13 @@ def file_hash(path: Path) -> str:
 
 
 def sources_hash(folder: Path) -> str:
-    """SHA-256 of the Python sources in a folder and all below it: what was computed with others may differ."""
+    """SHA-256 of the Python sources in a folder and its subfolders: results of other sources may differ."""
     sources = sorted(folder.rglob("*.py"))
     return content_hash({str(path.relative_to(folder)): file_hash(path) for path in sources})
 
 
 def content_hash(content: Mapping[str, object]) -> str:
-    """SHA-256 (hex) of named arrays, numbers and strings: names, types, shapes, bytes; in any order."""
+    """SHA-256 (hex) of named arrays, numbers and strings: names, types, shapes, bytes; independent of the order."""
     digest = hashlib.sha256()
     for name in sorted(content):
         value = content[name]
@@ -156,9 +155,8 @@ def content_hash(content: Mapping[str, object]) -> str:
 
 @contextmanager
 def create_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5py.File]:
-    """Write a whole HDF5 file, atomically, with its kind, version and provenance in the attributes, and a
-    seal."""
-    from runtime.io.h5_writing import H5Writer
+    """Write an HDF5 file, atomically, with its kind, version and provenance in the attributes, and a seal."""
+    from softprint.runtime.io.h5_writing import H5Writer
 
     with atomic_path(path) as temporary:
         with H5Writer(temporary) as file:
@@ -170,8 +168,8 @@ def create_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h
 
 
 def fixed_text(text: str) -> NDArray[np.bytes_]:
-    """Text for an attribute of an HDF5 file, of fixed length: h5py keeps a str in a part of the file that HDF5
-    has no checksum of, and damage there can crash it."""
+    """Text of fixed length for an attribute of an HDF5 file: h5py stores a str in a part of the file without checksums,
+    where damage can crash HDF5."""
     data = text.encode()
     return np.array(data, dtype=f"S{max(1, len(data))}")
 
@@ -184,11 +182,11 @@ def read_text(attributes: h5py.AttributeManager, name: str) -> str:
 
 @contextmanager
 def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5py.File]:
-    """Open an HDF5 file for reading after checking that every byte of it is as it was written (see
-    :mod:`runtime.io.seal`), and that it is ours, of this kind and of this version.
+    """Open an HDF5 file for reading after checking that every byte is as written (see :mod:`runtime.io.seal`), and that
+    it is a Softprint file of this kind and version.
 
-    Use as a context manager. A dataset or attribute that turns out to be missing or unreadable inside the
-    block becomes a SoftprintError that names the file.
+    Use as a context manager. Inside the block, a missing or unreadable dataset or attribute raises a SoftprintError
+    that names the file.
     """
     import h5py
 
@@ -197,7 +195,7 @@ def open_softprint_h5(path: Path | str, kind: str, version: int) -> Iterator[h5p
         maker = f"; `softprint {_MAKERS[kind]}` makes one" if kind in _MAKERS else ""
         raise SoftprintError(f"{source}: there is no such {kind} file{maker}")
     try:
-        known = was_found_whole(source)
+        known = is_verified(source)
         broken = damage(source)
     except Unsealed:
         raise _unsealed(source, kind, version) from None
@@ -223,13 +221,12 @@ def _altered(source: Path, kind: str, broken: list[Damage]) -> SoftprintError:
     places = " and ".join(map(str, broken[:3])) + (" and more" if len(broken) > 3 else "")
     where = ", ".join(unreadable_datasets(source)[:3]) or "between its datasets"
     return SoftprintError(
-        f"{source}: the {kind} file is damaged: bytes within {places} are not those that were written "
-        f"({where}): make it again"
+        f"{source}: the {kind} file is damaged: bytes within {places} were altered ({where}): make it again"
     )
 
 
 def _unsealed(source: Path, kind: str, version: int) -> SoftprintError:
-    """Why a file does not end in a seal: another file, another version, or cut short."""
+    """The reason why a file does not end in a seal: another file, another version, or truncated."""
     with source.open("rb") as file:
         found = claims(source) if file.read(len(_HDF5)) == _HDF5 else None
     if found is None:

@@ -1,8 +1,8 @@
-"""What an HDF5 file may hold before anything of it is read, and what is wrong with one that is not sealed.
+"""Checks of an HDF5 file's structure before its data are read, and diagnosis of files without a valid seal.
 
-HDF5 can point out of a file (external and soft links, external storage, virtual datasets), round in circles
-(a group within itself), to Python objects, and can claim in a few bytes arrays of terabytes. Files of ours do
-none of it, so a file that does is refused whole.
+HDF5 can point out of a file (external and soft links, external storage, virtual datasets), in circles (a group within
+itself) and to Python objects, and can claim arrays of terabytes in a few bytes. Softprint files never do, so files that
+do are refused.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
     import h5py
 
-# A dataset may take this much room, whatever the size of its file (texts compress a thousandfold) ...
+# A dataset may take this much memory, regardless of the size of its file (texts compress a thousandfold) ...
 _ROOM = 1 << 28  # bytes
-# ... and this many times the size of its file, for numbers compress, too.
+# ... and this many times the size of its file, because numbers compress too.
 _COMPRESSION = 16
-_DEPTH = 8  # of groups within groups; ours go to three
-_PLAIN = set("iufbS")  # kinds of numpy types: integers, floats, truth values, text of fixed length
+_DEPTH = 8  # of nested groups; Softprint files have three levels
+_PLAIN = set("iufbS")  # kinds of numpy types: integers, floats, booleans, text of fixed length
 _PATIENCE = 60.0  # s
 
-# Says on stdout what a file is. In a process of its own: HDF5 may crash on bytes that nothing vouches for.
+# Prints the kind of a file. In a child process, because HDF5 may crash on damaged bytes.
 _PROBE = """
 import json, sys, h5py
 with h5py.File(sys.argv[1], "r") as file:
@@ -38,8 +38,7 @@ with h5py.File(sys.argv[1], "r") as file:
 
 
 def claims(path: Path) -> tuple[str | None, int] | None:
-    """Kind and version that an HDF5 file says it is of, asked in a process that may crash; None if
-    unreadable."""
+    """Kind and version that an HDF5 file states, read in a child process that may crash; None if unreadable."""
     command = [sys.executable, "-c", _PROBE, str(path)]
     try:
         asked = subprocess.run(
@@ -59,7 +58,7 @@ def claims(path: Path) -> tuple[str | None, int] | None:
 
 
 def refuse_tricks(file: h5py.File, source: Path) -> None:
-    """Raise SoftprintError where an open file holds what no file of ours does."""
+    """Raise SoftprintError if an open file contains structures that Softprint files never have."""
     import h5py
 
     limit = _ROOM + _COMPRESSION * source.stat().st_size
@@ -71,18 +70,18 @@ def refuse_tricks(file: h5py.File, source: Path) -> None:
         if not isinstance(item, h5py.Dataset):
             continue
         if item.dtype.kind not in _PLAIN:
-            raise _refusal(source, name, "holds neither numbers nor text of fixed length")
+            raise _refusal(source, name, "contains neither numbers nor text of fixed length")
         if item.is_virtual or item.external:
-            raise _refusal(source, name, "has its numbers in another file")
+            raise _refusal(source, name, "stores its numbers in another file")
         if item.size is None or item.size * item.dtype.itemsize > limit:
-            raise _refusal(source, name, f"claims {item.shape} values, more than such a file can hold")
+            raise _refusal(source, name, f"claims {item.shape} values, more than such a file can contain")
 
 
 def _walk(group: h5py.Group, source: Path, name: str, depth: int) -> Iterator[tuple[str, h5py.HLObject]]:
     import h5py
 
     if depth > _DEPTH:
-        raise _refusal(source, name, "lies in too many groups")
+        raise _refusal(source, name, "is nested in too many groups")
     yield name or "/", group
     for key in group:
         child = f"{name}/{key}"
@@ -96,11 +95,11 @@ def _walk(group: h5py.Group, source: Path, name: str, depth: int) -> Iterator[tu
 
 
 def _refusal(source: Path, name: str, trouble: str) -> SoftprintError:
-    return SoftprintError(f"{source}: {name!r} {trouble}; no file of Softprint's does: make it again")
+    return SoftprintError(f"{source}: {name!r} {trouble}, unlike Softprint files: make it again")
 
 
 def unreadable_datasets(path: Path) -> list[str]:
-    """Names of the datasets that HDF5 cannot read whole; it knows by their own checksums."""
+    """Names of the datasets that HDF5 cannot read completely, by their own checksums."""
     import h5py
 
     bad = []
@@ -110,7 +109,7 @@ def unreadable_datasets(path: Path) -> list[str]:
                 if isinstance(item, h5py.Dataset) and not _is_readable(item):
                     bad.append(name)
     except (OSError, RuntimeError, ValueError, LookupError, SoftprintError):
-        bad.append("its own table of contents")
+        bad.append("its table of contents")
     return bad
 
 

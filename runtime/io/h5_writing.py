@@ -1,8 +1,8 @@
-"""Writing HDF5 files without a crash where the disk is full.
+"""Writing HDF5 files without crashing on a full disk.
 
-HDF5 (1.10 and 1.14 alike) answers a failed write with errors at every object that is closed afterwards, and with
-a segmentation fault at the end. So it writes through an object of ours that never fails: the first error is kept,
-what is written from then on goes to memory, and the file raises the error the next time it is asked for anything.
+After a failed write, HDF5 (both 1.10 and 1.14) raises errors for every object that is closed afterwards, and ends in a
+segmentation fault. It therefore writes through a file object that never fails: the first error is stored, later writes
+go to memory, and the next access to the file raises the error.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ class _SafeDisk(io.RawIOBase):
 
     def __init__(self, path: Path) -> None:
         self.error: OSError | None = None
-        self.stop: KeyboardInterrupt | None = None  # came in the midst of HDF5, which it would have crashed
+        self.stop: KeyboardInterrupt | None = None  # received inside HDF5, which it would have crashed
         self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666)
         self._place = self._size = 0
-        self._spilled: list[tuple[int, bytes]] = []  # writes that found no room: where, and what
+        self._spilled: list[tuple[int, bytes]] = []  # failed writes: position and bytes
 
     def readable(self) -> bool:
         return True
@@ -43,7 +43,7 @@ class _SafeDisk(io.RawIOBase):
         return self._place
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Writes are unbuffered."""
 
     def truncate(self, size: int | None = None) -> int:
         self._size = self._place if size is None else size
@@ -56,7 +56,7 @@ class _SafeDisk(io.RawIOBase):
 
     def write(self, data: Any) -> int:
         place = self._place
-        while True:  # what is interrupted is done again, whole
+        while True:  # an interrupted write is repeated completely
             try:
                 return self._write(memoryview(data).cast("B"), place)
             except KeyboardInterrupt as stop:
@@ -93,13 +93,13 @@ class _SafeDisk(io.RawIOBase):
         super().close()
 
 
-class H5Writer(h5py.File):  # type: ignore[misc]  # h5py says nothing of its types
-    """A new HDF5 file that raises OSError where it could not be written: from ``[]``, ``create_dataset`` and
+class H5Writer(h5py.File):  # type: ignore[misc]  # h5py has no type information
+    """A new HDF5 file that raises OSError if it cannot be written: from ``[]``, ``create_dataset`` and
     ``create_group``, and at the latest when its ``with`` block ends."""
 
     def __init__(self, path: Path) -> None:
         self._disk = _SafeDisk(path)
-        # HDF5's format of 1.10 has checksums in its metadata: it can tell which dataset is damaged.
+        # The file format of HDF5 1.10 has checksums of metadata, which locate the damaged dataset.
         super().__init__(self._disk, "w", libver=("v110", "v110"))
 
     def __getitem__(self, name: Any) -> Any:
@@ -116,7 +116,7 @@ class H5Writer(h5py.File):  # type: ignore[misc]  # h5py says nothing of its typ
 
     def __exit__(self, *exception: Any) -> None:
         try:
-            while self:  # closing, too, is done again where it was interrupted
+            while self:  # an interrupted close is repeated too
                 try:
                     super().__exit__(*exception)
                 except KeyboardInterrupt as stop:

@@ -1,4 +1,4 @@
-"""A bound on the memory that reading a foreign file may take, so that a few bytes cannot ask for all there is."""
+"""A bound on the memory for reading a foreign file, so that a few bytes cannot allocate all of it."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_ROOM = 256 << 20  # bytes that any file may take ...
+_ROOM = 256 << 20  # bytes of memory for any file ...
 _SWELLING = (
-    64  # ... and so many times its own size: text in Python's lists takes twenty times, compressed data more
+    64  # ... and this many times its own size: text in Python lists takes twenty times, compressed data more
 )
 
 
 @contextmanager
 def memory_bound(path: Path) -> Iterator[None]:
-    """Within, what asks for much more memory than a file of this size can need gets a MemoryError."""
+    """Inside the block, allocations beyond the need of a file of this size raise a MemoryError."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     bound = pages * resource.getpagesize() + _ROOM + _SWELLING * path.stat().st_size
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)

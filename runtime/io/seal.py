@@ -1,10 +1,10 @@
-"""Seals: checksums of every byte of a file, in a trailer behind its content.
+"""Seals: checksums of every byte of a file, in a trailer after its content.
 
     content | table: CRC-32 of each block of the content, uint32 | footer: the table's place and checksums
 
 CRC-32 finds every error that lies within 32 bits, so one altered byte for certain, and others but for one in
 2^32. It takes a third of a second a GB (zlib; SHA-256 three times as long), less than it takes to read the
-file from most disks, so a file is examined whole before anything of it is believed: once in a process, unless
+file from most disks, so a file is examined whole before anything of it is used: once in a process, unless
 it changes. HDF5 looks no further than the end that its own header states, so all its tools open sealed files;
 a program that writes into one loses or breaks the seal.
 """
@@ -23,17 +23,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-BLOCK = 1 << 16  # bytes: how precisely damage is located
+BLOCK = 1 << 16  # bytes: the resolution at which damage is located
 _PIECE = 64 * BLOCK  # bytes read at a time
 _MAGIC = b"softprint seal 1"
 _FOOTER = struct.Struct("<QI16s")  # length of the content, CRC-32 of the table, magic; its own CRC-32 follows
 _CRC = struct.Struct("<I")
 _FOOTER_BYTES = _FOOTER.size + _CRC.size
-_SETTLED = 2.0  # s: a file changed within the last tick of the clock may change again and bear the same time
+_SETTLED = 2.0  # s: a file changed within the clock's resolution may change again with the same time stamp
 
 Table = NDArray[np.uint32]
 _Identity = tuple[int, int, int, int, int]
-_found_whole: dict[Path, _Identity] = {}
+_verified: dict[Path, _Identity] = {}
 
 
 class Unsealed(Exception):
@@ -42,7 +42,7 @@ class Unsealed(Exception):
 
 @dataclass(frozen=True)
 class Damage:
-    """Bytes ``start`` to ``stop`` (exclusive) do not have the checksum that they were sealed with."""
+    """Bytes ``start`` to ``stop`` (exclusive) do not match their checksum in the seal."""
 
     start: int
     stop: int
@@ -52,7 +52,7 @@ class Damage:
 
 
 def checksums(file: BufferedIOBase, length: int) -> Table:
-    """CRC-32 of each block of the next ``length`` bytes, of fewer where the file ends before."""
+    """CRC-32 of each block of the next ``length`` bytes, or fewer if the file ends before."""
     found: list[int] = []
     piece = memoryview(bytearray(min(_PIECE, length)))
     while length > 0 and (count := file.readinto(piece[: min(len(piece), length)])):
@@ -62,7 +62,7 @@ def checksums(file: BufferedIOBase, length: int) -> Table:
 
 
 def seal(path: Path) -> None:
-    """Append the seal to a file that is whole."""
+    """Append the seal to a complete file."""
     with path.open("r+b") as file:
         length = os.fstat(file.fileno()).st_size
         table = checksums(file, length).tobytes()
@@ -71,16 +71,16 @@ def seal(path: Path) -> None:
         file.write(table + footer + _CRC.pack(zlib.crc32(footer)))
 
 
-def was_found_whole(path: Path) -> bool:
-    """Whether this process has examined the file, and it has not changed since. Raises OSError."""
-    return _found_whole.get(path) == _identity(os.stat(path))
+def is_verified(path: Path) -> bool:
+    """Whether this process has verified the file, and it has not changed since. Raises OSError."""
+    return _verified.get(path) == _identity(os.stat(path))
 
 
 def damage(path: Path) -> list[Damage]:
-    """What of a sealed file was altered: nothing, or the blocks, neighbours joined. Raises Unsealed, OSError."""
+    """The altered blocks of a sealed file, with neighbours joined. Raises Unsealed, OSError."""
     with path.open("rb") as file:
         identity = _identity(os.fstat(file.fileno()))
-        if _found_whole.get(path) == identity:
+        if _verified.get(path) == identity:
             return []
         length, table_crc = _read_footer(file)
         file.seek(0)
@@ -99,7 +99,7 @@ def damage(path: Path) -> list[Damage]:
             and _identity(os.fstat(file.fileno())) == identity
             and time.time() - max(identity[3:]) / 1e9 > _SETTLED
         ):
-            _found_whole[path] = identity
+            _verified[path] = identity
         return damaged
 
 

@@ -1,8 +1,8 @@
-"""Tensors in a file: safetensors, with checksums of every byte among its texts. Never pickle.
+"""Tensor files: safetensors with checksums of every byte in its metadata. Never pickle.
 
-safetensors keeps no checksum, and takes no byte behind its tensors. So the checksums of the file's blocks
-(:mod:`runtime.io.seal`) are one of its texts, worked out with the room for them filled with noughts: any tool
-reads such a file, and no altered byte of it passes, be it in a tensor, in a text, or between them.
+safetensors has no checksums, and allows no bytes after its tensors. So the checksums of the file's blocks
+(:mod:`runtime.io.seal`) are a metadata text, computed with this text filled with zeros. Any tool reads such a file, and
+every altered byte is detected, in tensors, in texts, and between them.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path
-from runtime.io.seal import BLOCK, checksums
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path
+from softprint.runtime.io.seal import BLOCK, checksums
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -32,25 +32,25 @@ _LENGTH_BYTES = 8  # safetensors: length of the header, header (JSON), tensors
 def save_tensors(
     path: Path, kind: str, version: int, texts: Mapping[str, str], tensors: Mapping[str, Tensor]
 ) -> None:
-    """Write tensors and texts, atomically, with the rights that the user's mask gives."""
+    """Write tensors and texts, atomically, with the permissions of the user's umask."""
     texts = {"softprint_kind": kind, "softprint_version": str(version), **texts}
     bare = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     blocks = len(save(bare, metadata=texts)) // BLOCK + 1
-    blocks += 1 + blocks * _DIGITS // BLOCK  # that the checksums themselves may need
+    blocks += 1 + blocks * _DIGITS // BLOCK  # for the checksums themselves
     content = save(bare, metadata={**texts, "checksums": "0" * (_DIGITS * blocks)})
     start = content.index(_BEGINS) + len(_BEGINS)
     stop = start + _DIGITS * blocks
     text = _checksums(content, start, stop)
     with atomic_path(path) as temporary:
-        # Not `save_file`, which makes files that no one else may read.
+        # Not `save_file`, whose files only their owner may read.
         temporary.write_bytes(content[:start] + text + content[stop:])
 
 
 def load_tensors(
     path: Path, kind: str, version: int, remedy: str
 ) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Texts and tensors of a file. Raises SoftprintError, which ends in the remedy, where it is missing, damaged,
-    foreign or of another version."""
+    """Texts and tensors of a file. Raises SoftprintError, which ends in the remedy, if it is missing, damaged, of
+    another kind or of another version."""
     what = kind.replace("_", " ")
     try:
         content = path.read_bytes()
@@ -81,7 +81,7 @@ def load_tensors(
 
 
 def _texts(content: bytes) -> dict[str, str]:
-    """Raises ValueError where there are none."""
+    """The metadata texts. Raises ValueError if there are none."""
     texts = _header(content).get("__metadata__", {})
     if not isinstance(texts, dict) or not all(isinstance(value, str) for value in texts.values()):
         raise ValueError("no texts")
@@ -99,7 +99,7 @@ def _header(content: bytes) -> dict[str, object]:
 
 
 def _checksums(content: bytes, start: int, stop: int) -> bytes:
-    """Of all blocks, as hexadecimal digits, where bytes start to stop are noughts; noughts fill the rest of them."""
+    """Checksums of all blocks as hexadecimal digits, with bytes start to stop taken as zeros; padded with zeros."""
     zeroed = io.BytesIO(content)
     zeroed.getbuffer()[start:stop] = b"0" * (stop - start)
     found = checksums(zeroed, len(content))
@@ -118,13 +118,13 @@ def _refuse_damage(path: Path, content: bytes, what: str, remedy: str) -> None:
     block = int(np.flatnonzero(differs)[0]) // _DIGITS
     first, last = block * BLOCK, min((block + 1) * BLOCK, len(content)) - 1
     raise SoftprintError(
-        f"{path}: the {what} file is damaged: bytes within {first} to {last} are not those that were written "
+        f"{path}: the {what} file is damaged: bytes within {first} to {last} were altered "
         f"({_in_bytes(content, first, last)}): {remedy}"
     )
 
 
 def _in_bytes(content: bytes, first: int, last: int) -> str:
-    """What lies in a range of bytes, as the header has it."""
+    """The content of a range of bytes, according to the header."""
     header = _header(content)
     begin = _LENGTH_BYTES + int.from_bytes(content[:_LENGTH_BYTES], "little")
     named = ["its header"] if first < begin else []

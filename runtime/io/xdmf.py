@@ -1,16 +1,14 @@
-"""XDMF side files: small XML that lets ParaView read meshes and nodal fields out of our HDF5 files.
+"""XDMF side files: small XML files by which ParaView reads meshes and nodal fields from our HDF5 files.
 
-The heavy numbers stay in the HDF5 file; the side file only says where they lie. XDMF 3 as both ParaView's and
-VTK's readers understand it:
+The data stay in the HDF5 file; the side file only refers to them. This is XDMF 3 as read by both ParaView and VTK:
 
-* ``Values`` names a dataset, or one slice ``dataset[index]`` of its leading axis (a HyperSlab in XDMF's
-  words);
+* ``Values`` names a dataset, or one slice ``dataset[index]`` of its leading axis (a HyperSlab in XDMF);
 * ``Step`` is one picture: points, cells, and fields at nodes and cells;
 * ``write_xdmf`` writes a temporal collection of steps.
 
-Points are best given as a whole dataset, not as a slice: VTK reads slices of points correctly but complains
-about each. A moving body is therefore rest points plus a node field to be shown with "Warp By Vector", or one
-dataset of points per step. 2D points and vectors are padded with zeros by the reader.
+Points should be a whole dataset, not a slice: VTK reads slices of points correctly but prints a warning for each. A
+moving body is therefore stored as rest points plus a node field for "Warp By Vector", or one dataset of points per
+step. 2D points and vectors are padded with zeros by the reader.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
-from runtime.io.files import atomic_path
+from softprint.runtime.io.files import atomic_path
 
 _GEOMETRY = {2: "XY", 3: "XYZ"}
 _TOPOLOGY = {3: "Triangle", 4: "Tetrahedron"}  # by nodes a cell
@@ -33,10 +31,10 @@ _ATTRIBUTE = {1: "Scalar", 2: "Vector", 3: "Vector", 4: "Matrix", 9: "Tensor"}  
 
 @dataclass(frozen=True)
 class Values:
-    """Where one array lies: a dataset of an HDF5 file, or one slice of its leading axis.
+    """A reference to an array: a dataset of an HDF5 file, or one slice of its leading axis.
 
-    ``file`` is written into the side file as it stands, so it is the name relative to the side file (normally
-    the bare name of the HDF5 file beside it).
+    ``file`` is written to the side file unchanged, so it is relative to the side file (normally the bare name of the
+    HDF5 file in the same folder).
     """
 
     file: str
@@ -53,13 +51,13 @@ class Values:
 
     @property
     def slice_shape(self) -> tuple[int, ...]:
-        """Shape of the array that the reader gets."""
+        """Shape of the array that the reader returns."""
         return self.shape if self.index is None else self.shape[1:]
 
 
 @dataclass(frozen=True)
 class Step:
-    """One picture of the collection: a mesh with fields at a time (or any other number that orders the
+    """One picture of the collection: a mesh with fields at a time (or any other number that increases with the
     steps)."""
 
     time: float
@@ -71,7 +69,7 @@ class Step:
 
 
 def write_xdmf(path: Path, steps: Sequence[Step]) -> None:
-    """Write the side file ``path`` for ``steps`` (in order of time), whole or not at all."""
+    """Write the side file ``path`` for ``steps`` (in order of time), atomically."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
     collection = ElementTree.SubElement(

@@ -1,1 +1,1 @@
-"""Learned corrections: one folder each (`thesis5`, `thesis6`, `force`), their protocol, file and registry."""
+"""Learned corrections: one folder each (`thesis5`, `thesis6`, `force`), and their protocol, file and registry."""

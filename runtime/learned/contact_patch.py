@@ -1,16 +1,15 @@
-"""The contact as a whole: what every point is told about where, how deep and how wide the collider presses.
+"""The contact patch: position, depth and width of the contact as a whole, inputs that all points share.
 
-Measured on the reduced positions of the body's surface samples, over those that penetrate, weighted as the
-penalty pressure would (w_i = a_i depth_i^2, so that a sample enters and leaves smoothly):
+It is measured at the reduced positions of the body's surface samples, over those that penetrate, with the weights of
+the penalty pressure (w_i = a_i depth_i^2, so that the weight of a sample vanishes smoothly as it leaves the contact):
 
     depth  D = sum w_i depth_i / sum w_i          [m]
     size   s = (sum w_i / D^2)^(1/(dim-1))        [m], the width of the patch
-    means over the patch of z, carried surface normal, gradient of the distance, rest position; covariance of
-    z
+    means over the patch of z, deformed surface normal, gradient of the distance, rest position; covariance of z
 
-All but the means of rest positions are in collider space. These numbers are the *shared inputs* of a contact
-model and D is the measure by which its displacement fades as contact opens. Their derivative costs one small
-tensor for the whole body, so the global part of the model is nearly free.
+All but the means of rest positions are in collider space. These numbers are the *shared inputs* of a contact model, and
+its displacement fades to zero with D as contact opens. Their derivative is one small tensor for the whole body, so the
+global part of the model adds almost no cost.
 """
 
 from __future__ import annotations
@@ -22,19 +21,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from runtime.arrays import Array
-from runtime.body.body import ReducedBody
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.errors import SoftprintError
-from runtime.learned.deformed_normal import deformed_normal, deformed_normal_derivative
-from runtime.learned.point_states import PointTensors, collider_rows
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.deformed_normal import deformed_normal, deformed_normal_derivative
+from softprint.runtime.learned.point_states import PointTensors, collider_rows
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """depth: D [m]; shared: (n_shared,); and, taken when first asked for, their derivatives with respect to the
-    world rows. rotation: (dim, dim) of the collider's pose."""
+    """depth: D [m]; shared: (n_shared,); touching: the penetrating samples; rotation: (dim, dim) of the collider's
+    pose. The derivatives by the world rows are computed at their first use."""
 
     depth: float
     shared: Tensor
@@ -52,12 +51,12 @@ class Patch:
 
 
 def n_shared_inputs(dim: int) -> int:
-    """Depth, size, four mean vectors and a covariance."""
+    """The number of shared inputs: depth, size, four mean vectors and a covariance."""
     return 2 + 4 * dim + dim * (dim + 1) // 2
 
 
 class ContactProbe:
-    """Measures the contact patch of one body with one collider. All arithmetic in float64."""
+    """Measures the contact patch of one body with one collider, in float64."""
 
     def __init__(self, body: ReducedBody, collider: Collider) -> None:
         if body.dim != collider.dim:
@@ -98,7 +97,8 @@ class ContactProbe:
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """The m penetrating samples: areas (m,), collider rows, z (m, dim), and the signed distance there."""
+    """The m penetrating samples: areas (m,), collider rows, z (m, dim), and the signed distance there with its first
+    and second derivatives."""
 
     points: PointTensors
     areas: Tensor
@@ -129,7 +129,7 @@ class Touching:
         return torch.cat([depth[None], size[None], centre, share @ means])
 
     def _products(self, centre: Tensor) -> Tensor:
-        """(m, dim(dim+1)/2) products of offsets from the centre, whose mean is the covariance."""
+        """(m, dim(dim+1)/2) products of offsets from the centre; their mean is the covariance."""
         offset = self.z - centre
         upper = torch.triu_indices(offset.shape[1], offset.shape[1])
         return offset[:, upper[0]] * offset[:, upper[1]]
@@ -154,7 +154,7 @@ class Touching:
         centre, centre_slope = mean(self.z, identity)
         offset = self.z - centre
         upper = torch.triu_indices(dim, dim)
-        # The covariance does not change to first order with the centre, so only z_i itself is differentiated.
+        # The derivative of the covariance by the centre is zero, so only z_i itself is differentiated.
         product_slope = (
             offset[:, upper[0], None] * identity[:, upper[1]]
             + offset[:, upper[1], None] * identity[:, upper[0]]

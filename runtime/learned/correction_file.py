@@ -1,7 +1,8 @@
 """Correction files: safetensors with a JSON header, never pickle.
 
-The header says what the correction is (architecture, dimension), what it belongs to (hash of the body, name
-of the collider, hash of the truth it was learned from) and how good it is on states it has never seen.
+The header contains the architecture and dimension of the correction, what it belongs to (hash of the body, name of the
+collider, hash of the truth data, content hash of the mechanics that it adds to) and its error on held-out states. The
+mechanics themselves are a file of the run directory (`mechanics_file.py`).
 """
 
 from __future__ import annotations
@@ -12,41 +13,32 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import torch
-
-from runtime.body.body import ReducedBody
-from runtime.colliders.collider import Collider
-from runtime.errors import SoftprintError
-from runtime.experiment.experiment import ANY_COLLIDER
-from runtime.io.files import provenance
-from runtime.io.tensor_file import load_tensors, save_tensors
-from runtime.learned.force.correction import ForceCorrection
-from runtime.learned.force.model import ForceModel, ForceModelOptions
-from runtime.learned.thesis5.correction import ContactCentricCorrection
-from runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
-from runtime.learned.thesis6.correction import DescriptorCorrection
-from runtime.learned.thesis6.model import DescriptorModel, DescriptorModelOptions
-from runtime.mechanics.body_mechanics import BodyMechanics
-from runtime.mechanics.static_condensation import condensation_arrays, take_condensation
-from runtime.mechanics.surface_compliance_tensors import surface_compliance_tensors, take_compliance
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import ANY_COLLIDER
+from softprint.runtime.io.files import provenance
+from softprint.runtime.io.tensor_file import load_tensors, save_tensors
+from softprint.runtime.learned.correction import Correction
+from softprint.runtime.learned.form import LearnedModel, find_form
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.mechanics.mechanics_file import PATTERN as MECHANICS_FILES
+from softprint.runtime.mechanics.mechanics_file import mechanics_hash, read_mechanics
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 8
+KIND, VERSION = "correction", 9
 REMEDY = "train it again"
-# Forms: a `ContactCentricModel`, a `ForceModel` with its `BodyMechanics`, a `DescriptorModel`.
-FIELD, LOADS, DESCRIPTOR = "field", "loads", "descriptor"
-AnyCorrection = ContactCentricCorrection | ForceCorrection | DescriptorCorrection
-_FORM_OF = {ContactCentricModel: FIELD, ForceModel: LOADS, DescriptorModel: DESCRIPTOR}
 
 
 @dataclass(frozen=True)
 class CorrectionHeader:
-    """What a correction file says about itself.
+    """The metadata of a correction file.
 
-    held_out_rms: relative error on the held-out states (see `surrogate.losses`); training: how it was
-    trained, free form.
+    form: one of `registry.FORMS`; mechanics_hash: content hash of the mechanics that it was trained with, empty for a
+    form without mechanics; held_out_rms: relative error on the held-out states (see `surrogate.held_out_error`);
+    training: settings and results of the training, in any form.
     """
 
     name: str
@@ -57,6 +49,7 @@ class CorrectionHeader:
     n_rows: int
     form: str
     options: dict[str, Any]
+    mechanics_hash: str
     held_out_rms: float
     training: dict[str, object]
     provenance: dict[str, str]
@@ -65,15 +58,15 @@ class CorrectionHeader:
 def save_correction(
     path: Path,
     name: str,
-    model: ContactCentricModel | ForceModel | DescriptorModel,
+    model: LearnedModel,
     body: ReducedBody,
     collider: str,
     truth_hash: str,
     held_out_rms: float,
     training: Mapping[str, object],
-    mechanics: BodyMechanics | None = None,
+    mechanics_hash: str = "",
 ) -> None:
-    """Write a trained model with what it belongs to; atomic. A load model comes with its body's mechanics."""
+    """Write a trained model with its header; atomic. mechanics_hash: see `MechanicsHeader.content_hash`."""
     header = CorrectionHeader(
         name=name,
         collider=collider,
@@ -81,35 +74,15 @@ def save_correction(
         truth_hash=truth_hash,
         dim=model.dim,
         n_rows=model.n_rows,
-        form=_FORM_OF[type(model)],
+        form=model.form,
         options=model.options.to_json(),
+        mechanics_hash=mechanics_hash,
         held_out_rms=held_out_rms,
         training=dict(training),
         provenance=provenance(),
     )
     text = json.dumps({field.name: getattr(header, field.name) for field in fields(header)})
-    tensors = dict(model.state_dict())
-    if mechanics is not None:
-        tensors |= _mechanics_tensors(mechanics)
-    save_tensors(path, KIND, VERSION, {"header": text}, tensors)
-
-
-def as_saved(mechanics: BodyMechanics) -> BodyMechanics:
-    """As it comes back from a file, where the compliance is in half precision: what learns with it learns with what the
-    runtime will have, whether it was just worked out or is of an earlier file."""
-    return _take_mechanics(_mechanics_tensors(mechanics))
-
-
-def _mechanics_tensors(mechanics: BodyMechanics) -> dict[str, Tensor]:
-    tensors = surface_compliance_tensors(mechanics.compliance)
-    if mechanics.internal is not None:
-        arrays = condensation_arrays(mechanics.internal)
-        tensors |= {name: torch.from_numpy(array) for name, array in arrays.items()}
-    return tensors
-
-
-def _take_mechanics(tensors: dict[str, Tensor]) -> BodyMechanics:
-    return BodyMechanics(take_compliance(tensors), take_condensation(tensors))
+    save_tensors(path, KIND, VERSION, {"header": text}, model.state_dict())
 
 
 def read_header(path: Path) -> CorrectionHeader:
@@ -118,29 +91,34 @@ def read_header(path: Path) -> CorrectionHeader:
     return _read(path)[0]
 
 
-def load_correction(path: Path, body: ReducedBody, collider: Collider) -> AnyCorrection:
-    """The correction of a file on a collider, the one that it was trained for if it is not for any.
+def load_correction(
+    path: str | Path, body: ReducedBody, collider: Collider, mechanics: BodyMechanics | None = None
+) -> Correction:
+    """The correction of a file for one collider: the one that it was trained for, or any if it was trained for any.
 
-    Raises SoftprintError as :func:`read_header` does, and where body or collider are not those of the file.
+    mechanics: of the body, from `load_mechanics`; by default they are loaded from the mechanics file beside the
+    correction or in its parent folder, the run directory.
+    Raises SoftprintError as :func:`read_header`, where body or collider are not those of the file, and where the
+    mechanics that it was trained with are missing.
     """
-    return read_correction(path, body).on(collider)
+    return read_correction(path, body, mechanics).on(collider)
 
 
 @dataclass(frozen=True, eq=False)
 class TrainedCorrection:
-    """A correction file, read once for any number of colliders. mechanics: of the body, for the form that has them."""
+    """A correction file, read once for any number of colliders. mechanics: of the body, None for a form without."""
 
     path: Path
     header: CorrectionHeader
     mechanics: BodyMechanics | None
-    _make: Callable[[Collider], AnyCorrection]
+    _make: Callable[[Collider], Correction]
 
     def is_for(self, collider: str) -> bool:
-        """Whether it was trained for the collider of that name, or for any."""
+        """Whether it was trained for the collider of that name, or for any collider."""
         return self.header.collider in (ANY_COLLIDER, collider)
 
-    def on(self, collider: Collider) -> AnyCorrection:
-        """The correction on one collider. Raises SoftprintError where it is not for that one."""
+    def on(self, collider: Collider) -> Correction:
+        """The correction for one collider. Raises SoftprintError where it was trained for another."""
         if not self.is_for(collider.name):
             raise SoftprintError(
                 f"{self.path}: was trained for the collider {self.header.collider!r}, not for {collider.name!r}"
@@ -148,45 +126,72 @@ class TrainedCorrection:
         return self._make(collider)
 
 
-def read_correction(path: Path, body: ReducedBody) -> TrainedCorrection:
-    """A correction of this body. Raises SoftprintError as :func:`read_header` does, and where it is of another body."""
+def read_correction(
+    path: str | Path, body: ReducedBody, mechanics: BodyMechanics | None = None
+) -> TrainedCorrection:
+    """The correction of a file for this body. mechanics and errors: see :func:`load_correction`."""
+    path = Path(path)
     header, tensors = _read(path)
     if header.body_hash != body.content_hash:
         raise SoftprintError(
             f"{path}: was trained for another body (hash {header.body_hash[:12]}) than {body.name!r} "
             f"({body.content_hash[:12]}): train it again for this body"
         )
+    own = _mechanics(path, header, body, mechanics) if header.mechanics_hash else None
     try:
-        mechanics = None
-        if header.form == LOADS:
-            mechanics = _take_mechanics(tensors)
-        make = _maker(header, tensors, mechanics, body)
+        make = _maker(header, tensors, own, body)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(
             f"{path}: weights and header do not fit together ({error}): train it again"
         ) from error
-    return TrainedCorrection(path, header, mechanics, make)
+    return TrainedCorrection(path, header, own, make)
+
+
+def _mechanics(
+    path: Path, header: CorrectionHeader, body: ReducedBody, given: BodyMechanics | None
+) -> BodyMechanics:
+    """The mechanics that a correction was trained with: `given`, or those of a file near the correction."""
+    wanted = header.mechanics_hash
+    if given is not None:
+        if mechanics_hash(given) != wanted:
+            raise SoftprintError(
+                f"{path}: was trained with other mechanics of the body (hash {wanted[:12]}) than those given "
+                f"({mechanics_hash(given)[:12]}): give those of its run directory, or train it again"
+            )
+        return given
+    folders = (path.parent, path.parent.parent)
+    files = [file for folder in folders for file in sorted(folder.glob(MECHANICS_FILES))]
+    unreadable: SoftprintError | None = None
+    for file in files:
+        try:
+            found, mechanics = read_mechanics(file, body)
+        except SoftprintError as error:
+            unreadable = error
+            continue
+        if found.content_hash == wanted:
+            return mechanics
+    if unreadable is not None:
+        raise unreadable
+    if files:
+        raise SoftprintError(
+            f"{path}: was trained with other mechanics of the body (hash {wanted[:12]}) than those of "
+            f"{' and '.join(map(str, files))}: copy the mechanics file of the run that it is from, or train it again"
+        )
+    raise SoftprintError(
+        f"{path}: there is no mechanics file ({MECHANICS_FILES}) beside it or in {path.parent.parent}: copy that of "
+        "the run that it is from, or make it with `softprint mechanics`"
+    )
 
 
 def _maker(
     header: CorrectionHeader, tensors: dict[str, Tensor], mechanics: BodyMechanics | None, body: ReducedBody
-) -> Callable[[Collider], AnyCorrection]:
-    if header.form == FIELD:
-        field_model = ContactCentricModel(
-            ContactCentricOptions.from_json(header.options), header.dim, header.n_rows
-        )
-        field_model.load_state_dict(tensors)
-        return lambda collider: ContactCentricCorrection(header.name, field_model, body, collider)
-    if header.form == DESCRIPTOR:
-        options = DescriptorModelOptions.from_json(header.options)
-        descriptor_model = DescriptorModel(options, header.dim, header.n_rows)
-        descriptor_model.load_state_dict(tensors)
-        return lambda collider: DescriptorCorrection(header.name, descriptor_model, body, collider)
-    if mechanics is None:
-        raise ValueError(f"form {header.form!r} is not known")
-    load_model = ForceModel(ForceModelOptions.from_json(header.options), header.dim, header.n_rows)
-    load_model.load_state_dict(tensors)
-    return lambda collider: ForceCorrection(header.name, load_model, body, collider, mechanics)
+) -> Callable[[Collider], Correction]:
+    form = find_form(header.form)
+    if form.needs_mechanics and mechanics is None:
+        raise ValueError("no hash of mechanics")
+    model = form.model(header.options, header.dim, header.n_rows)
+    model.load_state_dict(tensors)
+    return lambda collider: form.correction(header.name, model, body, collider, mechanics)
 
 
 def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:

@@ -1,6 +1,6 @@
-"""Unit normals of the body's surface, carried along by its deformation (Nanson's relation).
+"""Unit normals of the deformed surface of a body (Nanson's relation).
 
-A rest normal N becomes n = cof(F) N / |cof(F) N|. The cofactor is polynomial in F, so nothing is divided by
+A rest normal N becomes n = cof(F) N / |cof(F) N|. The cofactor is polynomial in F, so there is no division by
 det F:
 
     c_i = 1/2 e_ijk e_lmn F_jm F_kn N_l   (3D),      c_i = e_ij e_lm F_jm N_l   (2D).
@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-# cof(F) N shorter than this belongs to a crushed point; its direction means nothing and is left unnormalised.
+# cof(F) N shorter than this is of a crushed point, where its direction is arbitrary; it is not normalised.
 SHORTEST = 1e-6
 
 

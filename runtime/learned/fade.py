@@ -1,12 +1,12 @@
-"""How a learned field fades as contact opens, which the thesis leaves open (its network does not vanish
-there).
+"""Fade functions: factors that take a learned field to zero as contact opens. The thesis has none (its network does not
+vanish there).
 
 phi(D) of the depth D of the contact patch is C1, and zero with zero slope at D = 0:
 
     saturating     phi = D^2 / (D^2 + d^2)      1 in deep contact: the network is the thesis's
     proportional   phi = D^2 / (D + d) / d      ~ D in deep contact: the network learns displacement per depth
 
-Networks are trained with it in place.
+Networks are trained with this factor included.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """A multilayer perceptron whose Jacobian is formed by hand, in one backward sweep of matrix products.
 
-The network has only dim outputs, so all of its Jacobian costs dim backward passes. They run together as one
-stack of dim rows a point, without automatic differentiation and its bookkeeping:
+The network has only dim outputs, so its whole Jacobian costs dim backward passes. They run together as one
+stack of dim rows per point, without the overhead of automatic differentiation:
 
     h_0 = act(A a + B b + c),   h_k = act(W_k h_{k-1} + c_k),   y = V h_L + d
     dy/da = V D_L W_L D_{L-1} ... W_1 D_0 A,   D_k = diag(act'(.))
 
 with a the *local* inputs of a point and b the *shared* inputs of the whole contact, whose product B b is
-formed once. The hidden layers, the cost of it all, see chunks small enough for the cache (DESIGN.md, part 9).
+computed once. The hidden layers dominate the cost; they are evaluated in chunks that fit into the cache.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
-# Points in a chunk: 512 to 1,024 were fastest on a CPU (DESIGN.md, part 9).
+# Points in a chunk: 512 to 1,024 were fastest on a CPU.
 CHUNK = 768
 
 
 @dataclass(frozen=True)
 class Activation:
-    """A scalar function, and its slope from the argument x and the value y (whichever is cheaper)."""
+    """A scalar function, and its slope as a function of the argument x and the value y (whichever is cheaper)."""
 
     value: Callable[[Tensor], Tensor]
     slope: Callable[[Tensor, Tensor], Tensor]
@@ -78,11 +78,11 @@ class Mlp(nn.Module):
         return self.head(h)
 
     @torch.no_grad()
-    def derivatives(self, local: Tensor, shared: Tensor, turn: Tensor) -> NetworkDerivatives:
-        """turn @ y and both of its Jacobians, for local inputs (n, n_local) of one contact with shared inputs
-        (n_shared,); turn: (n_out, n_out), a rotation that costs nothing here."""
+    def derivatives(self, local: Tensor, shared: Tensor, rotation: Tensor) -> NetworkDerivatives:
+        """rotation @ y and both of its Jacobians, for local inputs (n, n_local) of one contact with shared inputs
+        (n_shared,); rotation: (n_out, n_out), applied to the output layer at no cost."""
         offset = self.local.bias if self.shared is None else self.local.bias + self.shared(shared)
-        head, bias = turn @ self.head.weight, turn @ self.head.bias
+        head, bias = rotation @ self.head.weight, rotation @ self.head.bias
         parts = [self._chunk(part, offset, head, bias) for part in local.split(CHUNK)]
         return NetworkDerivatives(*(torch.cat(columns) for columns in zip(*parts, strict=True)))
 
@@ -112,6 +112,6 @@ class Mlp(nn.Module):
 
 
 def spread(values: Tensor) -> Tensor:
-    """Standard deviation of every column; 1 for a column that never changes."""
+    """Standard deviation of every column; 1 for a constant column."""
     spread = values.std(0)
     return torch.where(spread > 1e-6 * values.abs().amax(0).clamp(min=1e-30), spread, torch.ones_like(spread))

@@ -1,13 +1,12 @@
-"""Material points as tensors, and what they are at a reduced state seen from the collider.
+"""Material points as tensors, and their states in collider space at a reduced state.
 
-*Collider rows* are the handle rows taken to collider space, T^-1 q of thesis eq. 5.3: points and the
-translation rows of frames are moved by the inverse pose, the linear rows of frames only rotated. Since U
-reproduces affine maps,
+*Collider rows* are the handle rows in collider space, T^-1 q of thesis eq. 5.3: points and the translation rows of
+frames are transformed by the inverse pose, the linear rows of frames are only rotated. Since U reproduces affine maps,
 
     z = U rows = T^-1 x_reduced,      F_ij = sum_r rows_ri dU_r/dX_j = (R^T dx/dX)_ij.
 
-Everything a contact-centric model knows of the state are functions of these rows: it cannot tell a moved body
-from a body that was moved together with its collider.
+All inputs of a contact-centric model are functions of these rows, so it is invariant to common rigid motions of body
+and collider.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from runtime.arrays import Array
-from runtime.body.material_points import MaterialPoints
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
 
 
 def collider_rows(rows: Array, affine_part: Array, pose: RigidPose) -> Array:
@@ -52,7 +51,7 @@ class PointTensors:
         return cls(*(torch.as_tensor(array).to(like) for array in arrays))
 
     def take(self, index: Tensor) -> PointTensors:
-        """The points of the given indices, of any shape."""
+        """The points with these indices, of any shape."""
         return self._map(lambda tensor: tensor[index])
 
     def to(self, like: Tensor | torch.device) -> PointTensors:
@@ -88,8 +87,8 @@ class PointStates:
 
     @classmethod
     def at(cls, points: PointTensors, rows: Array, z: Array, collider: Collider) -> PointStates:
-        """All of it for points at z = basis @ rows (n, dim); rows and z in float64, the distance is taken
-        there."""
+        """The states of points at z = basis @ rows (n, dim); rows and z in float64, in which the distance is
+        computed."""
         like = points.basis
         tensor_rows = torch.from_numpy(rows).to(like)
         F = torch.matmul(tensor_rows.T, points.basis_gradient)

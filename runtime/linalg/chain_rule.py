@@ -1,8 +1,8 @@
-"""Forces and stiffness of points, as the handle rows feel them: J^T f and J^T H J."""
+"""Gradients and Hessians of points transformed to the handle rows by the chain rule: J^T f and J^T H J."""
 
 from __future__ import annotations
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 
 def through_basis(basis: Array, gradient: Array, hessian: Array) -> tuple[Array, Array]:

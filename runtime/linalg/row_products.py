@@ -1,7 +1,6 @@
-"""Positions and deformation gradients of many points by the handle rows, compiled.
+"""Compiled kernels for positions and deformation gradients of many points from the handle rows.
 
-A product of matrices does the same, but is made for more columns than the axes of space: it takes three to six times as
-long.
+They are three to six times as fast as matrix products, which are optimised for more columns than two or three.
 """
 
 from __future__ import annotations
@@ -11,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
-from runtime.compiled import summing
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import summing
 
 Floats = NDArray[np.floating[Any]]
 
 
 @summing
 def _place(weights: Floats, x: Array, y: Array, z: Array, place: Array) -> None:
-    """place (dim,) of one point; in 2D the second axis is taken twice."""
+    """The position of one point, written into place (dim,); in 2D the second axis is written twice."""
     along_x = along_y = along_z = 0.0
     for r in range(len(weights)):
         along_x += x[r] * weights[r]
@@ -28,9 +27,9 @@ def _place(weights: Floats, x: Array, y: Array, z: Array, place: Array) -> None:
     place[0], place[1], place[len(place) - 1] = along_x, along_y, along_z
 
 
-@summing
+@summing(reference=lambda weights, rows, index: weights[index] @ rows)
 def placed_some(weights: Floats, rows: Array, index: IntArray) -> Array:
-    """U rows (m, dim) at some points (m,), of U (n, n_rows) and rows (n_rows, dim)."""
+    """U rows (m, dim) at some of n points (m,); weights: U (n, n_rows); rows (n_rows, dim)."""
     dim = rows.shape[1]
     axes, places = np.ascontiguousarray(rows.T), np.empty((len(index), dim))
     for k, i in enumerate(index):
@@ -38,16 +37,16 @@ def placed_some(weights: Floats, rows: Array, index: IntArray) -> Array:
     return places
 
 
-@summing
+@summing(reference=lambda weights, rows: weights @ rows)
 def placed(weights: Floats, rows: Array) -> Array:
-    """The same at all points (n, dim)."""
+    """`placed_some` at all points (n, dim)."""
     return placed_some(weights, rows, np.arange(len(weights)))
 
 
-@summing
+@summing(reference=lambda gradients, rows, index: np.einsum("njr,ra->naj", gradients[index], rows))
 def deformed_some(gradients: Floats, rows: Array, index: IntArray) -> Array:
-    """F = rows^T G (m, dim, dim) at some points (m,), of G^T (n, dim, n_rows); summed in double precision, so that
-    turning the rows turns F to round-off."""
+    """F = rows^T G (m, dim, dim) at some of n points (m,); gradients: G^T (n, dim, n_rows). Summed in double precision,
+    so that rotating the rows rotates F up to round-off."""
     dim = rows.shape[1]
     axes, F, column = np.ascontiguousarray(rows.T), np.empty((len(index), dim, dim)), np.empty(dim)
     for k, i in enumerate(index):
@@ -58,7 +57,7 @@ def deformed_some(gradients: Floats, rows: Array, index: IntArray) -> Array:
     return F
 
 
-@summing
+@summing(reference=lambda gradients, rows: np.einsum("njr,ra->naj", gradients, rows))
 def deformed(gradients: Floats, rows: Array) -> Array:
-    """The same at all points (n, dim, dim)."""
+    """`deformed_some` at all points (n, dim, dim)."""
     return deformed_some(gradients, rows, np.arange(len(gradients)))

@@ -1,5 +1,5 @@
-"""Products with directions T (n, k) most of whose entries are zero, as those of the coordinates of points and frames by
-the handle rows: each of them moves the rows of one handle."""
+"""Products with mostly zero directions T (n, k), such as the tangents of the handle coordinates: each of them changes
+the rows of one handle only."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.compiled import summing
+from softprint.runtime.compiled import summing
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
@@ -16,7 +16,7 @@ Floats = NDArray[np.floating[Any]]
 
 @summing
 def _along(matrix: Floats, T: Array) -> Floats:
-    """T^T M (k, m) of M (n, m): whole rows at once, which the processor takes several entries of."""
+    """T^T M (k, m) of M (n, m), whole rows at a time for vectorisation."""
     rows, columns = np.nonzero(T)
     result = np.zeros((T.shape[1], matrix.shape[1]), matrix.dtype)
     for at in range(len(rows)):
@@ -27,13 +27,13 @@ def _along(matrix: Floats, T: Array) -> Floats:
     return result
 
 
-@summing
+@summing(reference=lambda matrix, T: matrix @ T)
 def times_directions(matrix: Floats, T: Array) -> Floats:
     """M T (m, k) of M (m, n), in its precision."""
     return np.ascontiguousarray(_along(np.ascontiguousarray(matrix.T), T).T)
 
 
-@summing
+@summing(reference=lambda matrix, T: T.T @ matrix @ T)
 def between_directions(matrix: Array, T: Array) -> Array:
     """T^T M T (k, k) of M (n, n)."""
     return _along(np.ascontiguousarray(_along(matrix, T).T), T).T.copy()

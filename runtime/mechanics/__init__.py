@@ -1,2 +1,1 @@
-"""Linear mechanics of a body at rest, carried along with it: null-space compliance, surface compliance, static
-condensation, corotation."""
+"""Corotated linear mechanics of a body: null-space compliance, surface compliance, static condensation, corotation."""

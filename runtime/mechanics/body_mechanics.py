@@ -1,35 +1,51 @@
-"""Linear mechanics of a body at rest, all that corrections of ours know before anything is learned."""
+"""Linear mechanics of a body at rest, which the reduced model adds to its subspace without any learning."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from runtime.arrays import Array
-from runtime.body.body import ReducedBody
-from runtime.mechanics.null_space_compliance import NullSpaceCompliance
-from runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
-from runtime.mechanics.surface_compliance import SurfaceCompliance, compute_surface_compliance
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
+from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance, compute_surface_compliance
 
 
 class BodyMechanics(NamedTuple):
-    """compliance: to forces on the surface; internal: to the reduced state and gravity, None where the body is taken
-    for U q."""
+    """compliance: response to forces on the surface, None for penalty contact at the surface samples; condensation:
+    response to the reduced state and gravity, None where the reduced positions are U q alone."""
 
-    compliance: SurfaceCompliance
-    internal: StaticCondensation | None
+    compliance: SurfaceCompliance | None
+    condensation: StaticCondensation | None
+
+    @property
+    def surface_compliance(self) -> SurfaceCompliance:
+        """The compliance. Raises SoftprintError where there is none."""
+        if self.compliance is None:
+            raise SoftprintError(
+                "these mechanics have no surface compliance: make them with `compute_mechanics`"
+            )
+        return self.compliance
+
+    def under(self, gravity: Array) -> BodyMechanics:
+        """The same body under another gravity (dim,) [m/s^2]."""
+        condensation = self.condensation
+        return self if condensation is None else self._replace(condensation=condensation.under(gravity))
 
 
 def compute_mechanics(
     body: ReducedBody,
-    loads: int,
-    internal: bool,
+    contact_nodes: int,
+    condensation: bool,
     gravity: Sequence[float] | Array | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> BodyMechanics:
-    """For at most so many loads. gravity: (dim,) [m/s^2]; progress: see `compute_surface_compliance`."""
+    """The mechanics of a body. contact_nodes: the largest number of contact nodes; condensation: whether to compute
+    static condensation; gravity: (dim,) [m/s^2]; progress: see `compute_surface_compliance`."""
     response = NullSpaceCompliance(body)
     return BodyMechanics(
-        compute_surface_compliance(body, response, loads, progress),
-        compute_static_condensation(body, gravity, response) if internal else None,
+        compute_surface_compliance(body, response, contact_nodes, progress),
+        compute_static_condensation(body, gravity, response) if condensation else None,
     )

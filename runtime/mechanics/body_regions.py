@@ -1,4 +1,4 @@
-"""A body in parts that each turn by one rotation: for what is summed over the body ahead of time."""
+"""A partition of the body into regions with one rotation each, for sums over the body that are precomputed."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, IntArray, scatter_sum
-from runtime.body.body import ReducedBody
-from runtime.body.cubature import elastic_cells
-from runtime.body.farthest_points import farthest_points
-from runtime.mechanics.corotation import Corotation
-from runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.cubature import elastic_cells
+from softprint.runtime.body.farthest_points import farthest_points
+from softprint.runtime.mechanics.corotation import Corotation
+from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
-# Regions for each handle. More of them gain little: on the Hand, two make no difference.
+# Regions for each handle. More gain little: on the Hand, two make no difference.
 _REGIONS = 1
 
 
 class BodyRegions:
-    """Every node and every cell of the body is of the region whose centre is nearest, of `count`."""
+    """`count` regions. Every node and every cell of the body belongs to the region with the nearest centre."""
 
-    def __init__(self, body: ReducedBody, internal: StaticCondensation) -> None:
-        """internal: of all nodes of the body."""
-        self._body, self._internal = body, internal
+    def __init__(self, body: ReducedBody, condensation: StaticCondensation) -> None:
+        """condensation: of all nodes of the body."""
+        self._body, self._condensation = body, condensation
         handles, elastic = body.handles, elastic_cells(body.mesh, body.handles)
         n_handles = handles.n_points + len(handles.frames)
-        wanted = 1 if internal.turns_as_one else _REGIONS * n_handles
+        wanted = 1 if condensation.corotation.uniform else _REGIONS * n_handles
         places = body.mesh.cell_centroids[elastic]
         self._centres = cKDTree(places[farthest_points(places, min(wanted, len(places)))])
 
@@ -35,24 +35,24 @@ class BodyRegions:
         return int(self._centres.n)
 
     def of(self, places: Array) -> IntArray:
-        """(n,) regions of places (n, dim) at rest."""
+        """(n,) the regions of rest positions (n, dim)."""
         return np.asarray(self._centres.query(places)[1], dtype=np.int64)
 
     @cached_property
     def of_nodes(self) -> IntArray:
-        """(n_nodes,)"""
+        """(n_nodes,) the region of every node."""
         return self.of(self._body.mesh.points)
 
     @cached_property
-    def turning(self) -> Corotation:
-        """By the mean of the nodes in a region; the body's own where there is none."""
-        turning = self._internal.turning.astype(np.float64)
+    def corotation(self) -> Corotation:
+        """The corotation of every region, from the mean of its nodes; from the mean of the body where it has none."""
+        gradients = self._condensation.rotation_gradients.astype(np.float64)
         mesh = self._body.mesh
         corners = mesh.dim + 1
         share = scatter_sum(mesh.cells, np.repeat(mesh.cell_volumes / corners, corners), mesh.n_nodes)
-        mean = np.tensordot(share, turning, 1) / share.sum()
-        total = np.zeros((self.count, *turning.shape[1:]))
-        np.add.at(total, self.of_nodes, share[:, None, None] * turning)
+        mean = np.tensordot(share, gradients, 1) / share.sum()
+        total = np.zeros((self.count, *gradients.shape[1:]))
+        np.add.at(total, self.of_nodes, share[:, None, None] * gradients)
         volume = scatter_sum(self.of_nodes, share, self.count)
         total[volume == 0.0], volume[volume == 0.0] = mean, 1.0
-        return Corotation(total / volume[:, None, None], self._internal.positions)
+        return Corotation(total / volume[:, None, None], self._condensation.affine_part)

@@ -1,15 +1,15 @@
-"""How the body gives way, at rest, where the subspace cannot: the operator that every correction of ours rests on.
+"""Null-space compliance: the linear response of the body at rest in the null space of the reduced coordinates.
 
-A displacement that the reduced state does not feel, C^T u = 0 (see `ReducedBody.constraint_basis`), balances forces f
-on the nodes when (thesis 5.3.3, linearised at rest)
+The displacement u with C^T u = 0 (no change of the reduced state, see `ReducedBody.constraint_basis`) that balances
+nodal forces f is (thesis 5.3.3, linearised at rest)
 
     u = G f,    G = A - A Q (Q^T A Q)^-1 Q^T A,    A = K^-1,
 
-K being the elastic stiffness of the nodes outside rigid frames and Q an orthonormal basis of the columns of C there.
-G is symmetric, C^T G = 0, and it belongs to the body alone.
+with K the elastic stiffness of the nodes outside rigid frames and Q an orthonormal basis of the columns of C there.
+G is symmetric, C^T G = 0, and it depends on the body alone.
 
-K is factorised in an order of nested dissection by coordinates: on solids it leaves a quarter less fill than minimum
-degree and, above all, wide supernodes, so that factorisation and solves are three to four times as fast.
+K is factorised in a nested-dissection order by coordinates: on solids it gives a quarter less fill than minimum degree
+and, above all, wide supernodes, so that factorisation and solves are three to four times as fast.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
 
-# Keeps K invertible for a body without rigid frames, relative to its mean diagonal; rigid motions are then taken
-# out by the constraint, and what the shift does to the rest by so many steps of iterative refinement. Smaller, and
-# the rigid motions drown the answer in round-off.
+# A diagonal shift, relative to the mean diagonal of K, that keeps K invertible for a body without rigid frames. The
+# constraint then removes rigid motions, and iterative refinement the effect of the shift on the rest. With a smaller
+# shift, round-off in the rigid motions dominates the solution.
 _SHIFT = 1e-5
 _REFINEMENTS = 2
-# Nodes that are no longer halved; larger or smaller by a factor of two makes no difference.
+# Nodes of a part that is not divided further; larger or smaller by a factor of two makes no difference.
 _LEAF = 60
 
 
@@ -52,7 +52,7 @@ class NullSpaceCompliance:
         kept = body.constraint_basis[self._free]
         left, singular, _ = np.linalg.svd(kept, full_matrices=False)
         self._constraint = np.kron(left[:, singular > 1e-10 * singular.max(initial=0.0)], np.eye(body.dim))
-        # A body of frames alone has no columns left, which SuperLU would not solve for.
+        # For a body of rigid frames alone no columns are left, which SuperLU does not accept.
         self._deflected = self._factor.solve(self._constraint) if kept.size else self._constraint
         self._lagrange = np.linalg.inv(self._constraint.T @ self._deflected)
 
@@ -68,14 +68,14 @@ class NullSpaceCompliance:
         return displacement
 
     def _constrained(self, forces: Array) -> Array:
-        """Of forces (n_unknowns, k), with the factors at hand."""
+        """The constrained response (n_unknowns, k) to forces (n_unknowns, k), with the shifted factors."""
         response: Array = self._factor.solve(forces)
         response -= self._deflected @ (self._lagrange @ (self._constraint.T @ response))
         return response
 
 
 def rest_stiffness(body: ReducedBody, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
-    """(n_nodes dim, n_nodes dim) K = d2W_elastic/dx2 at rest [N/m], of all cells or some of them."""
+    """(n_nodes dim, n_nodes dim) K = d2W_elastic/dx2 at rest [N/m], of all cells or of some."""
     mesh, dim = body.mesh, body.dim
     corners, gradients, volumes = mesh.cells[among], mesh.cell_gradients[among], mesh.cell_volumes[among]
     rest = np.broadcast_to(np.eye(dim), (len(corners), dim, dim)).copy()
@@ -90,7 +90,7 @@ def rest_stiffness(body: ReducedBody, among: IntArray | slice = slice(None)) -> 
 
 def dissection_order(points: Array, adjacent: sp.csr_matrix) -> IntArray:
     """Nested dissection of n points (n, dim) with an adjacency (n, n): halves along the axis whose separator is
-    smallest, first one half, then the other, then the points that part them."""
+    smallest, first one half, then the other, then the separator."""
     n, dim = points.shape
     side = np.zeros(n, dtype=bool)
 

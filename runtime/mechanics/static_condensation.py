@@ -1,21 +1,21 @@
-"""How the body settles where the subspace cannot follow: its internal equilibrium, linear in the reduced state.
+"""Static condensation: the equilibrium displacement outside the subspace, linear in the reduced state.
 
-At a reduced state q the truth is not U q but U q + u, with u the free equilibrium in the null space of U (thesis
-5.3.3, without contact). To first order about rest, with the null-space response G of `null_space_compliance.py`, the
+The full-space equilibrium at a reduced state q is not U q but U q + u, with u in the null space of U (thesis 5.3.3,
+without contact). To first order about rest, with the null-space compliance G of `null_space_compliance.py`, the
 stiffness K at rest and the lumped masses m,
 
     u = L (q - q_rest) + w g,        L = -G K U,    w = G m,
 
 so that U + L are the modes of static condensation (Guyan 1965). L annihilates translations and infinitesimal
-rotations, but calls a finite rotation strain. So at every node X a rotation R_X is taken out first, that of the body
-around it (`corotation.py`),
+rotations, but a finite rotation appears as strain. So at every node X the local rotation R_X of the body
+(`corotation.py`) is removed first,
 
     u_X = R_X [L_X (R_X^T q - q_rest) + w_X R_X^T g],
 
-so that u turns with the body, and with the part of it that X belongs to. What happens far from X, beyond a joint, may
-still be a large strain as seen from there, but L_X hardly feels it. The *turn*, the handle rows at which the rotations
-are taken, is an argument everywhere: with it frozen, as within a time step, u is affine in q. All of this belongs to
-the body and to gravity alone; nothing is learned.
+so that u rotates with the part of the body that X belongs to. Far from X, beyond a joint, the strain in this frame may
+still be large, but L_X hardly depends on it. With the rotations fixed at the frame rows, as within a time step, u is
+affine in q: `StaticCondensation.corotated` gives that affine function. All of this depends on the body and on gravity
+alone; nothing is learned.
 """
 
 from __future__ import annotations
@@ -24,149 +24,143 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.body.handle_sparsity import HandleSparsity
-from runtime.mechanics import static_condensation_kernels
-from runtime.mechanics.corotation import Corotation, corotation_gradients
-from runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.handle_sparsity import HandleSparsity
+from softprint.runtime.mechanics import static_condensation_kernels as kernels
+from softprint.runtime.mechanics.corotation import Corotation, corotation_gradients
+from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
 
-_PREFIX = "internal."
+_PREFIX = "condensation."
 
 
 @dataclass(frozen=True, eq=False)
 class StaticCondensation:
     """u of n nodes of a body.
 
-    modes: L (n, dim, n_rows, dim); weight: w (n, dim, dim) [s^2]; both float32, for every evaluation reads all of
-    them. gravity: g (dim,) [m/s^2]; rest_rows: q_rest (n_rows, dim); turning: (n, dim, n_rows) [1/m], see
-    `corotation_gradients`; positions: (n_rows,) 1 for rows that are positions, 0 for those of the rotations of
-    frames, so that a translation t moves rows by positions (x) t.
+    modes: L (n, dim, n_rows, dim); weight: w (n, dim, dim) [s^2]; both float32, since every evaluation reads all of
+    them. gravity: g (dim,) [m/s^2]; rest_rows: q_rest (n_rows, dim); rotation_gradients: (n, dim, n_rows) [1/m], see
+    `corotation_gradients`; affine_part: (n_rows,), see `Handles.affine_part`: a translation t changes the rows by
+    affine_part (x) t.
     """
 
     modes: NDArray[np.floating[Any]]
     weight: NDArray[np.floating[Any]]
     gravity: Array
     rest_rows: Array
-    turning: NDArray[np.floating[Any]]
-    positions: Array
+    rotation_gradients: NDArray[np.floating[Any]]
+    affine_part: Array
 
     def __len__(self) -> int:
         return len(self.modes)
 
-    def turns(self, turn: Array) -> Array:
-        """R (n, dim, dim) of the nodes at a turn (n_rows, dim)."""
-        return self._turning.rotations(turn)
-
-    @property
-    def turns_as_one(self) -> bool:
-        """Whether all nodes turn by one rotation."""
-        return self._turning.alike
-
-    def displacement(self, rows: Array, turn: Array, index: IntArray | None = None) -> Array:
-        """u (m, dim) [m] of some of the nodes (all by default), world frame."""
-        index = np.arange(len(self)) if index is None else index
-        return static_condensation_kernels.displacement(
-            self._felt,
-            self.weight,
-            index,
-            self.centred(rows),
-            self.at_rest,
-            self.gravity,
-            self.turns(turn),
-        )
+    def corotated(self, frame_rows: Array) -> CorotatedCondensation:
+        """u as an affine function of the handle rows, with the rotations of frame rows (n_rows, dim)."""
+        return CorotatedCondensation(self, self.corotation.rotations(frame_rows))
 
     def centred(self, rows: Array) -> Array:
-        """Rows less their mean translation, which strains nothing and would only be rounded: a body may be far from
-        where it began."""
-        return np.asarray(rows - self.positions[:, None] * (self._mean @ rows))
+        """Rows less their mean translation, which causes no strain; far from the origin it would only add round-off."""
+        return np.asarray(rows - self.affine_part[:, None] * (self.mean_weights @ rows))
 
-    @cached_property
-    def at_rest(self) -> Array:
-        """The rows at rest, centred."""
-        return self.centred(self.rest_rows)
-
-    def derivative(self, turn: Array, index: IntArray | None = None) -> Array:
-        """du_a/drows_rb (m, dim, n_rows, dim) of some of the nodes (all by default), the turn held; world frame."""
-        index = np.arange(len(self)) if index is None else index
-        return static_condensation_kernels.derivative(
-            self._felt, index, self._mean, self.positions, self.turns(turn)
-        )
-
-    def pulled_back(self, forces: Array, turn: Array, index: IntArray) -> Array:
-        """sum_k f_k . du_k/drows (n_rows, dim) [N] of forces f (m, dim) on some of the nodes, world frame."""
-        return static_condensation_kernels.pulled_back(
-            self._felt, index, self._mean, self.positions, self.turns(turn), forces
-        )
-
-    def unturned(self) -> Array:
-        """The same (n, dim, n_rows, dim) of all nodes, none of them turned."""
-        index, still = np.arange(len(self)), np.eye(len(self.gravity))
-        turns = np.broadcast_to(still, (len(self), *still.shape))
-        return static_condensation_kernels.derivative(self._felt, index, self._mean, self.positions, turns)
+    def unrotated_jacobian(self) -> Array:
+        """du/drows (n, dim, n_rows, dim) with all rotations the identity."""
+        identity = np.eye(len(self.gravity))
+        rotations = np.broadcast_to(identity, (len(self), *identity.shape))
+        return CorotatedCondensation(self, rotations).jacobian()
 
     def at(self, nodes: IntArray) -> StaticCondensation:
-        """The response of some of the nodes, by their numbers here. For the same nodes it is the same response, which
-        remembers how they turned last, whoever asked."""
-        name = np.asarray(nodes, dtype=np.int64).tobytes()
-        part = self._parts.get(name)
-        if part is None:
-            self._parts[name] = part = self._part(nodes)
-        return part
-
-    def _part(self, nodes: IntArray) -> StaticCondensation:
+        """The condensation of some of these nodes, by index."""
         modes, weight = np.ascontiguousarray(self.modes[nodes]), np.ascontiguousarray(self.weight[nodes])
-        return replace(self, modes=modes, weight=weight, turning=self.turning[nodes])
+        return replace(self, modes=modes, weight=weight, rotation_gradients=self.rotation_gradients[nodes])
 
     def under(self, gravity: Array) -> StaticCondensation:
         """The same body under another gravity (dim,) [m/s^2]."""
-        return replace(self, gravity=gravity)
+        return self if np.array_equal(gravity, self.gravity) else replace(self, gravity=gravity)
 
     @cached_property
-    def _parts(self) -> WeakValueDictionary[bytes, StaticCondensation]:
-        """Those that someone holds."""
-        return WeakValueDictionary()
+    def centred_rest_rows(self) -> Array:
+        """q_rest less its mean translation (n_rows, dim)."""
+        return self.centred(self.rest_rows)
 
     @cached_property
-    def _felt(self) -> static_condensation_kernels.FeltModes:
-        """The modes that are not zero."""
+    def mean_weights(self) -> Array:
+        """(n_rows,) weights of the mean translation of the rows."""
+        return np.asarray(self.affine_part / self.affine_part.sum())
+
+    @cached_property
+    def corotation(self) -> Corotation:
+        """The rotations of the nodes."""
+        return Corotation(self.rotation_gradients, self.affine_part)
+
+    @cached_property
+    def sparse_modes(self) -> kernels.SparseModes:
+        """The modes without the rows for which they are zero."""
         sets, of = np.unique(self.modes.any(axis=(1, 3)), axis=0, return_inverse=True)
         size, counts = self.modes.shape[1] ** 2, sets.sum(axis=1)
         first = np.concatenate([[0], np.cumsum(size * counts[of.ravel()])]).astype(np.int64)
         values = np.empty(first[-1], self.modes.dtype)
-        for number, felt in enumerate(sets):
+        for number, nonzero in enumerate(sets):
             nodes = np.flatnonzero(of.ravel() == number)
-            blocks = self.modes[nodes][:, :, felt].transpose(0, 1, 3, 2).reshape(len(nodes), -1)
+            blocks = self.modes[nodes][:, :, nonzero].transpose(0, 1, 3, 2).reshape(len(nodes), -1)
             values[first[nodes][:, None] + np.arange(blocks.shape[1])] = blocks
         start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        felt = np.nonzero(sets)[1].astype(np.int64)
-        return static_condensation_kernels.FeltModes(values, first, of.ravel().astype(np.int64), start, felt)
+        rows = np.nonzero(sets)[1].astype(np.int64)
+        return kernels.SparseModes(values, first, of.ravel().astype(np.int64), start, rows)
 
-    @cached_property
-    def _mean(self) -> Array:
-        """(n_rows,) the mean of rows that are positions."""
-        return np.asarray(self.positions / self.positions.sum())
 
-    @cached_property
-    def _turning(self) -> Corotation:
-        return Corotation(self.turning, self.positions)
+@dataclass(frozen=True, eq=False)
+class CorotatedCondensation:
+    """u of n nodes with their rotations R (n, dim, dim) fixed: affine in the handle rows. Made once per step."""
+
+    condensation: StaticCondensation
+    rotations: Array
+
+    def displacement(self, rows: Array, index: IntArray | None = None) -> Array:
+        """u (m, dim) [m] of some of the nodes (all by default) at handle rows (n_rows, dim), world frame."""
+        own = self.condensation
+        return kernels.displacement(
+            own.sparse_modes,
+            own.weight,
+            self._some(index),
+            own.centred(rows),
+            own.centred_rest_rows,
+            own.gravity,
+            self.rotations,
+        )
+
+    def jacobian(self, index: IntArray | None = None) -> Array:
+        """du_a/drows_rb (m, dim, n_rows, dim) of some of the nodes (all by default), world frame."""
+        own = self.condensation
+        return kernels.derivative(
+            own.sparse_modes, self._some(index), own.mean_weights, own.affine_part, self.rotations
+        )
+
+    def pulled_back(self, forces: Array, index: IntArray) -> Array:
+        """sum_k f_k . du_k/drows (n_rows, dim) [N] of forces f (m, dim) [N] on some of the nodes, world frame."""
+        own = self.condensation
+        return kernels.pulled_back(
+            own.sparse_modes, index, own.mean_weights, own.affine_part, self.rotations, forces
+        )
+
+    def _some(self, index: IntArray | None) -> IntArray:
+        return np.arange(len(self.rotations)) if index is None else index
 
 
 def compute_static_condensation(
     body: ReducedBody, gravity: Sequence[float] | Array | None, response: NullSpaceCompliance
 ) -> StaticCondensation:
-    """Of all nodes of the body: n_rows*dim + dim solves. gravity: (dim,) [m/s^2]; response: of the same body."""
+    """The static condensation of all nodes of the body: n_rows*dim + dim solves. gravity: (dim,) [m/s^2]; response: of
+    the same body."""
     dim, size = body.dim, body.n_rows * body.dim
     identity = np.eye(dim)
-    spread = np.einsum("nr,ab->narb", body.basis, identity).reshape(-1, size)
-    forces = -(rest_stiffness(body) @ spread).reshape(body.n_nodes, dim, size)
+    basis = np.einsum("nr,ab->narb", body.basis, identity).reshape(-1, size)
+    forces = -(rest_stiffness(body) @ basis).reshape(body.n_nodes, dim, size)
     weights = body.node_mass[:, None, None] * identity
-    modes = HandleSparsity(body).kept(response.solve(forces).reshape(body.n_nodes, dim, size))
+    modes = HandleSparsity(body).sparsified(response.solve(forces).reshape(body.n_nodes, dim, size))
     return StaticCondensation(
         modes.astype(np.float32).reshape(body.n_nodes, dim, body.n_rows, dim),
         response.solve(weights).astype(np.float32),
@@ -183,7 +177,8 @@ def condensation_arrays(response: StaticCondensation) -> dict[str, NDArray[np.fl
 
 
 def take_condensation(arrays: dict[str, Any]) -> StaticCondensation | None:
-    """Takes the arrays (or torch tensors) of `condensation_arrays` out of those of a file; None where it has none."""
+    """Removes the arrays (or torch tensors) of `condensation_arrays` from those of a file, and returns their
+    condensation; None where the file has none."""
     names = [field.name for field in fields(StaticCondensation)]
     if not any(_PREFIX + name in arrays for name in names):
         return None

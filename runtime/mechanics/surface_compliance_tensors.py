@@ -1,6 +1,6 @@
-"""A compliance as named tensors of a correction file.
+"""A surface compliance as named tensors of a mechanics file.
 
-What is large is kept in half precision, scaled by its largest entry: an error of 5e-4, at half the size.
+Large tensors are stored in half precision, scaled by their largest entry: an error of 5e-4, at half the size.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import scipy.sparse as sp
 import torch
 from torch import Tensor
 
-from runtime.mechanics.surface_compliance import SurfaceCompliance
+from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
 
 _NAMES = (
     "nodes",
@@ -29,7 +29,7 @@ _NAMES = (
 
 
 def surface_compliance_tensors(compliance: SurfaceCompliance) -> dict[str, Tensor]:
-    """Of the names `compliance.*`."""
+    """The tensors of a compliance, named `compliance.*`."""
     operator, share, near = torch.from_numpy(compliance.operator), compliance.share, compliance.near
     operator_scale = operator.abs().amax(dim=(1, 2, 3), keepdim=True)
     near_scale = torch.tensor(float(np.abs(near.data).max(initial=0.0)) or 1.0)
@@ -49,11 +49,12 @@ def surface_compliance_tensors(compliance: SurfaceCompliance) -> dict[str, Tenso
 
 
 def take_compliance(tensors: dict[str, Tensor]) -> SurfaceCompliance:
-    """Takes its tensors out of those of a file; KeyError or ValueError where they are not there or do not fit."""
+    """Removes the tensors of a compliance from those of a file, and returns the compliance. Raises KeyError or
+    ValueError where they are missing or do not fit together."""
     own = {name: tensors.pop(f"compliance.{name}") for name in _NAMES}
     operator = own["operator"].float().mul_(own["operator_scale"])
     n_anchors, dim, n_nodes, _ = operator.shape
-    n_loads = len(own["nodes"])
+    n_contact = len(own["nodes"])
     share = (own["share"], own["share_between"], own["share_starts"])
     near = (own["near"].float() * own["near_scale"], own["near_columns"], own["near_starts"])
     return SurfaceCompliance(
@@ -61,8 +62,8 @@ def take_compliance(tensors: dict[str, Tensor]) -> SurfaceCompliance:
         own["areas"].numpy(),
         own["anchors"].numpy(),
         operator.numpy(),
-        sp.csr_matrix(tuple(part.numpy() for part in share), shape=(n_loads, n_anchors)),
-        sp.csr_matrix(tuple(part.numpy() for part in near), shape=(n_loads * dim, n_nodes * dim)),
+        sp.csr_matrix(tuple(part.numpy() for part in share), shape=(n_contact, n_anchors)),
+        sp.csr_matrix(tuple(part.numpy() for part in near), shape=(n_contact * dim, n_nodes * dim)),
     )
 
 

@@ -1,4 +1,4 @@
-"""A structured box of triangles or tetrahedra: the body of first tries, tests and benchmarks."""
+"""A structured box of triangles or tetrahedra: the body of examples, tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from itertools import permutations
 
 import numpy as np
 
-from runtime.mesh.check import oriented_mesh
-from runtime.mesh.mesh import Mesh
+from softprint.runtime.mesh.check import oriented_mesh
+from softprint.runtime.mesh.mesh import Mesh
 
 
 def box_mesh(lower: Sequence[float], upper: Sequence[float], divisions: Sequence[int]) -> Mesh:
     """The axis-aligned box from ``lower`` to ``upper`` [m] with ``divisions`` cubes along each axis.
 
-    Each square is cut into 2 triangles, each cube into 6 tetrahedra (Kuhn's subdivision: one simplex for each
-    order in which the axes can be walked from the low corner to the high one).
+    Each square is cut into 2 triangles, each cube into 6 tetrahedra (Kuhn's subdivision: one simplex for each order of
+    the axes on a path from the low corner to the high one).
     """
     dim = len(divisions)
     axes = [np.linspace(a, b, n + 1) for a, b, n in zip(lower, upper, divisions, strict=True)]

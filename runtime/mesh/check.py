@@ -1,4 +1,4 @@
-"""From raw points and cells to a mesh one can compute on: orientation repaired, everything else refused."""
+"""From raw points and cells to a valid mesh: orientation is repaired, every other defect is refused."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
-from runtime.mesh.mesh import FACETS, Mesh, signed_volumes
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh.mesh import FACETS, Mesh, signed_volumes
 
 log = logging.getLogger(__name__)
 
@@ -19,9 +19,9 @@ log = logging.getLogger(__name__)
 DEGENERATE = 1e-6
 
 
-@np.errstate(over="ignore", invalid="ignore")  # coordinates beyond reason are refused for what follows
+@np.errstate(over="ignore", invalid="ignore")  # absurd coordinates are refused below
 def oriented_mesh(points: Array, cells: IntArray, source: str = "the mesh") -> Mesh:
-    """A checked :class:`Mesh`: unused nodes dropped, inverted cells turned round (both logged).
+    """A checked :class:`Mesh`: unused nodes dropped, inverted cells reoriented (both logged).
 
     points: (n, dim) [m], cells: (m, dim+1). Raises SoftprintError, naming ``source``, for: no cells,
     indices out of range, coordinates that are not finite, degenerate or repeated cells, facets shared by
@@ -76,7 +76,7 @@ def _orient(points: Array, cells: IntArray, source: str) -> IntArray:
         )
     inverted = volumes < 0
     if inverted.any():
-        log.info("%s: turned round %d inverted cells of %d", source, inverted.sum(), len(cells))
+        log.info("%s: reoriented %d inverted cells of %d", source, inverted.sum(), len(cells))
         cells = cells.copy()
         cells[inverted, -2:] = cells[inverted, -1:-3:-1]
     return cells
@@ -96,8 +96,8 @@ def _check_facets(cells: IntArray, dim: int, source: str) -> None:
             f"{source}: not a manifold: {(count > 2).sum()} facets are shared by more than two cells "
             "(overlapping or repeated parts): mesh the body again"
         )
-    # Two neighbours see their common facet with opposite orientation; equal orientation means that one lies
-    # in the other.
+    # Two neighbours have opposite orientations of their common facet; equal orientations mean that one lies in the
+    # other.
     even = np.linalg.det(np.eye(dim)[order]) > 0
     balance = np.bincount(facet, weights=np.where(even, 1.0, -1.0))
     if (np.abs(balance[count == 2]) > 0).any():

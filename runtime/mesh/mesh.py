@@ -1,4 +1,4 @@
-"""A simplex mesh at rest and what follows from it: volumes, gradients of the hat functions, the surface."""
+"""A simplex mesh at rest with derived quantities: volumes, gradients of the hat functions, the surface."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from math import factorial
 import numpy as np
 import scipy.sparse as sp
 
-from runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.arrays import Array, IntArray, scatter_sum
 
-# Facet k lies opposite corner k; corners in the order that makes its normal point out of a positive cell.
+# Facet k lies opposite corner k; the order of its corners makes the normal point out of a positive cell.
 FACETS = {
     2: np.array([[1, 2], [2, 0], [0, 1]]),
     3: np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]),
@@ -22,7 +22,7 @@ FACETS = {
 class Mesh:
     """Triangles (dim 2) or tetrahedra (dim 3) in their rest position, positively oriented.
 
-    points: (n_nodes, dim) [m]; cells: (n_cells, dim+1) node indices. The constructor trusts its input:
+    points: (n_nodes, dim) [m]; cells: (n_cells, dim+1) node indices. The constructor does not check its input:
     :func:`runtime.mesh.oriented_mesh` checks and repairs. Derived quantities are computed once, on first use.
     """
 
@@ -137,13 +137,13 @@ class Mesh:
         )
 
     def deformation_gradients(self, positions: Array, cells: IntArray | slice = slice(None)) -> Array:
-        """F (n, dim, dim) of the given cells when the nodes sit at positions (n_nodes, dim)."""
+        """F (n, dim, dim) of the given cells with the nodes at positions (n_nodes, dim)."""
         corners = positions[self.cells[cells]]
         return corners.transpose(0, 2, 1) @ self.cell_gradients[cells]
 
 
 def signed_volumes(points: Array, cells: IntArray) -> Array:
-    """(n_cells,) volume of each cell, negative where the corners are ordered the wrong way round."""
+    """(n_cells,) volume of each cell, negative for inverted corners."""
     edges = points[cells[:, 1:]] - points[cells[:, :1]]
     return np.linalg.det(edges) / factorial(points.shape[1])
 

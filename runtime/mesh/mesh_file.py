@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path
-from runtime.io.memory_bound import memory_bound
-from runtime.mesh.check import oriented_mesh
-from runtime.mesh.mesh import Mesh
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path
+from softprint.runtime.io.memory_bound import memory_bound
+from softprint.runtime.mesh.check import oriented_mesh
+from softprint.runtime.mesh.mesh import Mesh
 
 log = logging.getLogger(__name__)
 
-_LOWER = {"vertex", "line"}  # what gmsh leaves in a file beside the cells of the body
+_LOWER = {"vertex", "line"}  # that gmsh writes in addition to the cells of the body
 _HINT_SURFACE = (
     "a body needs its inside meshed too: fill the surface with tetrahedra (gmsh, fTetWild, TetGen)"
 )
@@ -29,7 +29,7 @@ def read_mesh(path: Path | str) -> Mesh:
 
     Tetrahedra make a 3D body; triangles, all with the same z, a 2D body. Cells of lower dimension are
     ignored. Raises SoftprintError for a missing or unreadable file, other or mixed kinds of cells, a
-    triangle surface in 3D, and for all that :func:`runtime.mesh.oriented_mesh` refuses.
+    triangle surface in 3D, and for every defect that :func:`runtime.mesh.oriented_mesh` refuses.
     """
     source = Path(path)
     points, blocks = _read(source)
@@ -74,7 +74,7 @@ def _read(source: Path) -> tuple[Array, dict[str, IntArray]]:
     if not source.is_file():
         raise SoftprintError(f"{source}: there is no such mesh file")
     try:
-        # meshio prints its complaints and calls sys.exit when no reader accepts the file.
+        # meshio prints errors and calls sys.exit when no reader accepts the file.
         with (
             contextlib.redirect_stdout(io.StringIO()),
             contextlib.redirect_stderr(io.StringIO()),
@@ -105,7 +105,7 @@ def write_mesh(path: Path | str, mesh: Mesh) -> None:
     """
     import meshio
 
-    compact = Path(path).suffix == ".vtu"  # meshio's gmsh writer, for one, needs 64-bit coordinates
+    compact = Path(path).suffix == ".vtu"  # other writers of meshio, such as gmsh's, need 64-bit coordinates
     points = np.zeros((mesh.n_nodes, 3), dtype=np.float32 if compact else np.float64)
     points[:, : mesh.dim] = mesh.points
     cells = mesh.cells.astype(np.int32) if compact else mesh.cells

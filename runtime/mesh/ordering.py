@@ -1,11 +1,11 @@
-"""Renumbering a mesh so that neighbours in space are neighbours in memory, and in a compressed file."""
+"""Renumber a mesh so that neighbours in space are neighbours in memory and in compressed files."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from runtime.mesh.check import oriented_mesh
-from runtime.mesh.mesh import Mesh
+from softprint.runtime.mesh.check import oriented_mesh
+from softprint.runtime.mesh.mesh import Mesh
 
 _BITS = 10  # 1024 steps along each axis
 

@@ -1,7 +1,7 @@
-"""The data sets published with the papers behind the thesis, read and written.
+"""Reading and writing the data sets published with the papers of the thesis.
 
-layout    the two HDF5 files, `meshes.h5` and `dataset.h5`: what is in them, and what had to be assumed
-handles   which columns of a published basis are points and which are frames
+layout    the two HDF5 files, `meshes.h5` and `dataset.h5`: their content, and the assumptions
+handles   the columns of a published basis that are points, and those that are frames
 export    our body and truth in that layout
-adopt     published files as a body, a truth file and an experiment that training can use
+adopt     conversion of published files to a body, a truth file and an experiment for training
 """

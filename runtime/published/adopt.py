@@ -1,15 +1,15 @@
-"""A published data set as a body, a truth file and an experiment that `softprint train` reads.
+"""Convert a published data set to a body, a truth file and an experiment for `softprint train`.
 
-What a published file does not tell, and what stands in for it:
+Values that a published file does not contain, and their replacements:
 
 * material and density: the user gives them;
-* the internal displacement of a state: 0. So the contact displacement is x - U q, as the papers have it for the jelly,
-  and holds all that the full space adds to the subspace;
-* which samples belong to one contact: those that follow each other with the same handles and the same rotation;
-* how well a sample was solved: its status is "converged", and residual, decrement, energy and iterations are NaN or
-  0. Smallest det F, depth and penetration are measured here;
-* contact stiffness, gravity, scenes: the experiment has defaults, no gravity and no scenes, so bodies can be trained
-  for but not simulated until someone fills them in.
+* the internal displacement of a state: 0. So the contact displacement is x - U q, as in the papers for the jelly, and
+contains everything that the full space adds to the subspace;
+* which samples belong to one contact: consecutive samples with the same handles and the same rotation;
+* the accuracy of a sample: its status is "converged", and residual, decrement, energy and iterations are NaN or 0.
+Smallest det F, depth and penetration are computed here;
+* contact stiffness, gravity, scenes: the experiment has defaults, no gravity and no scenes, so corrections can be
+trained, but not simulated until these are filled in.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from typing import Any
 
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.body.body import ReducedBody
-from runtime.body.build import assemble_body
-from runtime.body.handles import FrameHandle, Handles
-from runtime.colliders.collider import Collider
-from runtime.elasticity.invariants import determinant
-from runtime.elasticity.materials import Material
-from runtime.errors import SoftprintError
-from runtime.mesh.check import oriented_mesh
-from runtime.published.handles import FoundHandles, find_handles
-from runtime.published.layout import PublishedData, PublishedObject
-from runtime.truth.truth_file import TruthHeader, create_truth
-from runtime.truth.truth_schema import CONVERGED, TABLES
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.build import assemble_body
+from softprint.runtime.body.handles import FrameHandle, Handles
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.elasticity.invariants import determinant
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh.check import oriented_mesh
+from softprint.runtime.published.handles import FoundHandles, find_handles
+from softprint.runtime.published.layout import PublishedData, PublishedObject
+from softprint.runtime.truth.truth_file import TruthHeader, create_truth
+from softprint.runtime.truth.truth_schema import CONVERGED, TABLES
 
 SAME = 1e-5  # handles and rotations that differ by less are the same: the files are float32
-_RIGID = 1e-3  # a collider that follows its transformation less closely is not rigid
+_RIGID = 1e-3  # a collider whose points deviate more from a rigid motion is not rigid
 _BATCH = 64  # samples in memory at once
 
 
 @dataclass(frozen=True, eq=False)
 class AdoptedBody:
-    """The body, its handles as they were found, and the published node of each of its nodes."""
+    """The body, its handles as found in the basis, and the published node of each of its nodes."""
 
     body: ReducedBody
     handles: FoundHandles
@@ -54,8 +54,8 @@ def adopt_body(
 ) -> AdoptedBody:
     """A body from W, q_ref and the simplices; scale: metres for each unit of the file.
 
-    Rest positions are rounded to float32, as the mesh file beside it will hold them. SoftprintError where the
-    arrays are no body.
+    Rest positions are rounded to float32, as in the mesh file that is written with it. Raises SoftprintError if the
+    arrays do not form a body.
     """
     dim = published.dim
     cells = published.simplices_of(dim + 1)
@@ -66,7 +66,7 @@ def adopt_body(
     found = find_handles(published, source)
     rest = (scale * published.rest).astype(np.float32).astype(np.float64)
     mesh = oriented_mesh(rest, cells, f"{source}: {published.name}")
-    nodes = np.unique(cells)  # in the order that oriented_mesh keeps them
+    nodes = np.unique(cells)  # in the order of oriented_mesh
     place = np.full(len(rest), -1)
     place[nodes] = np.arange(len(nodes))
     frames = []
@@ -97,7 +97,7 @@ def adopted_rows(adopted: AdoptedBody, q: Array, scale: float) -> Array:
 
 def adopted_poses(collider: PublishedObject, z: Array, scale: float, source: str) -> tuple[Array, Array]:
     """Rotations (n, dim, dim) and translations (n, dim) [m]: the rigid motions that take the collider's points from
-    rest, W z_ref, to W z. SoftprintError where they do not move rigidly."""
+    rest, W z_ref, to W z. Raises SoftprintError if they do not move rigidly."""
     rest = collider.rest
     centre = rest.mean(axis=0)
     # W z is linear in z, so its fit to a motion needs the moments of W alone: x = X R^T + t.
@@ -130,17 +130,18 @@ class Grouping:
 
 
 def group_samples(q: Array, rotation: Array) -> Grouping:
-    """States are different handles, numbered as they come; a contact is a run of samples of one state and rotation."""
+    """States are distinct handle rows, numbered in order of appearance; a contact is a run of samples of one state and
+    rotation."""
     n = len(q)
     rounded = np.round(q.reshape(n, -1) / SAME).astype(np.int64)
     same_as_before = np.abs(np.diff(q.reshape(n, -1), axis=0)).max(axis=1, initial=0.0) < SAME
-    # Equal to the sample before wins over rounding, which may fall to either side.
+    # Equality with the previous sample takes precedence over rounding, which may go either way.
     leader = np.maximum.accumulate(np.where(np.r_[False, same_as_before], 0, np.arange(n)))
     _, first, inverse = np.unique(rounded[leader], axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     state = np.argsort(order)[inverse.reshape(-1)]
-    turned = np.abs(np.diff(rotation.reshape(n, -1), axis=0)).max(axis=1, initial=0.0) >= SAME
-    starts: BoolArray = np.r_[True, turned | (np.diff(state) != 0)]
+    changed = np.abs(np.diff(rotation.reshape(n, -1), axis=0)).max(axis=1, initial=0.0) >= SAME
+    starts: BoolArray = np.r_[True, changed | (np.diff(state) != 0)]
     contact = np.cumsum(starts) - 1
     first_of_contact = np.flatnonzero(starts)
     return Grouping(state, contact, np.arange(n) - first_of_contact[contact], first[order], first_of_contact)
@@ -242,7 +243,7 @@ def _samples(
         "pose_translation": translation,
         "displacement": x - before,
         "status": np.full(n, CONVERGED),
-        "reason": ["Published: how well it was solved is not told."] * n,
+        "reason": ["Published without its accuracy."] * n,
         "branch_flag": np.zeros(n, dtype=bool),
         **dict.fromkeys(("node_speed", "residual", "decrement", "energy", "seconds"), np.full(n, np.nan)),
         **dict.fromkeys(("newton_iterations", "cg_iterations"), np.zeros(n, dtype=int)),

@@ -1,4 +1,4 @@
-"""What stands beside an adopted body and truth, so that `softprint train` can read them: mesh, collider, experiment."""
+"""The files that `softprint train` needs with an imported body and truth: mesh, collider, experiment."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.body.placement import frame_in_box
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path
-from runtime.mesh import write_mesh
-from runtime.published.layout import PublishedObject
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.placement import frame_in_box
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path
+from softprint.runtime.mesh import write_mesh
+from softprint.runtime.published.layout import PublishedObject
 
 
 @dataclass(frozen=True)
 class GivenMaterial:
-    """What the user says of the material, for no published file does."""
+    """The material, given by the user because published files do not contain it."""
 
     model: str
     young: float
@@ -44,7 +44,7 @@ def write_experiment(
     ]
     points = body.mesh.points[body.handles.points].tolist()
     lines = [
-        "# Made from a published data set by `softprint import`. SI units. Material and density were given by hand;",
+        "# Made from a published data set by `softprint import`. SI units. The user gave material and density;",
         "# contact stiffness, gravity and scenes are not in such a data set: fill them in before simulating.",
         "[experiment]",
         f"name = {_text(body.name)}",
@@ -71,7 +71,7 @@ def write_experiment(
         "",
         "[[training.models]]",
         'name = "thesis5"',
-        'form = "field"',
+        'form = "thesis5"',
         "hidden = [250, 250]",
         'activation = "tanh"',
         "",
@@ -86,8 +86,8 @@ def write_experiment(
 
 
 def frames_without_box(body: ReducedBody) -> list[str]:
-    """Names of the frames that no box describes, because other nodes lie between theirs: an experiment cannot say what
-    they are, and no verb that reads one will take the body."""
+    """Names of the frames that no box describes, because other nodes lie between theirs: an experiment cannot define
+    them, so verbs that read an experiment refuse the body."""
     return [
         frame.name
         for frame in body.handles.frames
@@ -102,7 +102,7 @@ def _box(body: ReducedBody, nodes: IntArray) -> Array:
 
 
 def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)  # a basic string of TOML is written as one of JSON
+    return json.dumps(text, ensure_ascii=False)  # basic strings of TOML have the syntax of JSON strings
 
 
 def _write_collider(folder: Path, collider: PublishedObject, scale: float, source: str) -> list[str]:
@@ -111,9 +111,7 @@ def _write_collider(folder: Path, collider: PublishedObject, scale: float, sourc
     if collider.dim == 3:
         triangles = collider.simplices_of(3)
         if triangles is None:
-            raise SoftprintError(
-                f"{source}: {collider.name} has no triangles, so it has no surface to touch with"
-            )
+            raise SoftprintError(f"{source}: {collider.name} has no triangles, so it has no surface")
         import meshio
 
         with atomic_path(folder / "collider.stl") as temporary:
@@ -126,7 +124,7 @@ def _write_collider(folder: Path, collider: PublishedObject, scale: float, sourc
 
 
 def _outline(collider: PublishedObject, source: str) -> IntArray:
-    """Nodes along the longest closed outline of a collider of the plane, from its triangles or its edges."""
+    """Nodes along the longest closed outline of a 2D collider, from its triangles or its edges."""
     triangles = collider.simplices_of(3)
     edges = collider.simplices_of(2) if triangles is None else _boundary(triangles)
     if edges is None or not len(edges):

@@ -1,4 +1,4 @@
-"""Our body and truth in the published layout: float32, frames before points, poses as [R^T; t]."""
+"""Export our body and truth in the published layout: float32, frames before points, poses as [R^T; t]."""
 
 from __future__ import annotations
 
@@ -9,30 +9,31 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import Delaunay
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.colliders.collider import Collider
-from runtime.colliders.level_set import collider_surface
-from runtime.errors import SoftprintError
-from runtime.io.files import provenance
-from runtime.published.layout import PublishedMeshes, PublishedObject, write_dataset, write_meshes
-from runtime.truth.truth_file import TruthData
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.level_set import collider_surface
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import provenance
+from softprint.runtime.published.layout import PublishedMeshes, PublishedObject, write_dataset, write_meshes
+from softprint.runtime.truth.truth_file import TruthData
 
-# Cells along a collider of the grid on which its surface is found: some thousand triangles, as colliders have.
+# Grid cells along a collider for the extraction of its surface: gives some thousand triangles, as published colliders
+# have.
 CELLS = {2: 160, 3: 40}
 
 
 def frames_first(body: ReducedBody) -> IntArray:
-    """(n_rows,) our row for each published one."""
+    """(n_rows,) the index of our row for each published row."""
     n_points = body.handles.n_points
     return np.r_[n_points : body.n_rows, 0:n_points].astype(np.int64)
 
 
 def published_meshes(body: ReducedBody, collider: Collider) -> PublishedMeshes:
-    """Body and collider as `meshes.h5` holds them.
+    """Body and collider in the layout of `meshes.h5`.
 
-    In space `tets` are the cells and `tris` the surface; in the plane both are the triangles, as the tables of 2021
-    (`tris`) and 2022 (`tets`) have them. The collider is the zero level of its signed distance.
+    In 3D `tets` are the cells and `tris` the surface; in 2D both are the triangles, as in the tables of 2021 (`tris`)
+    and 2022 (`tets`). The collider is the zero level of its signed distance.
     """
     order, mesh = frames_first(body), body.mesh
     surface = mesh.facets if body.dim == 3 else mesh.cells
@@ -64,8 +65,8 @@ def export_published(
 ) -> tuple[Path, Path, int]:
     """Write `meshes.h5` and `dataset.h5`; returns their paths and the number of samples.
 
-    Only samples that may be learned from are written, for the layout has no place for a status. x holds
-    U q plus the internal and the contact displacement.
+    Only samples usable for training are written, because the layout has no status. x is U q plus the internal and the
+    contact displacement.
     """
     samples = published_samples(truth, collider)
     if body.name == collider.name:
@@ -97,7 +98,7 @@ def export_published(
 
 
 def published_samples(truth: TruthData, collider: Collider) -> list[int]:
-    """The samples that go into the file: usable, and of this collider."""
+    """The exported samples: usable, and of this collider."""
     if collider.name not in truth.header.colliders:
         known = ", ".join(truth.header.colliders)
         raise SoftprintError(
@@ -107,7 +108,7 @@ def published_samples(truth: TruthData, collider: Collider) -> list[int]:
     of_collider = truth.contacts["collider"][truth.samples["contact"]] == number
     samples = np.flatnonzero(truth.usable & of_collider)
     if not len(samples):
-        raise SoftprintError(f"{truth.path}: no sample of {collider.name!r} may be learned from")
+        raise SoftprintError(f"{truth.path}: no sample of {collider.name!r} is usable for training")
     return [int(sample) for sample in samples]
 
 

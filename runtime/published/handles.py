@@ -1,13 +1,13 @@
-"""Which columns of a published basis W are points and which are frames, and the same basis in our rows.
+"""Find the points and frames among the columns of a published basis W, and express the basis in our rows.
 
-A point handle is a node whose row of W is a unit vector. A frame is dim+1 columns that stand together, and whose
-region is all nodes whose rows of W vanish elsewhere: there x = W q is an affine map of the region. Let M = [q_ref | c]
-be the frame's rows at rest beside the coefficients c with W c = 1. Then
+A point handle is a node whose row of W is a unit vector. A frame is dim+1 adjacent columns; its region is all nodes
+whose rows of W vanish in the other columns, where x = W q is an affine map. Let M = [q_ref | c], with the frame's rows
+at rest q_ref and the coefficients c with W c = 1. Then
 
     x = W q = (W M) (M^-1 q)
 
-and W M = [X 1] in the region, M^-1 q = [R^T; t]: the rows of :mod:`runtime.body.handles`, whatever the order of the
-published rows and the origin of the frame.
+and W M = [X 1] in the region, M^-1 q = [R^T; t]: the rows of :mod:`runtime.body.handles`, for any order of the
+published rows and any origin of the frame.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.errors import SoftprintError
-from runtime.published.layout import PublishedObject
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.published.layout import PublishedObject
 
-# Published arrays are float32: weights are off by 1e-7, and a least-squares fit of them by a little more.
+# Published arrays are float32: weights have errors of 1e-7, and least-squares fits of them slightly larger ones.
 TOLERANCE = 1e-4
 
 
@@ -42,7 +42,7 @@ class FoundHandles:
 
 
 def find_handles(body: PublishedObject, source: str) -> FoundHandles:
-    """Points and frames of a published body; SoftprintError where a column belongs to neither."""
+    """Points and frames of a published body; SoftprintError if a column belongs to neither."""
     dim, n_rows = body.dim, body.basis.shape[1]
     points: list[tuple[int, int]] = []  # column, node
     frames: list[tuple[slice, IntArray]] = []
@@ -70,7 +70,7 @@ def find_handles(body: PublishedObject, source: str) -> FoundHandles:
 
 
 def _region(basis: Array, group: slice) -> IntArray:
-    """Nodes that follow these columns alone."""
+    """Nodes that depend on these columns alone."""
     others = np.ones(basis.shape[1], dtype=bool)
     others[group] = False
     elsewhere = np.abs(basis[:, others]).max(axis=1, initial=0.0)

@@ -1,6 +1,6 @@
 """The HDF5 layout of the data published with Romero et al. 2021 and 2022 (jelly and star).
 
-`meshes.h5` has a group for each object, named after it:
+`meshes.h5` has a group for each object, with its name:
 
     W (n_nodes, n_rows)     linear basis: of the body BGBC, of the collider rigid (n_rows = dim + 1)
     q_ref (n_rows, dim)     the body's transformations at rest;     z_ref (dim+1, dim) the collider's
@@ -14,19 +14,18 @@
 
 What is *documented*, in the tables and the example code of the two repositories
 (crisrom002/hsd-learning-contact-corrections, crisrom002/contact-centric-deformation-learning): names and
-shapes above; that positions of the collider are ``W z``; that `q` and `z` go to a traced network as they are; that
-`tris` of 2021 are triangles of the plane, (n, dim+1), while the table of 2022 has `tris` (n, dim) beside
-`tets` (n, dim+1).
+shapes above; that positions of the collider are ``W z``; that `q` and `z` are unmodified inputs of a traced network;
+that `tris` of 2021 are triangles of the plane, (n, dim+1), while the table of 2022 has `tris` (n, dim) beside `tets`
+(n, dim+1).
 
 What the *code of the sequel* (crisrom002/collider-descriptors-deformation-learning, same authors) shows: the first
-dim rows of a transformation are R^T and the last is the translation, so that a point of the collider sits at
-z_local R^T + t; in the handle rows, frames (dim+1 rows each) come first and points follow. This writer does the
-same.
+dim rows of a transformation are R^T and the last is the translation, so that a point of the collider is at z_local R^T
++ t; in the handle rows, frames (dim+1 rows each) come first, then points. This writer uses the same order.
 
-What is *assumed*: that numbers are float32, which this writer writes and the network will want; that the rows of a
-frame stand together. Nothing else: a reader takes the rest positions
-from W q_ref and W z_ref and the pose of the collider from the motion of its points, so the order of rows, a frame's
-own origin and the order of handles may be any. *Not stated* anywhere is the unit of length; a reader is told it.
+What is *assumed*: that numbers are float32, which this writer writes and the network expects, and that the rows of a
+frame are adjacent. Nothing else: a reader takes the rest positions from W q_ref and W z_ref and the pose of the
+collider from the motion of its points, so the order of rows, a frame's origin and the order of handles are arbitrary.
+*Not stated* anywhere is the unit of length; a reader takes it as an input.
 """
 
 from __future__ import annotations
@@ -41,20 +40,20 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path
-from runtime.io.h5_writing import H5Writer
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path
+from softprint.runtime.io.h5_writing import H5Writer
 
 BODY_REFERENCE, COLLIDER_REFERENCE = "q_ref", "z_ref"
 _DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError)
-_MOST_COMPRESSED = 1100  # gzip makes an array smaller by at most this factor; one that claims more is damaged
+_MOST_COMPRESSED = 1100  # gzip compresses by at most this factor; a larger claim is damage
 
 
 @dataclass(frozen=True, eq=False)
 class PublishedObject:
-    """One group of `meshes.h5`. basis: W; reference: q_ref or z_ref; simplices: the arrays `tris` and `tets` that
-    are there, by name."""
+    """One group of `meshes.h5`. basis: W; reference: q_ref or z_ref; simplices: the arrays `tris` and `tets`, if
+    present, by name."""
 
     name: str
     basis: Array
@@ -71,7 +70,7 @@ class PublishedObject:
         return self.basis @ self.reference
 
     def simplices_of(self, corners: int) -> IntArray | None:
-        """The array with so many corners a simplex, `tets` before `tris`; None if there is none."""
+        """The array of simplices with this number of corners, `tets` before `tris`; None if there is none."""
         for name in ("tets", "tris"):
             if name in self.simplices and self.simplices[name].shape[1] == corners:
                 return self.simplices[name]
@@ -87,7 +86,7 @@ class PublishedMeshes:
 
 
 def read_meshes(path: Path) -> PublishedMeshes:
-    """Read `meshes.h5`. SoftprintError where it is missing, damaged, or has not one body and one collider."""
+    """Read `meshes.h5`. Raises SoftprintError if it is missing, damaged, or does not have one body and one collider."""
     with open_published(path) as file:
         groups = {name: group for name, group in file.items() if isinstance(group, h5py.Group)}
         return PublishedMeshes(
@@ -101,7 +100,7 @@ def _object(path: Path, groups: dict[str, h5py.Group], reference: str, what: str
     if len(found) != 1:
         some = ", ".join(found) if found else "none"
         raise SoftprintError(
-            f"{path}: a {what} is a group with W and {reference}; there must be one, there are: {some}"
+            f"{path}: a {what} is a group with W and {reference}; there must be exactly one, found: {some}"
         )
     group = groups[found[0]]
     basis, start = numbers_of(group, "W"), numbers_of(group, reference)
@@ -111,12 +110,14 @@ def _object(path: Path, groups: dict[str, h5py.Group], reference: str, what: str
             "they are (nodes, rows) and (rows, dim)"
         )
     simplices = {
-        name: np.asarray(_whole(group, name), dtype=np.int64) for name in ("tris", "tets") if name in group
+        name: np.asarray(_checked_dataset(group, name), dtype=np.int64)
+        for name in ("tris", "tets")
+        if name in group
     }
     for name, array in simplices.items():
         if array.ndim != 2 or (array.size and (array.min() < 0 or array.max() >= len(basis))):
             raise SoftprintError(
-                f"{path}: {found[0]}/{name} names nodes that are not there: they are numbered from 0"
+                f"{path}: {found[0]}/{name} has nodes that do not exist: they are numbered from 0"
             )
     return PublishedObject(found[0], basis, start, simplices)
 
@@ -133,13 +134,13 @@ class PublishedData:
         return len(self.q)
 
     def positions(self, samples: slice) -> Array:
-        """(m, n_nodes, dim) of a run of samples, in the file's unit."""
+        """(m, n_nodes, dim) of consecutive samples, in the file's unit."""
         return np.asarray(self._x[samples], dtype=np.float64)
 
 
 @contextmanager
 def open_dataset(path: Path, meshes: PublishedMeshes) -> Iterator[PublishedData]:
-    """Open `dataset.h5`; SoftprintError where it is missing, damaged, or not of these meshes."""
+    """Open `dataset.h5`; SoftprintError if it is missing, damaged, or does not match these meshes."""
     with open_published(path) as file:
         data = PublishedData(numbers_of(file, "q"), numbers_of(file, "z"), file["x"])
         n, (nodes, rows), dim = len(data), meshes.body.basis.shape, meshes.body.dim
@@ -147,7 +148,7 @@ def open_dataset(path: Path, meshes: PublishedMeshes) -> Iterator[PublishedData]
         for name, shape in wanted.items():
             if file[name].shape != shape:
                 raise SoftprintError(
-                    f"{path}: {name} has the shape {file[name].shape}, its meshes ask for {shape}"
+                    f"{path}: {name} has the shape {file[name].shape}, but its meshes need {shape}"
                 )
         if n == 0:
             raise SoftprintError(f"{path}: has no samples")
@@ -155,7 +156,7 @@ def open_dataset(path: Path, meshes: PublishedMeshes) -> Iterator[PublishedData]
 
 
 def write_meshes(path: Path, meshes: PublishedMeshes, notes: dict[str, Any]) -> None:
-    """Write `meshes.h5`, whole or not at all. notes: attributes of the file, which other readers do not look at."""
+    """Write `meshes.h5`, atomically. notes: attributes of the file, which other readers ignore."""
     with _create(path) as file:
         for item, reference in ((meshes.body, BODY_REFERENCE), (meshes.collider, COLLIDER_REFERENCE)):
             group = file.create_group(item.name)
@@ -189,7 +190,7 @@ class DatasetWriter:
 def write_dataset(
     path: Path, n_samples: int, sizes: Sequence[int], notes: dict[str, Any]
 ) -> Iterator[DatasetWriter]:
-    """Write `dataset.h5` of so many samples, whole or not at all; sizes: n_nodes, n_rows, dim."""
+    """Write `dataset.h5` with n_samples samples, atomically; sizes: n_nodes, n_rows, dim."""
     with _create(path) as file:
         yield DatasetWriter(file, n_samples, *sizes)
         file.attrs.update(notes)
@@ -203,14 +204,14 @@ def has_meshes(path: Path) -> bool:
 
 @contextmanager
 def _create(path: Path) -> Iterator[h5py.File]:
-    """A file that any reader of HDF5 1.10 takes, with the checksums that this format has."""
+    """A file in the format of HDF5 1.10, with its checksums."""
     with atomic_path(path) as temporary, H5Writer(temporary) as file:
         yield file
 
 
 @contextmanager
 def open_published(path: Path) -> Iterator[h5py.File]:
-    """Open either file for reading; what turns out to be missing or damaged in the block becomes a SoftprintError."""
+    """Open either file for reading; missing or damaged data inside the block raise a SoftprintError."""
     if not path.is_file():
         raise SoftprintError(f"{path}: there is no such file")
     try:
@@ -227,16 +228,18 @@ def open_published(path: Path) -> Iterator[h5py.File]:
 
 
 def numbers_of(group: h5py.Group, name: str) -> NDArray[np.float64]:
-    """A dataset of an open file as float64; SoftprintError where it is not finite."""
-    array = np.asarray(_whole(group, name), dtype=np.float64)
+    """A dataset of an open file as float64; SoftprintError if it is not finite."""
+    array = np.asarray(_checked_dataset(group, name), dtype=np.float64)
     if not np.isfinite(array).all():
         raise SoftprintError(f"{group.file.filename}: {group.name}/{name} has numbers that are not finite")
     return array
 
 
-def _whole(group: h5py.Group, name: str) -> NDArray[Any]:
-    """A dataset, unless it claims more numbers than its file can hold."""
+def _checked_dataset(group: h5py.Group, name: str) -> NDArray[Any]:
+    """A dataset; SoftprintError if it claims more numbers than its file can contain."""
     dataset, path = group[name], Path(group.file.filename)
     if dataset.size * dataset.dtype.itemsize > _MOST_COMPRESSED * path.stat().st_size:
-        raise SoftprintError(f"{path}: {name} claims the shape {dataset.shape}, more than the file can hold")
+        raise SoftprintError(
+            f"{path}: {name} claims the shape {dataset.shape}, more than the file can contain"
+        )
     return np.asarray(dataset[()])

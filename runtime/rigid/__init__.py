@@ -1,8 +1,8 @@
-"""Colliders that move freely: their mass, their flight, and what they feel of what they touch."""
+"""Free rigid bodies: their mass, their flight, and the forces of contact on them."""
 
-from runtime.rigid.flight import FreeFlight, RigidMotion
-from runtime.rigid.free_collider import FreeCollider, free_collider
-from runtime.rigid.mass import MassProperties, mass_properties
+from softprint.runtime.rigid.flight import FreeFlight, RigidMotion
+from softprint.runtime.rigid.free_collider import FreeCollider, free_collider
+from softprint.runtime.rigid.mass import MassProperties, mass_properties
 
 __all__ = [
     "FreeCollider",

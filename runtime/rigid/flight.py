@@ -1,21 +1,21 @@
-"""A rigid body in flight over one step, and the incremental potential that holds it to that flight.
+"""A rigid body in free flight over one step, and the incremental potential whose minimum is that flight.
 
-Where nothing touches it the body keeps its velocity v and its angular momentum L about the centre: c^ = c + h v, and
-R^ = exp(h [w]) R with the spin w = I_m^-1 L of the middle of the step, R_m = exp(h [w] / 2) R (the implicit midpoint
-rule on rotations). L is then kept exactly, energy to second order and without drift; in the plane, and where all
-moments of inertia are equal, the turn is exact.
+Without contact the body keeps its velocity v and its angular momentum L about the centre: c^ = c + h v, and R^ = exp(h
+[w]) R with the spin w = I_m^-1 L at the middle of the step, R_m = exp(h [w] / 2) R (the implicit midpoint rule on
+rotations). L is then conserved exactly, energy to second order and without drift; in the plane, and if all moments of
+inertia are equal, the rotation is exact.
 
-A step minimises, beside the energies of all that touches it,
+A step minimises, in addition to the contact energies,
 
     m/(2 h^2) |c - c^|^2 + 1/(2 h^2) tr((R - R^) J (R - R^)^T) - m g . c,
 
-J being the second moment of mass. Under the variation R -> exp([w]) R its derivatives are exact and simple, for with
-M = R J R^^T the second term is (tr J - tr(exp([w]) M)) / h^2:
+J being the second moment of mass. Under the variation R -> exp([w]) R the second term is (tr J - tr(exp([w]) M)) / h^2
+with M = R J R^^T, and its derivatives are exact:
 
     gradient_k = -tr(E_k M) / h^2,      Hessian_kl = -tr((E_k E_l + E_l E_k) M) / (2 h^2).
 
-At the minimum that gradient is the torque T of all that touches, so v' = (c' - c)/h and L' = L + h T: forces and
-torques at the end of the step change the momenta by what they are, as in backward Euler, and with no other loss.
+At the minimum this gradient equals the torque T of all contacts, so v' = (c' - c)/h and L' = L + h T: the forces and
+torques at the end of the step change the momenta, as in backward Euler, with no other dissipation.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.rotations import rotation_exponential
-from runtime.colliders.pose import RigidPose
-from runtime.rigid.mass import MassProperties
-from runtime.rigid.twist import generators, second_generators, twist_size
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.rotations import rotation_exponential
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.rigid.mass import MassProperties
+from softprint.runtime.rigid.twist import generators, second_generators, twist_size
 
-# The midpoint rule is iterated until the turn of the step changes by less [rad]; each time adds two digits or more.
+# The midpoint rule is iterated until the rotation of the step changes by less than this [rad]; each iteration adds two
+# digits or more.
 _SAME_TURN = 1e-13
 _TIMES = 50
 
@@ -45,7 +46,7 @@ class RigidMotion:
 
     @classmethod
     def spinning(cls, mass: MassProperties, pose: RigidPose, velocity: Array, spin: Array) -> RigidMotion:
-        """From the angular velocity: (1,) in 2D, (3,) in 3D [rad/s]."""
+        """The motion of a given velocity and spin, the angular velocity: (1,) in 2D, (3,) in 3D [rad/s]."""
         return cls(velocity, world_inertia(mass, pose.rotation) @ spin)
 
     def spin(self, mass: MassProperties, pose: RigidPose) -> Array:
@@ -59,7 +60,7 @@ class RigidMotion:
 
 
 def world_inertia(mass: MassProperties, rotation: Array) -> Array:
-    """(n_spin, n_spin) [kg m^2] of the body turned by rotation (dim, dim)."""
+    """(n_spin, n_spin) [kg m^2] of the body rotated by rotation (dim, dim)."""
     return mass.inertia if mass.dim == 2 else rotation @ mass.inertia @ rotation.T
 
 
@@ -72,7 +73,7 @@ def moved(mass: MassProperties, pose: RigidPose, twist: Array) -> RigidPose:
     """The pose after a twist (n_twist,) about the centre of mass."""
     dim = mass.dim
     rotation = rotation_exponential(twist[dim:]) @ pose.rotation
-    # One step of Newton's method for the nearest rotation: round-off does not pile up.
+    # One step of Newton's method for the nearest rotation, so that round-off does not accumulate.
     rotation = 1.5 * rotation - 0.5 * rotation @ rotation.T @ rotation
     centre = centre_of(mass, pose) + twist[:dim]
     return RigidPose.known(rotation, centre - rotation @ mass.centre)
@@ -88,7 +89,7 @@ class FreeFlight:
         self._weight = mass.mass * gravity
         self._centre = centre_of(mass, pose)
         self._spin = self._middle_spin()
-        self._turned = rotation_exponential(time_step * self._spin) @ pose.rotation
+        self._rotated = rotation_exponential(time_step * self._spin) @ pose.rotation
 
     def _middle_spin(self) -> Array:
         h, spin = self._h, self._motion.spin(self.mass, self._start)
@@ -102,16 +103,16 @@ class FreeFlight:
 
     @property
     def inert(self) -> float:
-        """m / h^2 [N/m]: the force that one metre off the flight takes."""
+        """m / h^2 [N/m]: the inertial force for each metre of deviation from the flight."""
         return self.mass.mass / self._h**2
 
     @property
     def step(self) -> Array:
-        """The twist (n_twist,) that momentum alone makes of the step."""
+        """The twist (n_twist,) of the step by momentum alone."""
         return self._h * np.concatenate([self._motion.velocity, self._spin])
 
     def carried_on(self, share: float = 1.0) -> RigidPose:
-        """Where the flight is after a share of the step, if nothing, not even weight, disturbs it."""
+        """The pose after a share of the step without any force, not even weight."""
         rotation = rotation_exponential(share * self._h * self._spin) @ self._start.rotation
         centre = self._centre + share * self._h * self._motion.velocity
         return RigidPose.known(rotation, centre - rotation @ self.mass.centre)
@@ -120,8 +121,8 @@ class FreeFlight:
         """Incremental inertia and weight [J] at the end of the step."""
         m, h = self.mass.mass, self._h
         centre = centre_of(self.mass, pose)
-        off, turned = centre - self._expected, pose.rotation - self._turned
-        inertia = m * float(off @ off) + float(np.vdot(turned @ self.mass.second_moment, turned))
+        off, off_rotation = centre - self._expected, pose.rotation - self._rotated
+        inertia = m * float(off @ off) + float(np.vdot(off_rotation @ self.mass.second_moment, off_rotation))
         return inertia / (2.0 * h**2), -float(self._weight @ centre)
 
     @property
@@ -136,13 +137,13 @@ class FreeFlight:
         gradient[:dim] = m * (centre_of(self.mass, pose) - self._expected) / h**2 - self._weight
         hessian[:dim, :dim] = m / h**2 * np.eye(dim)
         gradient[dim:] = self._torque(pose.rotation)
-        M = pose.rotation @ self.mass.second_moment @ self._turned.T
+        M = pose.rotation @ self.mass.second_moment @ self._rotated.T
         hessian[dim:, dim:] = -np.einsum("klab,ba->kl", second_generators(dim), M) / h**2
         return gradient, hessian
 
     def _torque(self, rotation: Array) -> Array:
-        """T (n_spin,) [N m] that has turned the body away from its flight."""
-        M = rotation @ self.mass.second_moment @ self._turned.T
+        """T (n_spin,) [N m] that deflects the body's rotation from its flight."""
+        M = rotation @ self.mass.second_moment @ self._rotated.T
         return -np.einsum("kab,ba->k", generators(self.mass.dim), M) / self._h**2
 
     def motion_at(self, pose: RigidPose) -> RigidMotion:

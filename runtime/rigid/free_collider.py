@@ -1,4 +1,4 @@
-"""A collider that moves freely: its mass, its start, and the points by which it touches other colliders."""
+"""A free rigid body: its mass, its initial state, and its contact points against other colliders."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, IntArray
-from runtime.body.farthest_points import farthest_points
-from runtime.body.rotations import rotation_dofs
-from runtime.colliders.collider import Collider
-from runtime.colliders.combine import Placed
-from runtime.colliders.grid import GridCollider
-from runtime.colliders.level_set import collider_surface
-from runtime.colliders.pose import RigidPose
-from runtime.errors import SoftprintError
-from runtime.mesh.mesh import facet_vectors
-from runtime.rigid.flight import RigidMotion
-from runtime.rigid.mass import MassProperties, mass_properties
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.farthest_points import farthest_points
+from softprint.runtime.body.rotations import rotation_dofs
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.combine import Placed
+from softprint.runtime.colliders.grid import GridCollider
+from softprint.runtime.colliders.level_set import collider_surface
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh.mesh import facet_vectors
+from softprint.runtime.rigid.flight import RigidMotion
+from softprint.runtime.rigid.mass import MassProperties, mass_properties
 
-# Points spread over the surface of a collider, and how many times as many candidates they are chosen from.
+# Number of contact points on the surface of a collider, and how many times as many candidates they are chosen from.
 _POINTS = {2: 128, 3: 400}
 _CANDIDATES = 10
 
@@ -29,7 +29,7 @@ _CANDIDATES = 10
 @dataclass(frozen=True, eq=False)
 class FreeCollider:
     """mass: in the collider's coordinates; pose: of the collider's frame at the start; motion: at the start; points
-    (p, dim) [m] on its surface, in its coordinates, with the areas (p,) [m^(dim-1)] they stand for."""
+    (p, dim) [m] on its surface, in its coordinates, with the areas (p,) [m^(dim-1)] they represent."""
 
     mass: MassProperties
     pose: RigidPose
@@ -47,8 +47,9 @@ def free_collider(
     velocity: Sequence[float] | Array | None = None,
     spin: Sequence[float] | Array | None = None,
 ) -> FreeCollider:
-    """A collider of one density [kg/m^3], or of that mass [kg] in all, at a pose. velocity: (dim,) of its centre of
-    mass [m/s]; spin: angular velocity [rad/s], one number in 2D, three in 3D. SoftprintError for what does not fit."""
+    """A collider of uniform density [kg/m^3], or of a total mass [kg], at a pose. velocity: (dim,) of its centre of
+    mass [m/s]; spin: angular velocity [rad/s], one number in 2D, three in 3D. Raises SoftprintError for invalid
+    values."""
     dim = collider.dim
     if (density is None) == (mass is None):
         raise SoftprintError(f"give collider {collider.name!r} a density or a mass: one of the two")
@@ -81,8 +82,8 @@ def _vector(collider: Collider, what: str, given: Sequence[float] | Array | None
 
 
 def surface_points(collider: Collider, count: int | None = None) -> tuple[Array, Array]:
-    """Points (p, dim) [m] spread evenly over the surface, on the zero level of the distance, and the areas (p,) that
-    lie nearest to each of them."""
+    """Points (p, dim) [m] spread evenly over the surface, on the zero level of the distance, and the area (p,) nearest
+    to each of them."""
     count = _POINTS[collider.dim] if count is None else count
     vertices, facets = _surface(collider)
     areas = np.linalg.norm(facet_vectors(vertices, facets), axis=1)
@@ -94,7 +95,7 @@ def surface_points(collider: Collider, count: int | None = None) -> tuple[Array,
     for _ in range(2):
         value, slope, _ = collider.sdf_derivatives(points)
         points = points - (value / np.maximum((slope**2).sum(axis=1), 1e-6))[:, None] * slope
-    # A corner that the distance rounds off more than the mesh does keeps its candidate.
+    # At a corner that the distance rounds off more than the mesh does, the candidate is kept.
     lost = np.linalg.norm(points - candidates[chosen], axis=1) > 0.1 * collider.size
     return np.where(lost[:, None], candidates[chosen], points), share * areas.sum()
 
@@ -109,12 +110,12 @@ def _surface(collider: Collider) -> tuple[Array, IntArray]:
 
 
 def _spread(vertices: Array, facets: IntArray, areas: Array, count: int) -> Array:
-    """count points (count, dim), evenly by area: facets by their cumulated area, places in a facet by a Weyl sequence
-    folded into the simplex. Deterministic."""
+    """count points (count, dim), evenly by area: facets by their cumulated area, positions in a facet by a Weyl
+    sequence folded into the simplex. Deterministic."""
     steps = np.arange(count)
     facet = np.searchsorted(np.cumsum(areas) / areas.sum(), (steps + 0.5) / count)
     corners = vertices[facets[np.minimum(facet, len(facets) - 1)]]
-    # Powers of the inverse plastic number, and of the golden ratio in the plane: evenly spread in any dimension.
+    # Powers of the inverse plastic number (3D) or golden ratio (2D), which spread evenly.
     ratio = 1.6180339887498949 if vertices.shape[1] == 2 else 1.3247179572447460
     u = np.modf((steps[:, None] + 1) / ratio ** np.arange(1, vertices.shape[1]))[0]
     outside = u.sum(axis=1) > 1.0

@@ -1,14 +1,14 @@
 """Mass, centre and inertia of solids.
 
-Of a closed surface of simplices they are exact: with V_f = det(v_1, ..., v_dim) / dim! the signed volume between the
+For a closed surface of simplices they are exact: with V_f = det(v_1, ..., v_dim) / dim! the signed volume between the
 origin and a facet (the divergence theorem, facet by facet),
 
     V = sum V_f,   int z = sum V_f sum_a v_a / (dim + 1),
     int z z^T = sum V_f (sum_a v_a v_a^T + (sum_a v_a)(sum_a v_a)^T) / ((dim + 1)(dim + 2)).
 
-Colliders that carry their mesh are measured by it. All others are measured by the zero level of their distance on two
-grids, whose errors, of second order, are extrapolated away (Richardson): what is left is 1e-4 of the mass and 3e-4 of
-the inertia for balls, capsules and rounded boxes.
+Colliders with a mesh are integrated over that mesh. For all others the zero level of the distance is extracted on two
+grids and the second-order error is removed by Richardson extrapolation; the remaining error is 1e-4 of the mass and
+3e-4 of the inertia for balls, capsules and rounded boxes.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from math import factorial
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.colliders.collider import Collider
-from runtime.colliders.combine import Placed
-from runtime.colliders.grid import GridCollider
-from runtime.colliders.level_set import collider_surface
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.combine import Placed
+from softprint.runtime.colliders.grid import GridCollider
+from softprint.runtime.colliders.level_set import collider_surface
+from softprint.runtime.errors import SoftprintError
 
 # Cells along the longest side of the coarser of the two grids; the finer has twice as many.
 _CELLS = {2: 120, 3: 36}
@@ -31,7 +31,7 @@ _CELLS = {2: 120, 3: 36}
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """mass [kg; in 2D of one metre of thickness]; centre (dim,) of mass [m] and second_moment J = int rho (z - centre)
+    """mass [kg; in 2D for one metre of thickness]; centre (dim,) of mass [m] and second_moment J = int rho (z - centre)
     (z - centre)^T (dim, dim) [kg m^2], in the collider's coordinates."""
 
     mass: float
@@ -49,13 +49,13 @@ class MassProperties:
         return np.array([[np.trace(J)]]) if self.dim == 2 else np.trace(J) * np.eye(3) - J
 
     def scaled(self, factor: float) -> MassProperties:
-        """The same solid, so many times as heavy."""
+        """The same solid with its density multiplied by the factor."""
         return MassProperties(factor * self.mass, self.centre, factor * self.second_moment)
 
 
 def surface_moments(vertices: Array, facets: IntArray) -> tuple[float, Array, Array]:
-    """V [m^dim], int z (dim,) and int z z^T (dim, dim) of the solid that facets (f, dim) of vertices (v, dim) close in,
-    facing outward."""
+    """V [m^dim], int z (dim,) and int z z^T (dim, dim) of the solid enclosed by outward-facing facets (f, dim) of
+    vertices (v, dim)."""
     dim = vertices.shape[1]
     corners = vertices[facets]
     volume = np.linalg.det(corners) / factorial(dim)
@@ -69,7 +69,7 @@ def surface_moments(vertices: Array, facets: IntArray) -> tuple[float, Array, Ar
 
 
 def mass_properties(collider: Collider, density: float = 1.0) -> MassProperties:
-    """Of a collider of one density [kg/m^3]. SoftprintError for one without bounds or without inside."""
+    """For a collider of uniform density [kg/m^3]. Raises SoftprintError for one without bounds or volume."""
     if not (np.isfinite(density) and density > 0):
         raise SoftprintError(
             f"the density of collider {collider.name!r} must be a positive number of kg/m^3, not {density}"
@@ -85,9 +85,9 @@ def _unit(collider: Collider) -> MassProperties:
     """For the density of 1 kg/m^3."""
     if isinstance(collider, Placed):
         part, pose = _unit(collider.part), collider.pose
-        turned = pose.rotation @ part.second_moment @ pose.rotation.T
-        return MassProperties(part.mass, pose.apply(part.centre[None])[0], turned)
-    # About the middle of the bounds, so that nothing is lost to cancellation.
+        rotated = pose.rotation @ part.second_moment @ pose.rotation.T
+        return MassProperties(part.mass, pose.apply(part.centre[None])[0], rotated)
+    # About the middle of the bounds, against cancellation.
     middle = 0.5 * (collider.lower + collider.upper)
     if isinstance(collider, GridCollider):
         volume, first, second = surface_moments(collider.vertices - middle, collider.facets)

@@ -1,10 +1,10 @@
-"""Twists of a rigid body, and what an energy of touching points makes of them.
+"""Twists of a rigid body, and the derivatives of a contact energy with respect to them.
 
-A twist (s, w) moves a body by s and turns it by w about its centre c: R' = exp([w]) R, c' = c + s. It has
+A twist (s, w) translates a body by s and rotates it by w about its centre c: R' = exp([w]) R, c' = c + s. It has
 dim + dim (dim - 1) / 2 numbers, translation first. With the generators E_k, [w] = sum_k w_k E_k.
 
-An energy of points x_i and the pose P of a body that a common rigid motion does not change sees a twist of the body
-as the points moved the other way,
+Let an energy of points x_i and the pose P of a body be invariant under common rigid motions of both. A twist of the
+body is then equivalent to the opposite motion of the points,
 
     Phi(x, P') = Phi(c + exp(-[w]) (x - c - s), P).
 
@@ -22,9 +22,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.rotations import rotation_dofs, skew
-from runtime.rigid import kernels
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.rotations import rotation_dofs, skew
+from softprint.runtime.rigid import kernels
 
 
 def twist_size(dim: int) -> int:
@@ -47,24 +47,24 @@ def second_generators(dim: int) -> Array:
 
 
 def point_motion(arms: Array) -> Array:
-    """(I, E_k a) (m, dim, n_twist): how points of the body at arms (m, dim) from its centre move."""
+    """(I, E_k a) (m, dim, n_twist): the derivative, by the twist, of body points at arms (m, dim) from the centre."""
     return kernels.point_motion(arms)
 
 
-def turned_along(vectors: Array) -> Array:
-    """(0, E_k v) (m, dim, n_twist): how vectors (m, dim) that turn with the body change."""
+def rotation_derivatives(vectors: Array) -> Array:
+    """(0, E_k v) (m, dim, n_twist): the derivative, by the twist, of vectors (m, dim) that rotate with the body."""
     changed = point_motion(vectors)
     changed[:, :, : vectors.shape[1]] = 0.0
     return changed
 
 
 def own_curvature(arms: Array, gradient: Array) -> Array:
-    """Of points of the body itself: sum g . (E_k E_l + E_l E_k) a / 2 (n_twist, n_twist), zero for translations."""
+    """For points fixed to the body: sum g . (E_k E_l + E_l E_k) a / 2 (n_twist, n_twist), zero for translations."""
     return kernels.own_curvature(arms, gradient)
 
 
 def relative_curvature(arms: Array, gradient: Array) -> Array:
-    """The part of d2Phi/dtwist2 that is not B^T H B (n_twist, n_twist)."""
+    """d2Phi/dtwist2 without B^T H B (n_twist, n_twist)."""
     dim = arms.shape[1]
     curved = own_curvature(arms, gradient)
     mixed = -(generators(dim) @ gradient.sum(axis=0)).T
@@ -72,7 +72,7 @@ def relative_curvature(arms: Array, gradient: Array) -> Array:
     return curved
 
 
-def felt_by_the_other(arms: Array, gradient: Array, hessian: Array) -> tuple[Array, Array, Array]:
+def touched_body_derivatives(arms: Array, gradient: Array, hessian: Array) -> tuple[Array, Array, Array]:
     """dPhi/dtwist (n_twist,), dg/dtwist (m, dim, n_twist) and d2Phi/dtwist2 (n_twist, n_twist) of the body that the
     points touch; arms, gradient g (m, dim), hessian H (m, dim, dim)."""
-    return kernels.of_the_other(arms, gradient, hessian)
+    return kernels.touched_body_derivatives(arms, gradient, hessian)

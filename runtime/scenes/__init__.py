@@ -1,1 +1,1 @@
-"""Scenes of an experiment: what plays them, what they leave in motion files, how long it takes."""
+"""Scenes of an experiment: the models that play them, their motion files, and timings."""

@@ -1,13 +1,13 @@
-"""Surfaces drawn beside the steps that follow, by a process of its own: one frame late, and hardly felt by the steps.
+"""Surfaces computed by a background process during the next step: one frame late, at little cost to the steps.
 
-On another thread it would wait for Python's lock, and the steps for it: on the Hand that costs a step 14 %, a process
-4 %. The process is a copy of this one, made when it is first asked to draw, so that it shares what the model has read;
-what it is sent is a snapshot, some kilobytes, and positions come back through memory that both see.
+On another thread it would compete with the steps for Python's lock: on the Hand a thread costs a step 14 %, a process 4
+%. The process is forked from this one at the first drawing, so it shares the loaded model. It receives a snapshot of
+some kilobytes and returns positions in shared memory.
 
     with BackgroundDrawing(simulator) as drawer:
         while ...:
             state = simulator.step(state).state
-            surface = drawer.next(state)          # of the state before; None at first
+            surface = drawer.next(state)          # of the previous state; None at first
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.dynamics.corrected_nodes import Snapshot
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array
+from softprint.runtime.dynamics.corrected_nodes import Snapshot
+from softprint.runtime.errors import SoftprintError
 
-_ENDED = "the process that draws beside has ended, or was ended: begin another one"
+_ENDED = "the background drawing process has ended: start another one"
 
 
 class Drawn(Protocol):
-    """What is drawn: a `Simulator` or a `ReducedModel`."""
+    """The interface of the model that is drawn: a `Simulator` or a `ReducedModel`."""
 
     def surface_snapshot(self, state: Any) -> Snapshot: ...
 
@@ -38,16 +38,16 @@ class Drawn(Protocol):
 
 
 class BackgroundDrawing:
-    """Draws one surface at a time. Raises what went wrong there when the surface is asked for."""
+    """Draws one surface at a time. An error of the background process is raised when its surface is requested."""
 
     def __init__(self, model: Drawn) -> None:
         if "fork" not in multiprocessing.get_all_start_methods():
-            raise SoftprintError("drawing beside needs a system that copies processes (fork), as Linux does")
+            raise SoftprintError("background drawing needs a system with fork, such as Linux")
         self._model, self._waiting = model, False
         self._process: BaseProcess | None = None
 
     def next(self, state: Any) -> Array | None:
-        """Begins to draw a state, and returns the surface (s, dim) [m] of the one before; None for the first."""
+        """Starts to draw a state, and returns the surface (s, dim) [m] of the previous one; None for the first."""
         snapshot = self._model.surface_snapshot(state)
         if self._process is None:
             self._start(self._model.surface_drawn(snapshot))
@@ -57,7 +57,7 @@ class BackgroundDrawing:
         return drawn
 
     def last(self) -> Array | None:
-        """The surface that is being drawn; None where none is."""
+        """The surface that is being drawn; None if there is none."""
         if not self._waiting:
             return None
         self._waiting = False
@@ -88,7 +88,7 @@ class BackgroundDrawing:
         self.close()
 
     def _send(self, snapshot: Snapshot | None) -> None:
-        # Asked first, for writing to no one is a signal, by which PETSc, where it is loaded, ends this process.
+        # Checked first: writing to a closed pipe raises a signal, and PETSc, if loaded, ends this process on it.
         if self._process is None or not self._process.is_alive():
             raise SoftprintError(_ENDED)
         try:
@@ -97,7 +97,7 @@ class BackgroundDrawing:
             raise SoftprintError(_ENDED) from None
 
     def _start(self, surface: Array) -> None:
-        """What a first drawing prepares or compiles is there before the process is copied."""
+        """Draw once before the fork, so that the child process inherits what a first drawing prepares or compiles."""
         shared = mmap.mmap(-1, surface.nbytes)
         self._surface: Array = np.frombuffer(shared, surface.dtype).reshape(surface.shape)
         copied = multiprocessing.get_context("fork")
@@ -107,7 +107,7 @@ class BackgroundDrawing:
         theirs.close()
 
     def _draw(self, connection: Connection) -> None:
-        """The other process: draws what it is sent, until that is None or nobody is there any more."""
+        """The background process: draws snapshots until it receives None or its parent has ended."""
         self._ours.close()
         while True:
             try:

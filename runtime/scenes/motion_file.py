@@ -1,11 +1,11 @@
-"""The motion file (HDF5): a scene as one model played it, frame by frame. SI units.
+"""The motion file (HDF5): a scene played by one model, frame by frame. SI units.
 
     times (F,) s, rows (F, n_rows, dim), positions (F, n_nodes, dim) float32 m       mesh/points, mesh/cells
     status, iterations, residual, penetration (F,)       energies/<name> (F,) J, timings/<phase> (F,) s
     colliders/<name>/{rotation (F, dim, dim), translation (F, dim), force (F, dim) N, torque N m, penetration
     m}
 
-Frame 0 is where the scene starts; frame f is the end of step f, and what is said of it is said of that step.
+Frame 0 is the start of the scene; frame f is the end of step f, and its values are those of that step.
 Attributes: softprint_kind "motion", softprint_version, provenance, model, scene, body_hash, inputs_hash,
 experiment (text), collider_tables (JSON, see `motion_colliders.py`), status_names (JSON: number -> name). A side file
 (.xdmf) opens the motion in ParaView.
@@ -24,13 +24,13 @@ from typing import Any
 import h5py
 import numpy as np
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.body.body import ReducedBody
-from runtime.colliders.pose import RigidPose
-from runtime.dynamics.state import StepResult
-from runtime.errors import SoftprintError
-from runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
-from runtime.io.xdmf import Step, Values, write_xdmf
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.dynamics.state import StepResult
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
+from softprint.runtime.io.xdmf import Step, Values, write_xdmf
 
 KIND = "motion"
 VERSION = 3
@@ -49,7 +49,7 @@ class ColliderTrack:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion as read back, all in memory but for the positions. See the module for shapes and units."""
+    """A motion read from its file, all in memory except the positions. See the module for shapes and units."""
 
     path: Path
     model: str
@@ -78,7 +78,7 @@ class Motion:
         return np.equal(self.status, 0)
 
     def positions(self, frame: int) -> Array:
-        """(n_nodes, dim) [m] of one frame, read from the file when asked for."""
+        """(n_nodes, dim) [m] of one frame, read from the file on demand."""
         if not 0 <= frame < self.n_frames:
             raise SoftprintError(f"{self.path}: no frame {frame}; they are numbered 0 to {self.n_frames - 1}")
         with open_softprint_h5(self.path, KIND, VERSION) as file:
@@ -87,7 +87,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class MotionHeader:
-    """What a motion is of; ``inputs_hash`` names everything that it was computed from."""
+    """The origin of a motion; ``inputs_hash`` identifies everything that it was computed from."""
 
     model: str
     scene: str
@@ -104,14 +104,14 @@ class _Column:
 
 
 class MotionWriter:
-    """Takes frames one by one; positions go to the file at once, everything else when it is closed."""
+    """Takes frames one by one; positions are written at once, everything else when the file is closed."""
 
     def __init__(self, file: h5py.File, body: ReducedBody, n_frames: int) -> None:
         self._file = file
         self._columns: dict[str, _Column] = {}
         self._status_names: dict[int, str] = {}
         self._frames = 0
-        # One frame a chunk, for a reader takes a frame at a time; checksums tell damage.
+        # One frame in each chunk, because readers take a frame at a time; checksums detect damage.
         shape = (n_frames, body.n_nodes, body.dim)
         self._positions = file.create_dataset(
             "positions", shape, dtype="f4", chunks=(1, *shape[1:]), fletcher32=True
@@ -146,7 +146,7 @@ class MotionWriter:
         self._status_names |= {int(member): member.name for member in type(status)}
 
     def finish(self) -> None:
-        """Write the columns. Every frame must have had the same ones."""
+        """Write the columns. Every frame must have the same ones."""
         for name, column in self._columns.items():
             if len(column.values) != self._frames:
                 raise ValueError(f"{name} was given for {len(column.values)} of {self._frames} frames")
@@ -158,7 +158,7 @@ class MotionWriter:
 def write_motion(
     path: Path, header: MotionHeader, body: ReducedBody, n_frames: int
 ) -> Iterator[MotionWriter]:
-    """Write a motion file and its side file, whole or not at all."""
+    """Write a motion file and its side file, atomically."""
     with create_softprint_h5(path, KIND, VERSION) as file:
         for name in ("model", "scene", "inputs_hash", "experiment", "collider_tables"):
             file.attrs[name] = fixed_text(getattr(header, name))
@@ -190,13 +190,13 @@ def _layout(dataset: h5py.Dataset) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def motion_inputs_hash(path: Path) -> str:
-    """What the motion in a file was computed from. SoftprintError where the file is missing or not whole."""
+    """What the motion in a file was computed from. Raises SoftprintError if the file is missing or damaged."""
     with open_softprint_h5(path, KIND, VERSION) as file:
         return read_text(file.attrs, "inputs_hash")
 
 
 def load_motion(path: Path | str) -> Motion:
-    """Read a motion. Raises SoftprintError where the file is missing, foreign, truncated or incomplete."""
+    """Read a motion. Raises SoftprintError if the file is missing, not a motion file, truncated or incomplete."""
     with open_softprint_h5(path, KIND, VERSION) as file:
         colliders = {name: _track(group) for name, group in file.get("colliders", {}).items()}
         return Motion(

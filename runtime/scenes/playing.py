@@ -1,6 +1,6 @@
-"""What can play a scene: the bare subspace, the subspace with a correction, or full space.
+"""The models that can play a scene: the bare subspace, the subspace with a correction, or full space.
 
-Models that live outside the runtime announce a `ModelFactory` in the entry point group ``softprint.models``;
+Models outside the runtime register a `ModelFactory` in the entry point group ``softprint.models``;
 its name there is the model's name (`full` for full space).
 """
 
@@ -11,27 +11,28 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.dynamics.corrected_nodes import Snapshot
-from runtime.dynamics.simulator import Simulator
-from runtime.dynamics.state import ReducedState, StepResult
-from runtime.errors import SoftprintError
-from runtime.scenes.scene import scene_parts, scene_simulator
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.dynamics.corrected_nodes import Snapshot
+from softprint.runtime.dynamics.simulator import Simulator
+from softprint.runtime.dynamics.state import ReducedState, StepResult
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.correction import ContactCorrection
+from softprint.runtime.scenes.scene import find_scene, scene_parts, scene_simulator, scene_steps
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.experiment import Experiment, SceneSpec
 
 MODEL_GROUP = "softprint.models"
 BARE = "bare"
 
 
 class SceneModel(Protocol):
-    """Plays one scene. A state is opaque but for its `time` [s] and `poses` of the colliders."""
+    """Plays one scene. A state is opaque except for its `time` [s] and the `poses` of the colliders."""
 
     def start(self) -> StepResult[Any]:
-        """Frame 0: static equilibrium under gravity and springs with the colliders where the scene begins; at
-        rest and undeformed where nothing holds the body."""
+        """Frame 0: static equilibrium under gravity and springs with the colliders at the scene's start; at rest and
+        undeformed if nothing fixes the body."""
         ...
 
     def step(self, state: Any) -> StepResult[Any]:
@@ -43,11 +44,11 @@ class SceneModel(Protocol):
         ...
 
     def surface_positions(self, state: Any) -> Array:
-        """(s, dim) [m]: what a frame shows of the body's surface, corrections included."""
+        """(s, dim) [m]: the points of the body's surface that a frame shows, corrections included."""
         ...
 
     def follow(self, nodes: IntArray) -> Callable[[Any], Array]:
-        """Where some nodes (n,) of the mesh are, (n, dim) [m], as a function of the state."""
+        """The positions (n, dim) [m] of some nodes (n,) of the mesh, as a function of the state."""
         ...
 
     def rows(self, state: Any) -> Array:
@@ -56,7 +57,7 @@ class SceneModel(Protocol):
 
 
 class ModelFactory(Protocol):
-    """``out`` is the run directory, for what the model was trained into or keeps there."""
+    """``out`` is the run directory, for trained corrections and files of the model."""
 
     def __call__(
         self, experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path
@@ -110,7 +111,7 @@ def bare_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> R
 
 
 def correction_path(out: Path, name: str) -> Path:
-    """Where `train` leaves the correction of that name."""
+    """The file that `train` writes for the correction of that name."""
     return out / "corrections" / f"{name}.safetensors"
 
 
@@ -127,17 +128,17 @@ def corrected_model(
     if not path.is_file():
         known = ", ".join([BARE, *trained_models(out)])
         raise SoftprintError(
-            f"there is no model {name!r}: looked for {path}. Known here: {known}; `softprint train` makes "
-            f"corrections; of installed packages come: {', '.join(_announced()) or 'no others'}"
+            f"there is no model {name!r}: looked for {path}. Known models: {known}; `softprint train` makes "
+            f"corrections; models of installed packages: {', '.join(_announced()) or 'no others'}"
         )
     return model_of_file(experiment, body, scene, path)
 
 
 def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path) -> ReducedModel:
-    """The subspace with the correction of a file, on every collider of the scene that it is for."""
+    """The subspace with the correction of a file, on every collider of the scene that it applies to."""
     parts = scene_parts(experiment, scene)
-    # Imported here, with torch, which takes a second that the other models need not wait.
-    from runtime.learned.correction_file import read_correction
+    # Imported here, because torch takes a second to load and the other models do not need it.
+    from softprint.runtime.learned.correction_file import read_correction
 
     trained = read_correction(path, body)
     corrections = [trained.on(placed.collider) for placed in parts.colliders if trained.is_for(placed.name)]
@@ -146,7 +147,9 @@ def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, p
             f"scene {scene.name!r} has no collider {trained.header.collider!r}, for which {path.name} was trained: "
             f"play it with the model {BARE!r}"
         )
-    return ReducedModel(scene_simulator(body, parts, corrections), parts.held)
+    # The correction's own mechanics, which may be without static condensation.
+    own = (c.mechanics for c in corrections if isinstance(c, ContactCorrection))
+    return ReducedModel(scene_simulator(body, parts, corrections, next(own, None)), parts.held)
 
 
 def _announced() -> list[str]:
@@ -156,7 +159,7 @@ def _announced() -> list[str]:
 def build_model(
     experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str
 ) -> SceneModel:
-    """The model of that name: `bare`, one that a package announces, or a trained correction."""
+    """The model of that name: `bare`, one that a package registers, or a trained correction."""
     if name == BARE:
         return bare_model(experiment, body, scene)
     for point in entry_points(group=MODEL_GROUP):
@@ -166,8 +169,18 @@ def build_model(
     return corrected_model(experiment, body, scene, out, name)
 
 
+def simulate(
+    experiment: Experiment, body: ReducedBody, scene: str, run: Path | str, model: str = BARE
+) -> Iterator[StepResult[Any]]:
+    """Frame 0 and every step of a scene of an experiment, in order; model: `bare`, `full`, or the name of a
+    correction that was trained into the run directory. Raises SoftprintError if there is no such scene or model."""
+    spec = find_scene(experiment, scene)
+    player = build_model(experiment, body, spec, Path(run), model)
+    yield from play(player, scene_steps(experiment, spec))
+
+
 def play(model: SceneModel, n_steps: int) -> Iterator[StepResult[Any]]:
-    """Frame 0, and then n_steps steps."""
+    """Frame 0 and n_steps steps."""
     result = model.start()
     yield result
     for _ in range(n_steps):

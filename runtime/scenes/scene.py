@@ -1,4 +1,4 @@
-"""A scene of an experiment as the parts that a simulator is made of; reduced and full space share them."""
+"""The parts of a simulator that a scene of an experiment describes, for reduced and full space alike."""
 
 from __future__ import annotations
 
@@ -8,29 +8,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.body import ReducedBody
-from runtime.colliders import Collider, KeyframedPath, RigidPose
-from runtime.colliders.build import build_collider
-from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.dynamics.kinematic import KinematicHandle
-from runtime.dynamics.newton import NewtonSettings
-from runtime.dynamics.placed_collider import PlacedCollider
-from runtime.dynamics.simulator import DynamicsSettings, Simulator
-from runtime.dynamics.terms.springs import HandleSpring
-from runtime.errors import SoftprintError
-from runtime.experiment.recorded_motion import read_recorded_motion
-from runtime.learned.correction import Correction
-from runtime.rigid import free_collider
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders import Collider, KeyframedPath, RigidPose
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.dynamics.kinematic import KinematicHandle
+from softprint.runtime.dynamics.placed_collider import PlacedCollider
+from softprint.runtime.dynamics.settings import DynamicsSettings
+from softprint.runtime.dynamics.simulator import Simulator
+from softprint.runtime.dynamics.terms.springs import HandleSpring
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.recorded_motion import read_recorded_motion
+from softprint.runtime.learned.correction import Correction
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.optimise import NewtonSettings
+from softprint.runtime.rigid import free_collider
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment, KeyframeSpec, SceneSpec
-    from runtime.experiment.scene_schema import KinematicEntry, SceneColliderSpec
+    from softprint.runtime.experiment import Experiment, KeyframeSpec, SceneSpec
+    from softprint.runtime.experiment.scene_schema import KinematicEntry, SceneColliderSpec
 
 
 @dataclass(frozen=True, eq=False)
 class SceneParts:
-    """Colliders without corrections; friction is None where the coefficient is 0."""
+    """Colliders without corrections; friction is None if the coefficient is 0."""
 
     colliders: tuple[PlacedCollider, ...]
     contact: PenaltyContact
@@ -42,7 +44,7 @@ class SceneParts:
 
     @property
     def held(self) -> bool:
-        """Whether anything holds the body, so that it has a static equilibrium to start from."""
+        """Whether springs or kinematic handles hold the body, so that it has a static equilibrium to start from."""
         return bool(self.kinematic or self.springs)
 
 
@@ -61,7 +63,7 @@ def scene_steps(experiment: Experiment, scene: SceneSpec) -> int:
 
 
 def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
-    """Build everything that a scene needs but the body and the model."""
+    """Build everything that a scene needs except the body and the model."""
     dynamics, contact = experiment.dynamics, experiment.contact
     return SceneParts(
         colliders=tuple(
@@ -81,7 +83,7 @@ def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
 
 
 def _springs(experiment: Experiment, scene: SceneSpec) -> tuple[HandleSpring, ...]:
-    """Those that the scene lists, and those that follow its recorded motion."""
+    """The springs that the scene lists, and those that follow its recorded motion."""
     springs = [
         HandleSpring(
             spring.handle,
@@ -109,12 +111,12 @@ def _springs(experiment: Experiment, scene: SceneSpec) -> tuple[HandleSpring, ..
 
 
 def _placed(entry: SceneColliderSpec, collider: Collider) -> PlacedCollider:
-    """Led along its keyframes, or free from its start."""
+    """A collider that follows its keyframes, or moves freely from its start."""
     dim = collider.dim
     if not entry.free:
         return PlacedCollider(entry.name, collider, _path(entry.keyframes, dim))
     still = np.zeros(1 if dim == 2 else 3)
-    assert entry.position is not None  # `consistency.py` sees to it
+    assert entry.position is not None  # checked in `consistency.py`
     pose = RigidPose.from_rotation_vector(
         still if entry.rotation is None else entry.rotation, np.array(entry.position)
     )
@@ -130,7 +132,7 @@ def _placed(entry: SceneColliderSpec, collider: Collider) -> PlacedCollider:
 
 
 def _kinematic(entry: KinematicEntry, dim: int) -> KinematicHandle:
-    """A handle that is held where only its name or number is given, or led along its keyframes."""
+    """A handle that is fixed, if only its name or number is given, or follows its keyframes."""
     if isinstance(entry, int | str):
         return KinematicHandle(entry)
     return KinematicHandle(entry.handle, _path(entry.keyframes, dim))
@@ -149,14 +151,17 @@ def scene_simulator(
     body: ReducedBody,
     parts: SceneParts,
     corrections: Iterable[Correction] = (),
+    mechanics: BodyMechanics | None = None,
 ) -> Simulator:
-    """The reduced simulator of a scene: the bare subspace, or with one correction for a collider."""
+    """The reduced simulator of a scene: the bare subspace, or with one correction for a collider, and the mechanics
+    of the body."""
     by_collider = {correction.collider: correction for correction in corrections}
     colliders = tuple(replace(placed, correction=by_collider.get(placed.name)) for placed in parts.colliders)
     return Simulator(
         body,
         colliders,
         contact=parts.contact,
+        mechanics=mechanics,
         friction=parts.friction,
         gravity=parts.gravity,
         springs=parts.springs,

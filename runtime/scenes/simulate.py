@@ -1,4 +1,4 @@
-"""Play the scenes of an experiment and keep the motions: the work behind `softprint simulate`."""
+"""Play the scenes of an experiment and write their motions: the implementation of `softprint simulate`."""
 
 from __future__ import annotations
 
@@ -7,32 +7,31 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.body.body import ReducedBody
-from runtime.errors import SoftprintError
-from runtime.experiment.sources import scene_files
-from runtime.io.files import content_hash, file_hash
-from runtime.scenes.motion_colliders import collider_tables
-from runtime.scenes.motion_file import (
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.sources import scene_files
+from softprint.runtime.io.files import content_hash, file_hash
+from softprint.runtime.scenes.motion_colliders import collider_tables
+from softprint.runtime.scenes.motion_file import (
     MotionHeader,
     motion_inputs_hash,
     side_file,
     write_motion,
     write_side_file,
 )
-from runtime.scenes.playing import BARE, build_model, correction_path, play
-from runtime.scenes.scene import scene_steps
+from softprint.runtime.scenes.playing import BARE, build_model, correction_path, play
+from softprint.runtime.scenes.scene import scene_steps
 
 if TYPE_CHECKING:
-    from runtime.cli.context import Context
-    from runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.cli.context import Context
+    from softprint.runtime.experiment import Experiment, SceneSpec
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Played:
-    """One finished motion: where it is, whether it was there already, frames a second, steps not
-    converged."""
+    """One finished motion: its file, whether an earlier run made it, steps per second, steps not converged."""
 
     path: Path
     kept: bool
@@ -46,7 +45,8 @@ def motion_path(out: Path, scene: str, model: str) -> Path:
 
 
 def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, model: str) -> str:
-    """Everything that decides a motion: body, cubature, scene, colliders, all their files, dynamics, correction."""
+    """A hash of everything that determines a motion: body, cubature, scene, colliders, all their files, dynamics, the
+    correction, and its mechanics."""
     content: dict[str, object] = {
         "model": model,
         "body": body.content_hash,
@@ -62,15 +62,19 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
     content |= scene_files(experiment, scene)
     correction = correction_path(out, model)
     if model != BARE and correction.is_file():
+        # Imported here, because torch takes a second to load and the other models do not need it.
+        from softprint.runtime.learned.correction_file import read_header
+
         content["correction"] = file_hash(correction)
+        content["mechanics"] = read_header(correction).mechanics_hash
     return content_hash(content)
 
 
 def simulate_scene(
     context: Context, body: ReducedBody, scene: SceneSpec, model: str, experiment: Experiment | None = None
 ) -> Played:
-    """Play one scene with one model into its motion file; an unchanged finished motion is kept with
-    --resume. experiment: where the scene's colliders are found, that of the context by default."""
+    """Play one scene with one model into its motion file; with --resume, a finished motion of the same inputs is kept.
+    experiment: defines the scene's colliders, that of the context by default."""
     experiment, out = experiment or context.experiment, context.out_dir
     path = motion_path(out, scene.name, model)
     digest = inputs_hash(experiment, body, scene, out, model)
@@ -102,7 +106,7 @@ def simulate_scene(
 
 
 def _is_finished(path: Path, digest: str) -> bool:
-    """Whether the file holds the motion of these very inputs. A file of others is replaced."""
+    """Whether the file contains the motion of the same inputs. A file of other inputs is replaced."""
     if not path.is_file():
         return False
     try:

@@ -1,4 +1,4 @@
-"""Which shapes there are, in which families, and which side of the split each family is on."""
+"""The shapes by family, and the side of the split that each family is on."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import difflib
 from collections.abc import Mapping
 from typing import Literal
 
-from runtime.errors import SoftprintError
-from runtime.shapes import testing_shapes as testing
-from runtime.shapes import training_shapes as training
-from runtime.shapes.scene_shapes import HAT
-from runtime.shapes.shape import Shape
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.shapes import testing_shapes as testing
+from softprint.runtime.shapes import training_shapes as training
+from softprint.runtime.shapes.scene_shapes import HAT
+from softprint.runtime.shapes.shape import Shape
 
 Side = Literal["train", "test"]
 
-# A family is on one side only, so that no testing shape has a near relative among the training shapes.
+# Each family is on one side only, so that no testing shape is similar to a training shape.
 SPLIT: Mapping[Side, Mapping[str, tuple[Shape, ...]]] = {
     "train": {
         "rounds": training.ROUNDS,
@@ -39,14 +39,14 @@ SPLIT: Mapping[Side, Mapping[str, tuple[Shape, ...]]] = {
         "grounds": testing.GROUNDS,
     },
 }
-# Families of the training side that a model may be chosen by; the others are left to be learned from.
+# Families of the training side that are used to select models; networks are trained on the others.
 VALIDATION_FAMILIES = ("caltrops", "fruits")
 
 SHAPES: Mapping[str, Shape] = {
     shape.name: shape for families in SPLIT.values() for shapes in families.values() for shape in shapes
 }
 
-# What scenes may name besides; no model is trained on these or counted by them.
+# Further shapes for scenes; no model is trained or evaluated on these.
 SCENE_SHAPES: Mapping[str, Shape] = {HAT.name: HAT}
 
 
@@ -56,12 +56,12 @@ def names(side: Side) -> list[str]:
 
 
 def validation_names() -> list[str]:
-    """Shapes of the training side that are not learned from where a model has to be chosen."""
+    """Shapes of the training side that are left out of training when models are selected."""
     return [shape.name for family in VALIDATION_FAMILIES for shape in SPLIT["train"][family]]
 
 
 def find_shape(name: str) -> Shape:
-    """Raises SoftprintError with the nearest name, or with all that there are."""
+    """The shape of that name. Raises SoftprintError with the nearest name, or with all names."""
     known = {**SHAPES, **SCENE_SHAPES}
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1)

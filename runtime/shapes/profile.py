@@ -1,12 +1,12 @@
-"""Profiles in the plane: fields of points (n, 2), to be extruded along z or turned about it."""
+"""2D profiles: fields of points (n, 2), to be extruded along z or revolved about it."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.arrays import Array
-from runtime.shapes.solid import Field, Point, corner
+from softprint.runtime.arrays import Array
+from softprint.runtime.shapes.solid import Field, Point, corner
 
 
 def disc(radius: float, centre: Point = (0, 0)) -> Field:
@@ -32,13 +32,6 @@ def toothed(teeth: int, root: float, tip: float, steepness: float = 1.6) -> Fiel
         return np.hypot(p[:, 0], p[:, 1]) - (root + (tip - root) * height)
 
     return field
-
-
-def lobed(lobes: int, radius: float, depth: float) -> Field:
-    """A circle with smooth waves."""
-    return lambda p: (
-        np.hypot(p[:, 0], p[:, 1]) - radius - depth * np.cos(lobes * np.arctan2(p[:, 1], p[:, 0]))
-    )
 
 
 def outline(radius_at: ArrayLike) -> Field:

@@ -1,4 +1,4 @@
-"""What an entry of the library is: a field, what it is called, and what is known of its surface."""
+"""An entry of the library: a field, its name, and known properties of its surface."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.io.files import content_hash
-from runtime.shapes.solid import Field
+from softprint.runtime.io.files import content_hash
+from softprint.runtime.shapes.solid import Field
 
-# Distances are compared to this share of a shape's size: processors differ in the last digits.
+# Distances are hashed to this number of digits relative to the shape's size: processors differ in the last digits.
 _DIGITS = 6
 
 
@@ -17,10 +17,10 @@ _DIGITS = 6
 class Shape:
     """A solid in units of its own.
 
-    line: what it is, in a few words; reach: half extents of a box about the origin that holds it; field: negative
-    inside; holes: through-holes, counted as handles of its surfaces (the sum of their genera); voids: cavities without
-    a way out; exact: whether the field is the signed distance, inside and outside; cells: of the grid that its
-    triangles come from, along its longest side: edges and corners are true to about one of them.
+    line: a short description; reach: half extents of a box about the origin that contains it; field: negative
+    inside; holes: through-holes, counted as handles of its surfaces (the sum of their genera); voids: closed cavities;
+    exact: whether the field is the signed distance, inside and outside; cells: along the longest side of the grid for
+    its triangles; edges and corners are accurate to about one cell.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Shape:
 
     @property
     def formula_hash(self) -> str:
-        """Names the solid by its field at points around it, and by the grid of its triangles."""
+        """Identifies the solid by its field at points around it, and by the grid of its triangles."""
         reach = np.array(self.reach, dtype=float)
         points = np.random.default_rng(0).uniform(-1.2 * reach, 1.2 * reach, (64, 3))
         field = np.round(self.field(points) / reach.max(), _DIGITS) + 0.0  # of -0.0 too

@@ -1,7 +1,8 @@
-"""The words that the library's solids are made of: fields that are negative inside, placed, joined, cut and bent.
+"""Building blocks of the library's solids: fields that are negative inside, and operations that place, join, cut and
+bend them.
 
-A field takes points (n, 3) to (n,). Ball, box, capsule, cylinder and torus are signed distances, and so is a union of
-solids that do not overlap, outside of them. Cuts, blends and bends leave only the sign and about the scale of it.
+A field maps points (n, 3) to (n,). Ball, box, capsule, cylinder and torus are signed distances, and so is, on the
+outside, a union of solids that do not overlap. Cuts, blends and bends preserve only the sign and roughly the scale.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 Field = Callable[[Array], Array]
 Point = Sequence[float]
@@ -41,13 +42,13 @@ def box(half: Point, rounding: float = 0.0) -> Field:
 
 
 def corner(q: Array, rounding: float = 0.0) -> Array:
-    """Distance to what lies below all faces, from face distances q (n, m) at right angles, edges rounded."""
+    """Distance to the intersection of orthogonal half-spaces from face distances q (n, m), with rounded edges."""
     q = q + rounding
     return np.linalg.norm(np.maximum(q, 0.0), axis=1) + np.minimum(q.max(axis=1), 0.0) - rounding
 
 
 def capsule(start: Point, end: Point, radius: float, end_radius: float | None = None) -> Field:
-    """Points within a radius of a segment; if it changes along the segment, a distance only roughly."""
+    """Points within a radius of a segment; if it changes along the segment, the distance is approximate."""
     a, along = np.array(start, dtype=float), np.subtract(end, start)
     growth = 0.0 if end_radius is None else end_radius - radius
 
@@ -74,7 +75,7 @@ def torus(radius: float, thickness: float) -> Field:
 
 
 def half_spaces(normals: ArrayLike, distance: float) -> Field:
-    """The convex solid n_i . p < distance for all of the normals (m, 3), taken to length one."""
+    """The convex solid n_i . p < distance for all of the normals (m, 3), which are normalised."""
     n = np.array(normals, dtype=float)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     return lambda p: (p @ n.T).max(axis=1) - distance
@@ -133,48 +134,48 @@ def moved(field: Field, by: Point) -> Field:
     return lambda p: field(p - np.array(by))
 
 
-def turned(field: Field, axis: int, angle: float) -> Field:
-    """Turned about a coordinate axis [rad]."""
+def rotated(field: Field, axis: int, angle: float) -> Field:
+    """The field rotated about a coordinate axis by an angle [rad]."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle), np.sin(angle)
 
-    def turned_field(p: Array) -> Array:
+    def rotated_field(p: Array) -> Array:
         q = p.copy()
         q[:, i], q[:, j] = c * p[:, i] + s * p[:, j], c * p[:, j] - s * p[:, i]
         return field(q)
 
-    return turned_field
+    return rotated_field
 
 
-def twisted(field: Field, turn: float) -> Field:
-    """Turned about z by `turn` [rad] for each unit of height."""
+def twisted(field: Field, angle: float) -> Field:
+    """The field rotated about z by `angle` [rad] for each unit of height."""
 
     def twisted_field(p: Array) -> Array:
-        c, s = np.cos(turn * p[:, 2]), np.sin(turn * p[:, 2])
+        c, s = np.cos(angle * p[:, 2]), np.sin(angle * p[:, 2])
         return field(np.column_stack([c * p[:, 0] + s * p[:, 1], c * p[:, 1] - s * p[:, 0], p[:, 2]]))
 
     return twisted_field
 
 
 def swollen(field: Field, by: Field) -> Field:
-    """The surface moved outward by what `by` is there."""
+    """The surface moved outward by the value of `by`."""
     return lambda p: field(p) - by(p)
 
 
 def ring(field: Field, count: int, start: float = 0.0) -> Field:
     """`count` copies of a solid about z."""
-    return union(*(turned(field, 2, start + 2 * np.pi * k / count) for k in range(count)))
+    return union(*(rotated(field, 2, start + 2 * np.pi * k / count) for k in range(count)))
 
 
 def waves(length: float, height: float, count: int = 24, seed: int = 0) -> Field:
     """Smooth noise of this wavelength and about this height: plane waves sqrt(2/count) cos(k . p + phase).
 
-    Directions and phases are those of a golden spiral, so that every machine draws the same.
+    Directions and phases follow a golden spiral, so they are the same on every machine.
     """
     index = np.arange(count) + 0.5
     z, angle = 1.0 - 2.0 * index / count, (index + 17.3 * seed) * np.pi * (3.0 - np.sqrt(5.0))
     across = np.sqrt(1.0 - z**2)
-    stretch = 0.75 + 0.5 * np.modf(index * np.sqrt(2.0))[0]  # of the wave number, so that nothing repeats
+    stretch = 0.75 + 0.5 * np.modf(index * np.sqrt(2.0))[0]  # varies the wave numbers against repetition
     k = 2 * np.pi / length * stretch * np.array([across * np.cos(angle), across * np.sin(angle), z])
     phase = 2 * np.pi * np.modf((index + seed) * np.sqrt(3.0))[0]
     return lambda p: height * np.sqrt(2.0 / count) * np.cos(p @ k + phase).sum(axis=1)

@@ -1,4 +1,4 @@
-"""The families of the testing side: none of them has a member on the training side."""
+"""The families of the testing side; none has a member on the training side."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from itertools import combinations, product
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.shapes import profile
-from runtime.shapes.shape import Shape
-from runtime.shapes.solid import (
+from softprint.runtime.arrays import Array
+from softprint.runtime.shapes import profile
+from softprint.runtime.shapes.shape import Shape
+from softprint.runtime.shapes.solid import (
     Field,
     ball,
     blended,
@@ -23,9 +23,9 @@ from runtime.shapes.solid import (
     half_spaces,
     moved,
     revolved,
+    rotated,
     swollen,
     torus,
-    turned,
     union,
     waves,
 )
@@ -51,7 +51,7 @@ TORI = (
 
 
 def _thread(core: float, depth: float, pitch: float, sharpness: float) -> Field:
-    """An endless screw about z: a wall of the given depth winds up its core."""
+    """An infinite screw about z: a helical thread of the given depth around its core."""
 
     def field(p: Array) -> Array:
         turns = p[:, 2] / pitch - np.arctan2(p[:, 1], p[:, 0]) / (2 * np.pi)
@@ -123,7 +123,7 @@ VESSELS = (
             blended(
                 0.02,
                 cylinder(0.65, 0.75, 0.06),
-                moved(turned(torus(0.42, 0.1), 0, np.pi / 2), (0.62, 0, 0)),
+                moved(rotated(torus(0.42, 0.1), 0, np.pi / 2), (0.62, 0, 0)),
             ),
             moved(cylinder(0.52, 0.75, 0.05), (0, 0, 0.16)),
         ),
@@ -152,7 +152,7 @@ BRACKETS = (
                 moved(box((0.85, 0.12, 0.65)), (0, -0.53, -0.02)),
             ),
             *(moved(cylinder(0.2, 0.3), (x, 0.12, -0.55)) for x in (-0.4, 0.4)),
-            *(moved(turned(cylinder(0.2, 0.3), 0, np.pi / 2), (x, -0.53, 0.12)) for x in (-0.4, 0.4)),
+            *(moved(rotated(cylinder(0.2, 0.3), 0, np.pi / 2), (x, -0.53, 0.12)) for x in (-0.4, 0.4)),
         ),
         holes=4,
     ),
@@ -200,7 +200,7 @@ def _starfish() -> Field:
 
 
 def _coral() -> Field:
-    """Branches that fork three times, each pair in a plane turned against the last."""
+    """Branches that fork three times, each pair in a plane rotated against the last."""
     branches: list[Field] = []
 
     def grow(start: Array, direction: Array, side: Array, length: float, radius: float, forks: int) -> None:

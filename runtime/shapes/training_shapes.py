@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.shapes import profile
-from runtime.shapes.shape import Shape
-from runtime.shapes.solid import (
+from softprint.runtime.arrays import Array
+from softprint.runtime.shapes import profile
+from softprint.runtime.shapes.shape import Shape
+from softprint.runtime.shapes.solid import (
     Field,
     ball,
     blended,
@@ -20,9 +20,9 @@ from runtime.shapes.solid import (
     extruded,
     moved,
     ring,
+    rotated,
     swollen,
     tube,
-    turned,
     twisted,
     union,
     waves,
@@ -56,14 +56,14 @@ BOXES = (
         "drilled_cube",
         "a cube with a round hole along each axis",
         (1, 1, 1),
-        cut(box((1, 1, 1), 0.1), *(turned(cylinder(0.5, 2), axis, np.pi / 2) for axis in range(3))),
+        cut(box((1, 1, 1), 0.1), *(rotated(cylinder(0.5, 2), axis, np.pi / 2) for axis in range(3))),
         holes=5,
     ),
 )
 
 
 def _spiked(directions: list[tuple[float, float, float]], root: float, tip: float) -> Field:
-    """Cones from the origin, smoothly joined; a direction's length is the place of its tip's centre."""
+    """Cones from the origin, smoothly joined; the length of a direction is the distance of the centre of its tip."""
     return blended(0.05, *(capsule((0, 0, 0), d, root, tip) for d in directions))
 
 
@@ -135,7 +135,7 @@ GEARS = (
     ),
 )
 
-# The dots of a braille cell, numbered down the left column and down the right one.
+# The dots of a braille cell, numbered down the left column and then the right.
 _LETTERS = {"i": (2, 4), "k": (1, 3), "n": (1, 3, 4, 5), "o": (1, 3, 5), "s": (2, 3, 4)}
 _PITCH, _CELL, _DOT = 0.5, 1.25, 0.24
 
@@ -174,7 +174,7 @@ def _diamond(p: Array) -> Array:
 
 
 def _sheet(level: Field, wave_number: float, thickness: float, within: Field) -> Field:
-    """The thickened surface on which `level` is zero, within a solid; the level's slope is about one."""
+    """The thickened zero surface of `level` within a solid; the gradient of the level has length about one."""
     return common(lambda p: np.abs(level(wave_number * p)) / wave_number - thickness, within)
 
 

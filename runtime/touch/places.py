@@ -1,6 +1,7 @@
-"""Where a body is felt: places on its surface, each a mean of nodes around it.
+"""Sensing places on a body's surface, each a mean over nodes around it.
 
-Positions and strain are means over few nodes, and traction is one over the part of the surface that a place stands for:
+Positions and strain are means over few nodes, and traction is a mean over the part of the surface that a place
+represents:
 
     x_k = sum_i W_ki x_i,    F_k = sum_i W_ki F_i,    t_k = sum_i P_ki t_i,    sum_i W_ki = sum_i P_ki = 1,
 
@@ -17,21 +18,21 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, IntArray, scatter_sum
-from runtime.body.body import ReducedBody
-from runtime.errors import SoftprintError
-from runtime.mesh import Mesh
+from softprint.runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import Mesh
 
-# A point farther from the surface than this share of the body's size is not a point of it.
+# A point farther from the surface than this share of the body's size is refused.
 _FARTHEST = 0.1
-# Facets that are looked at for the one nearest to a point: those with the nearest corners.
+# Candidates for the facet nearest to a point are the facets of this many nearest corners.
 _NEAR_NODES = 16
 
 
 @dataclass(frozen=True, eq=False)
 class TouchPlaces:
-    """k places. names: (k,); rest: (k, dim) [m] where they are on the body at rest; areas: (k,) [m^(dim-1)] of the
-    surface that they stand for, zero for points; nodes: W (k, n_nodes); spread: P (k, n_nodes)."""
+    """k places. names: (k,); rest: (k, dim) [m] their positions on the body at rest; areas: (k,) [m^(dim-1)] of the
+    surface that they represent, zero for points; nodes: W (k, n_nodes); spread: P (k, n_nodes)."""
 
     names: tuple[str, ...]
     rest: Array
@@ -44,8 +45,8 @@ class TouchPlaces:
 
 
 def surface_places(body: ReducedBody) -> TouchPlaces:
-    """The body's surface samples, each for the surface nodes nearest to it: their areas are all of the surface, so that
-    sum_k areas_k t_k is the whole force."""
+    """The body's surface samples, each for the surface nodes nearest to it. Their areas add up to the whole surface, so
+    sum_k areas_k t_k is the total force."""
     mesh, samples = body.mesh, body.surface.nodes
     rest = mesh.points[samples]
     owner = cKDTree(rest).query(mesh.points[mesh.surface_nodes])[1]
@@ -60,10 +61,10 @@ def surface_places(body: ReducedBody) -> TouchPlaces:
 def point_places(body: ReducedBody, points: Mapping[str, ArrayLike]) -> TouchPlaces:
     """The points of the surface nearest to the given ones (dim,) [m] of the body at rest, by name.
 
-    Raises SoftprintError for a point that has another number of coordinates, or is far from the surface.
+    Raises SoftprintError for a point with the wrong number of coordinates, or far from the surface.
     """
     if not points:
-        raise SoftprintError("there is no point to feel at: give at least one by its coordinates at rest")
+        raise SoftprintError("there is no sensing point: give at least one by its coordinates at rest")
     mesh = body.mesh
     near = cKDTree(mesh.points[mesh.surface_nodes])
     rest, weights = [], sp.lil_matrix((len(points), mesh.n_nodes))
@@ -101,7 +102,7 @@ def _nearest_on_surface(mesh: Mesh, near: cKDTree, point: Array) -> tuple[IntArr
 def _closest_share(corners: Array, point: Array) -> Array:
     """Barycentric coordinates (n,) of the point of a segment or triangle, corners (n, dim), nearest to a point.
 
-    The foot on its line or plane, if that lies within; otherwise the nearest of the feet on what bounds it.
+    The projection onto its line or plane, if that lies within; otherwise the nearest point of its boundary.
     """
     if len(corners) == 1:
         return np.ones(1)

@@ -1,13 +1,13 @@
-"""What is felt at places of a body's surface after a step: the model's own contact, and strain.
+"""Contact and strain at places of a body's surface after a step, as the model computed them.
 
-The forces are those that pushed the colliders in this step, whatever bears them in the model: penalty at surface
-samples, loads of a condensed contact, friction of either. A load f_j (normal and friction, on the collider) acts on the
-part of the surface that is nearer to its node than to those of the others, of area a_j at rest:
+The forces are those on the colliders in this step, of every kind of contact: penalty at surface samples, nodes of a
+condensed contact, and the friction of either. A force f_j (normal and friction, on the collider) acts on the part of
+the surface nearest to its node, of area a_j at rest:
 
     t = -f_j / a_j        traction on the body [Pa], world frame, for each unit of rest area (first Piola-Kirchhoff)
     p = |f_j, normal| / a_j        contact pressure [Pa], likewise
 
-so that the sum of t over the surface is the whole force. Strain is that of the drawn detail, corrections included:
+so that the integral of t over the surface is the total force. Strain includes all corrections:
 
     E = (F^T F - I) / 2    Green strain [1], rest frame; |E| = sqrt(E : E)
 """
@@ -22,24 +22,24 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from runtime.arrays import Array, IntArray, scatter_sum
-from runtime.body.body import ReducedBody
-from runtime.contact.contact_force import SurfaceForces
-from runtime.dynamics.state import StepResult
-from runtime.touch.places import TouchPlaces
+from softprint.runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.contact.contact_force import SurfaceForces
+from softprint.runtime.dynamics.state import StepResult
+from softprint.runtime.touch.places import TouchPlaces
 
 
 class Followed(Protocol):
     """A `Simulator`, or a `SceneModel` of any kind."""
 
     def follow(self, nodes: IntArray) -> Callable[[Any], Array]:
-        """Where some nodes of the mesh are, as a function of the state."""
+        """The positions of some nodes of the mesh, as a function of the state."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """What is felt at k places at one time [s]; see the module for what each is.
+    """Measurements at k places at one time [s]; definitions: see the module.
 
     position: (k, dim) [m], world frame; pressure: (k,) [Pa]; traction: (k, dim) [Pa] on the body, friction included;
     green_strain: (k, dim, dim) [1]; strain_norm: (k,) [1].
@@ -54,8 +54,8 @@ class Touch:
 
 
 class TouchSensor:
-    """Feels at `places` of a body what `source` makes of it; the cost of `feel` grows with the places and the loads in
-    contact, not with the mesh."""
+    """Measures contact and strain at `places` of a body that `source` simulates. The cost of `feel` grows with the
+    number of places and of nodes in contact, not with the mesh."""
 
     def __init__(self, source: Followed, body: ReducedBody, places: TouchPlaces) -> None:
         self.body, self.places = body, places
@@ -68,35 +68,35 @@ class TouchSensor:
         self._spread: dict[int, tuple[IntArray, sp.csc_matrix]] = {}
 
     def feel(self, result: StepResult[Any]) -> Touch:
-        """After a step, or at the start of a scene."""
+        """The measurements after a step, or at the start of a scene."""
         x = self._positions(result.state)
         F = np.stack([derivative @ x for derivative in self._derivatives], axis=-1)
         strain = 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(x.shape[1]))
         pressure, traction = np.zeros(len(self.places)), np.zeros((len(self.places), x.shape[1]))
         for contact in result.contacts.values():
-            for load in contact.loads:
-                to_places = self._to_places(load)
-                traction -= to_places @ load.forces
-                if not load.tangential:
-                    pressure += to_places @ np.linalg.norm(load.forces, axis=1)
+            for part in contact.parts:
+                to_places = self._to_places(part)
+                traction -= to_places @ part.forces
+                if not part.tangential:
+                    pressure += to_places @ np.linalg.norm(part.forces, axis=1)
         norm = np.sqrt((strain * strain).sum(axis=(1, 2)))
         return Touch(result.state.time, self._mean @ x, pressure, traction, strain, norm)
 
-    def _to_places(self, load: SurfaceForces) -> sp.csc_matrix:
+    def _to_places(self, part: SurfaceForces) -> sp.csc_matrix:
         """(k, m) [1/m^(dim-1)]: traction at the places for each unit of force."""
-        key = id(load.nodes)
-        if key not in self._spread:  # kept with the nodes it is of, whose id is then theirs alone
-            self._spread[key] = load.nodes, self._spread_of(load.nodes)
-        return self._spread[key][1][:, load.index]
+        key = id(part.nodes)
+        if key not in self._spread:  # stored together with the nodes, so that their id stays unique
+            self._spread[key] = part.nodes, self._spread_of(part.nodes)
+        return self._spread[key][1][:, part.index]
 
     def _spread_of(self, nodes: IntArray) -> sp.csc_matrix:
-        """(k, n): of all the loads that there could be at these nodes."""
+        """(k, n): the matrix for forces at all of these nodes."""
         mesh = self.body.mesh
-        bears = np.ones(len(mesh.surface_nodes), dtype=np.bool_)
+        in_contact_model = np.ones(len(mesh.surface_nodes), dtype=np.bool_)
         frames = self.body.handles.frame_nodes
-        if not np.isin(nodes, frames).any():  # rigid parts bear nothing in this model
-            bears = ~np.isin(mesh.surface_nodes, frames)
-        surface, areas = mesh.surface_nodes[bears], mesh.surface_areas[bears]
+        if not np.isin(nodes, frames).any():  # in this model there are no contact forces on rigid frames
+            in_contact_model = ~np.isin(mesh.surface_nodes, frames)
+        surface, areas = mesh.surface_nodes[in_contact_model], mesh.surface_areas[in_contact_model]
         owner = cKDTree(mesh.points[nodes]).query(mesh.points[surface])[1]
         own = scatter_sum(owner, areas, len(nodes))
         shape = mesh.n_nodes, len(nodes)

@@ -1,7 +1,7 @@
-"""Time series of what is felt: a table (CSV), arrays (HDF5) and a picture (PNG).
+"""Time series of tactile measurements: a table (CSV), arrays (HDF5) and a picture (PNG).
 
-The table has a line of the names of its columns, each with its unit, and one line a frame. The arrays of k places and F
-frames, in SI units (attribute ``unit`` of each):
+The table has a header with the names and units of its columns, and one line for each frame. The arrays for k places and
+F frames, in SI units (attribute ``unit`` of each):
 
     times (F,)   position, traction (F, k, dim)   pressure, strain_norm (F, k)   green_strain (F, k, dim, dim)
     names (k,)   rest (k, dim)   areas (k,)
@@ -18,11 +18,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array
-from runtime.errors import SoftprintError
-from runtime.io.files import atomic_path, create_softprint_h5, fixed_text
-from runtime.touch.places import TouchPlaces
-from runtime.touch.sensor import Touch
+from softprint.runtime.arrays import Array
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import atomic_path, create_softprint_h5, fixed_text
+from softprint.runtime.touch.places import TouchPlaces
+from softprint.runtime.touch.sensor import Touch
 
 KIND = "touch"
 VERSION = 1
@@ -38,7 +38,7 @@ def columns(places: TouchPlaces, series: Sequence[Touch]) -> dict[str, Array]:
             values = np.array([getattr(touch, quantity)[k] for touch in series])
             flat = values.reshape(len(series), -1)
             for number, index in enumerate(np.ndindex(values.shape[1:])):
-                if list(index) != sorted(index):  # of a symmetric tensor, the other half
+                if list(index) != sorted(index):  # the lower half of a symmetric tensor
                     continue
                 component = "".join(_AXES[axis] for axis in index)
                 table[f"{name}.{quantity}{component and '_'}{component} [{unit}]"] = flat[:, number]
@@ -46,7 +46,7 @@ def columns(places: TouchPlaces, series: Sequence[Touch]) -> dict[str, Array]:
 
 
 def write_table(path: Path, places: TouchPlaces, series: Sequence[Touch]) -> None:
-    """Write the CSV, whole or not at all; numbers as many digits as they have."""
+    """Write the CSV, atomically, with numbers in full precision."""
     table = columns(places, series)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -54,13 +54,13 @@ def write_table(path: Path, places: TouchPlaces, series: Sequence[Touch]) -> Non
         writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
 
 
-def write_arrays(path: Path, places: TouchPlaces, series: Sequence[Touch], **said: str) -> None:
-    """Write the HDF5 file, whole or not at all, in float32; said: texts for its attributes."""
+def write_arrays(path: Path, places: TouchPlaces, series: Sequence[Touch], **texts: str) -> None:
+    """Write the HDF5 file, atomically, in float32; texts: for its attributes."""
     with create_softprint_h5(path, KIND, VERSION) as file:
-        for name, text in said.items():
+        for name, text in texts.items():
             file.attrs[name] = fixed_text(text)
-        felt = {quantity: np.array([getattr(touch, quantity) for touch in series]) for quantity in _UNITS}
-        for quantity, values in felt.items():
+        measured = {quantity: np.array([getattr(touch, quantity) for touch in series]) for quantity in _UNITS}
+        for quantity, values in measured.items():
             _put(file, quantity, values.astype(np.float32), _UNITS[quantity])
         _put(file, "times", np.array([touch.time for touch in series]), "s")
         _put(file, "rest", places.rest, "m")

@@ -1,1 +1,1 @@
-"""Truth files: full-space samples that `fem_truth` writes and `surrogate` learns from."""
+"""Truth files: full-space samples, written by `fem_truth` and used by `surrogate` for training."""

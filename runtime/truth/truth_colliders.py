@@ -1,4 +1,4 @@
-"""Whether the colliders of an experiment are still those that a truth file was made with."""
+"""Check that the colliders of an experiment are those that a truth file was made with."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from runtime.errors import SoftprintError
-from runtime.experiment.sources import collider_files, formulas_hash
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.sources import collider_files, formulas_hash
 
 if TYPE_CHECKING:
-    from runtime.experiment import Experiment
-    from runtime.truth.truth_file import TruthData
+    from softprint.runtime.experiment import Experiment
+    from softprint.runtime.truth.truth_file import TruthData
 
 
-FORMULAS = "library formulas hash"  # of `TruthHeader.made_from`
+FORMULAS = "library formulas hash"  # key of `TruthHeader.made_from`
 
 
 def flat_table(value: Any, prefix: str) -> dict[str, str]:
-    """A table of tables as one: {"sampling.max_depth": "0.012", ...}."""
+    """A nested table as a flat one: {"sampling.max_depth": "0.012", ...}."""
     if not isinstance(value, dict):
         return {prefix: json.dumps(value)}
     flat: dict[str, str] = {}
@@ -28,7 +28,7 @@ def flat_table(value: Any, prefix: str) -> dict[str, str]:
 
 
 def without_absent(flat: Mapping[str, str]) -> dict[str, str]:
-    """A flat table without what is null in it, so that keys that there were not yet do not count as changes."""
+    """A flat table without null entries, so that keys added in later versions do not count as changes."""
     return {key: _without_nulls(text) for key, text in flat.items() if text != "null"}
 
 
@@ -41,14 +41,14 @@ def _without_nulls(text: str) -> str:
 
 
 def sampled_file_hashes(experiment: Experiment, name: str) -> dict[str, str]:
-    """The files of a collider that a truth is made with, as `TruthHeader.made_from` calls them."""
+    """Hashes of the files of a sampled collider, under their keys in `TruthHeader.made_from`."""
     files = collider_files(experiment.collider(name), experiment.base_dir)
     return {f"collider {where} file hash" if where else "collider file hash": files[where] for where in files}
 
 
 def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
-    """Raise SoftprintError where one of the truth's colliders has another shape or size in the experiment now: its
-    displacements would be taken for those under another collider."""
+    """Raise SoftprintError if one of the truth's colliders has another shape or size in the experiment now: its
+    displacements would be attributed to another collider."""
     present: dict[str, str] = {}
     own, known = {spec.name: spec for spec in experiment.colliders}, experiment.collider_names
     for name in truth.header.colliders:
@@ -65,7 +65,7 @@ def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
     changed = [
         f"{key}: {before[key]} -> {now}"
         for key, now in present.items()
-        # Of files only the content counts; keys that are not there were not made by `generate`, or by an older one.
+        # Of files only the content counts; absent keys are from another program, or an older version of `generate`.
         if before.get(key, now) != now and not key.endswith(".file")
     ]
     if changed:

@@ -1,4 +1,4 @@
-"""The truth file: what the full-space solves found, for the surrogate to learn and the reports to judge.
+"""The truth file: the results of full-space solves, for training and for reports.
 
 HDF5, one group for each table of :mod:`runtime.truth.truth_schema` (``states``, ``refused``, ``contacts``,
 ``samples``, ``repeat``), the mesh in ``mesh``, and in the attributes the body's hash, the experiment (JSON),
@@ -22,13 +22,13 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, BoolArray, IntArray
-from runtime.body.body import ReducedBody
-from runtime.colliders.pose import RigidPose
-from runtime.errors import SoftprintError
-from runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
-from runtime.io.xdmf import Step, Values, write_xdmf
-from runtime.truth.truth_schema import (
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
+from softprint.runtime.io.xdmf import Step, Values, write_xdmf
+from softprint.runtime.truth.truth_schema import (
     CONVERGED,
     KIND,
     STATUS_NAMES,
@@ -38,19 +38,18 @@ from runtime.truth.truth_schema import (
     checked_table,
 )
 
-# On the way to its deepest sample a contact is followed in so many steps: with eight no pressed load of the library's
-# contacts was seen to slip another way than in many more.
+# Steps of the approach path to the deepest sample of a contact: with eight, every contact node of the library's
+# contacts ended on the same side of the collider as with many more.
 _STEPS_IN = 8
 
 
 @dataclass(frozen=True)
 class TruthHeader:
-    """What a truth file says about itself.
+    """The metadata of a truth file.
 
-    colliders: names, in the order of ``contacts/collider``; planned_contacts: size of the whole plan, of
-    which a partial file holds the first finished ones; experiment: JSON text of the experiment as it was run;
-    made_from: a flat table of everything that decided the numbers, to tell whether another run would give the
-    same.
+    colliders: names, in the order of ``contacts/collider``; planned_contacts: size of the whole plan, of which a
+    partial file contains the first finished ones; experiment: JSON text of the experiment as it was run; made_from: a
+    flat table of everything that determines the numbers, to decide whether another run would give the same.
     """
 
     body_hash: str
@@ -74,8 +73,7 @@ class TruthWriter:
             group = file.create_group(name)
             for key, column in columns.items():
                 shape = column.row_shape(self._sizes)
-                # One row of a field is one chunk: a training batch reads the samples it wants and nothing
-                # else.
+                # One row of a field is one chunk, so that a training batch only reads its own samples.
                 chunk = (1, *shape) if "nodes" in column.shape else (256, *shape)
                 dataset = group.create_dataset(
                     key,
@@ -96,8 +94,7 @@ class TruthWriter:
         return len(self._file[table][next(iter(TABLES[table]))])
 
     def append(self, table: str, values: Mapping[str, object]) -> None:
-        """Append rows to a table; every column must be given, and indices must count rows of the whole
-        file."""
+        """Append rows to a table; every column must be given, and indices refer to rows of the whole file."""
         arrays = checked_table(table, values, self._sizes)
         start = self.length(table)
         for key, array in arrays.items():
@@ -121,7 +118,7 @@ class TruthWriter:
         attrs["status_codes"] = fixed_text(json.dumps(STATUS_NAMES))
         attrs["complete"] = self.length("contacts") == self._header.planned_contacts
         attrs["content_hash"] = fixed_text(self._digest.hexdigest())
-        # ParaView wants points as whole datasets: one for each state.
+        # ParaView needs points as whole datasets: one for each state.
         basis = self._body.basis
         for state, rows in enumerate(self._file["states/rows"][()]):
             points = basis @ rows + self._file["states/internal"][state]
@@ -129,22 +126,21 @@ class TruthWriter:
 
 
 def _fixed(texts: NDArray[Any], column: str) -> NDArray[np.bytes_]:
-    """Text in the fixed length of its column: of variable length it would have no checksum."""
+    """Text in the fixed length of its column: text of variable length would have no checksum."""
     encoded = [str(text).encode() for text in texts]
     longest = max(map(len, encoded), default=0)
     if longest > TEXT_BYTES:
-        raise ValueError(f"{column}: a text of {longest} bytes; a truth file holds at most {TEXT_BYTES}")
+        raise ValueError(f"{column}: a text of {longest} bytes; a truth file stores at most {TEXT_BYTES}")
     return np.array(encoded, dtype=f"S{TEXT_BYTES}")
 
 
 @contextmanager
 def create_truth(path: Path, header: TruthHeader, body: ReducedBody) -> Iterator[TruthWriter]:
-    """Write a whole truth file and its XDMF side file: ``with create_truth(...) as truth:
+    """Write a truth file and its XDMF side file, atomically: ``with create_truth(...) as truth:
     truth.append(...)``.
 
-    Nothing appears under ``path`` unless the block ends without an exception. ``complete`` is set when the
-    file has as many contacts as were planned; ``content_hash`` covers every column that does not measure the
-    machine.
+    Nothing appears under ``path`` unless the block ends without an exception. ``complete`` is set if the file has as
+    many contacts as planned; ``content_hash`` covers every column except measured times.
     """
     if header.body_hash != body.content_hash:
         raise SoftprintError(f"{path}: the header names another body than {body.name!r}")
@@ -179,8 +175,7 @@ def write_side_file(path: Path) -> None:
 
 
 class Table:
-    """The columns of one table by name; small ones are read once and kept, fields are read row by row on
-    demand."""
+    """The columns of one table by name; small ones are read once and cached, fields are read row by row on demand."""
 
     def __init__(self, group: h5py.Group, name: str) -> None:
         self._group = group
@@ -194,7 +189,7 @@ class Table:
         """The whole column as an array (text columns: an object array of str)."""
         if column not in self._kept:
             dataset = self._group[column]
-            with self._damage_is_told(column):
+            with self._reporting_damage(column):
                 values = dataset.asstr("utf-8")[()] if self._columns[column].dtype == "str" else dataset[()]
             if "nodes" in self._columns[column].shape:
                 return values
@@ -204,7 +199,7 @@ class Table:
     def field(self, column: str, rows: int | Sequence[int] | IntArray) -> NDArray[Any]:
         """Only the given rows of a column, in the order given: (n, ...), or (...) for one number."""
         dataset = self._group[column]
-        with self._damage_is_told(column):
+        with self._reporting_damage(column):
             if isinstance(rows, int | np.integer):
                 return dataset[int(rows)]
             wanted = np.asarray(rows, dtype=np.int64)
@@ -214,7 +209,7 @@ class Table:
             return values
 
     @contextmanager
-    def _damage_is_told(self, column: str) -> Iterator[None]:
+    def _reporting_damage(self, column: str) -> Iterator[None]:
         try:
             yield
         except (OSError, ValueError) as error:
@@ -225,8 +220,7 @@ class Table:
 
 
 class TruthData:
-    """A truth file open for reading; use it as a context manager, or close it. Fields stay on disk until
-    asked for.
+    """A truth file open for reading; use it as a context manager, or close it. Fields are read on demand.
 
     ``states``, ``refused``, ``contacts``, ``samples``, ``repeat`` are :class:`Table` objects with the columns
     of :mod:`runtime.truth.truth_schema`.
@@ -256,7 +250,7 @@ class TruthData:
             )
             self.dim = int(file["mesh/points"].shape[1])
             self.n_nodes = int(file["mesh/points"].shape[0])
-            self._stack = stack.pop_all()  # all is well: keep the file open
+            self._stack = stack.pop_all()  # valid: keep the file open
 
     def _check_tables(self, file: h5py.File) -> None:
         basis_rows = file["states/rows"].shape[1:2]
@@ -301,8 +295,7 @@ class TruthData:
 
     @property
     def usable(self) -> BoolArray:
-        """(n_samples,) which samples may be learned from: converged, and not after a jump to another
-        branch."""
+        """(n_samples,) which samples are usable for training: converged, and not after a jump to another branch."""
         flagged = self.samples["branch_flag"]
         contact, depth = self.samples["contact"], self.samples["depth_index"]
         jumped = np.zeros(len(flagged), dtype=bool)
@@ -316,7 +309,7 @@ class TruthData:
         return self.contacts["state"][self.samples["contact"]]
 
     def displacement(self, samples: int | Sequence[int] | IntArray) -> NDArray[np.float32]:
-        """Contact displacement of one sample (n_nodes, dim) or of several (n, n_nodes, dim) [m]; read now."""
+        """Contact displacement of one sample (n_nodes, dim) or of several (n, n_nodes, dim) [m], read from the file."""
         return self.samples.field("displacement", samples)
 
     def internal(self, state: int) -> Array:
@@ -324,20 +317,20 @@ class TruthData:
         return self.states.field("internal", state)
 
     def pose(self, sample: int) -> RigidPose:
-        """Where the collider is in a sample."""
+        """The collider's pose in a sample."""
         return RigidPose(self.samples["pose_rotation"][sample], self.samples["pose_translation"][sample])
 
-    def way(self, sample: int) -> list[RigidPose]:
-        """Poses of the collider from where it first touches to where it is in a sample, as it was pressed there: in
-        steps of an eighth of the contact's deepest, at most. Where there are several equilibria, the sample is of the
-        one that such a press comes to. The sample alone, where its contact has no direction of approach or no depth."""
+    def approach_path(self, sample: int) -> list[RigidPose]:
+        """Poses of the collider from first contact to the sample's pose, in steps of at most an eighth of the contact's
+        largest depth. If there are several equilibria, the sample is the one that this path leads to. Only the pose of
+        the sample if its contact has no direction of approach or no depth."""
         contact, end = self.samples["contact"][sample], self.pose(sample)
         direction = self.contacts["direction"][contact]
         if not np.isfinite(direction).all() or self.samples["depth"][sample] <= 0.0:
             return [end]
-        pressed = np.flatnonzero(self.samples["contact"] == contact)
-        depths = self.samples["depth"][pressed]
-        before = pressed[depths <= self.samples["depth"][sample]]
+        of_contact = np.flatnonzero(self.samples["contact"] == contact)
+        depths = self.samples["depth"][of_contact]
+        before = of_contact[depths <= self.samples["depth"][sample]]
         before = before[np.argsort(self.samples["depth"][before])]
         advanced = (self.samples["pose_translation"][before] - end.translation) @ direction
         reached = np.concatenate([[0.0], self.samples["depth"][before]])
@@ -348,7 +341,7 @@ class TruthData:
 
     @property
     def noise_floor(self) -> float:
-        """Median label noise |u2 - u1| / |u1| of the samples solved twice; NaN where none was."""
+        """Median label noise |u2 - u1| / |u1| of the samples solved twice; NaN if there are none."""
         spread = self.repeat["spread"]
         finite = spread[np.isfinite(spread)]
         return float(np.median(finite)) if len(finite) else float("nan")

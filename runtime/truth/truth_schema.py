@@ -1,7 +1,7 @@
-"""What a truth file holds: every column with its type, unit and meaning, in one table.
+"""The schema of a truth file: every column with its type, unit and meaning, in one table.
 
-Reader, writer and shards all go by this table, so a column is added here and nowhere else. Shapes are those
-of one row; the words ``nodes``, ``rows`` and ``dim`` stand for the sizes of the body.
+Reader, writer and shards all use this table, so columns are added only here. Shapes are those of one row; the words
+``nodes``, ``rows`` and ``dim`` denote the sizes of the body.
 """
 
 from __future__ import annotations
@@ -13,30 +13,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.errors import SoftprintError
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.optimise.status import Status
 
 KIND = "truth"
 VERSION = 2
-TEXT_BYTES = 1024  # of a text in a table; compressed, so the room costs nothing
+TEXT_BYTES = 1024  # of a text in a table; compression makes unused bytes free
 
-# Status of a sample: the codes of the full-space solver, and one of the sampling. Only converged samples have
-# a displacement; the others hold NaN, which no training can mistake for truth.
-CONVERGED = 0
+# Status of a sample: how the full-space solve ended (never STALLED), or 5 if it was skipped because an earlier depth
+# failed. Only converged samples have a displacement; the others contain NaN, so training cannot use them by mistake.
+CONVERGED = int(Status.CONVERGED)
 UNREACHED = 5
 STATUS_NAMES = {
-    CONVERGED: "converged",
-    1: "max_iterations",
-    2: "line_search_failed",
-    3: "unstable",
-    4: "not_finite",
+    **{int(status): status.name.lower() for status in Status if status is not Status.STALLED},
     UNREACHED: "unreached",
 }
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: dtype ("str" for text), shape of a row, unit, meaning; ``measured``: differs from run to
-    run."""
+    """One column: dtype ("str" for text), shape of a row, unit, meaning; ``measured``: varies between runs."""
 
     dtype: str
     meaning: str
@@ -49,7 +45,7 @@ class Column:
 
     @property
     def stored_dtype(self) -> np.dtype[Any]:
-        """Type in the file, where text is of fixed length."""
+        """Type in the file, with text of fixed length."""
         return np.dtype(f"S{TEXT_BYTES}" if self.dtype == "str" else self.dtype)
 
 
@@ -70,7 +66,7 @@ STATES: dict[str, Column] = {
     "seconds": Column("f8", "core-seconds of the internal solve", "s", measured=True),
 }
 
-# Candidates whose internal equilibrium was refused: kept, so that nothing is silently dropped.
+# Candidates whose internal equilibrium was refused: recorded, so that none is dropped silently.
 REFUSED: dict[str, Column] = {
     "rows": STATES["rows"],
     "reason": Column("str", "why the state was refused"),
@@ -83,7 +79,7 @@ CONTACTS: dict[str, Column] = {
     "unit": Column("i8", "number of the contact in the order of work of the whole plan"),
     "state": Column("i8", "row of states/"),
     "collider": Column("i8", "index into the attribute `colliders`"),
-    "place": Column("i8", "surface node (mesh number) at which the collider is aimed"),
+    "place": Column("i8", "surface node (mesh number) that the collider is aimed at"),
     "rotation_index": Column("i8", "index of the collider's rotation"),
     "rotation": Column("f8", "rotation of the collider", "1", ("dim", "dim")),
     "direction": Column("f8", "direction in which the collider advances", "1", ("dim",)),

@@ -7,19 +7,19 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from runtime.body import ReducedBody
-from runtime.body.build import assemble_body
-from runtime.body.handles import FrameHandle, Handles
-from runtime.elasticity import make_material
-from runtime.mesh import box_mesh
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.body.build import assemble_body
+from softprint.runtime.body.handles import FrameHandle, Handles
+from softprint.runtime.elasticity import make_material
+from softprint.runtime.mesh import box_mesh
 
 SIZES = {2: ([-0.05, 0.0], [0.05, 0.05], [12, 6]), 3: ([-0.05, -0.05, 0.0], [0.05, 0.05, 0.05], [4, 4, 3])}
 
 
 @pytest.fixture(scope="session")
 def block() -> Callable[..., ReducedBody]:
-    """block(dim, model): 10 cm wide, E = 20 kPa above and half of it below, four point handles, the base a
-    frame."""
+    """block(dim, model): 10 cm wide, E = 20 kPa in the upper half and 10 kPa in the lower, four point handles, the base
+    a frame."""
     made: dict[tuple[int, str], ReducedBody] = {}
 
     def make(dim: int, model: str = "stable_neo_hookean") -> ReducedBody:

@@ -1,5 +1,5 @@
-"""Run under mpirun by test_parts.py: solves of a block, whole on each rank, and split among all ranks. Prints what
-every rank got as JSON, for they must all have got the same."""
+"""Run under mpirun by test_parts.py: solves of a block, whole on each rank, and partitioned over all ranks. Prints the
+results of every rank as JSON, because they must all be equal."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
-from fem_truth.constrained import ConstrainedProblem, Solution
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.newton import NewtonSettings
-from fem_truth.parts.body_part import BodyPart, part_of_body, whole_body
-from runtime.arrays import Array
-from runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
-from runtime.colliders import RigidPose, Sphere
-from runtime.contact import PenaltyContact
-from runtime.elasticity import make_material
-from runtime.io.files import content_hash
-from runtime.mesh import box_mesh
+from softprint.fem_truth.constrained import ConstrainedProblem, Solution
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.parts.body_part import BodyPart, part_of_body, whole_body
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
+from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.elasticity import make_material
+from softprint.runtime.io.files import content_hash
+from softprint.runtime.mesh import box_mesh
+from softprint.runtime.optimise import NewtonSettings
 
 SIZES = {2: ([-0.05, 0.0], [0.05, 0.05], [14, 7]), 3: ([-0.05, -0.05, 0.0], [0.05, 0.05, 0.05], [6, 6, 3])}
-TIGHT = NewtonSettings(1e-10, 1e-16, cg_tolerance_min=1e-8)
+TIGHT = FullSpaceSettings(NewtonSettings(60, 1e-10), 1e-16, cg_tolerance_min=1e-8)
 
 
 def block(dim: int, model: str) -> ReducedBody:
-    """Stiffer above than below, its base a frame, with six point handles."""
+    """A block with a stiffer upper half, a frame at its base, and six point handles."""
     mesh = box_mesh(*SIZES[dim])
     base = frame_in_box(mesh, "base", [[-1.0] * dim, [1.0] * (dim - 1) + [0.018]])
     young = np.where(mesh.cell_centroids[:, -1] > 0.025, 2e4, 1e4)
@@ -47,7 +48,7 @@ def solutions(body: ReducedBody, part: BodyPart) -> dict[str, Solution]:
     internal = problem.internal_equilibrium(rows)
     found = {"internal": internal}
     ball, poses = Sphere(0.015, body.dim), [pressed(body.dim, depth) for depth in (0.003, 0.006)]
-    for name, settings in (("loose", NewtonSettings()), ("tight", TIGHT)):
+    for name, settings in (("loose", FullSpaceSettings()), ("tight", TIGHT)):
         press = problem.press(rows, ball, internal.x)
         found |= {f"{name} {depth}": press.solve(pose, settings) for depth, pose in enumerate(poses)}
     found["linear"] = problem.linear_response(rows, ball, poses[-1], internal.x, TIGHT)
@@ -59,7 +60,7 @@ def pressed(dim: int, depth: float) -> RigidPose:
 
 
 def difference(x: Array, y: Array, internal: Array) -> float:
-    """Largest, in units of the largest contact displacement."""
+    """The largest difference, relative to the largest contact displacement."""
     return float(np.abs(x - y).max() / np.abs(x - internal).max())
 
 

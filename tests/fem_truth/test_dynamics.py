@@ -1,4 +1,4 @@
-"""Full-space steps against momentum balance, closed answers, and the reduced simulator with the identity as
+"""Full-space steps compared with momentum balance, closed forms, and the reduced simulator with the identity as
 its basis."""
 
 from dataclasses import replace
@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_truth.dynamics import FullSpaceSimulator
-from fem_truth.full_space_springs import linear_springs
-from runtime.body.cubature import Cubature
-from runtime.body.handles import Handles
-from runtime.body.surface_samples import SurfaceSamples
-from runtime.colliders import KeyframedPath, Plane, RigidPose, Sphere
-from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.dynamics import (
+from softprint.fem_truth.dynamics import FullSpaceSimulator
+from softprint.fem_truth.full_space_springs import linear_springs
+from softprint.runtime.body.cubature import Cubature
+from softprint.runtime.body.handles import Handles
+from softprint.runtime.body.surface_samples import SurfaceSamples
+from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose, Sphere
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.dynamics import (
     DynamicsSettings,
     HandleSpring,
     KinematicHandle,
@@ -21,6 +21,8 @@ from runtime.dynamics import (
     PlacedCollider,
     Simulator,
 )
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.optimise import Newton
 
 CONTACT = PenaltyContact(1e9)
 STEP = 0.01
@@ -57,7 +59,7 @@ def test_free_body_keeps_its_momentum(block, dim):
 
 
 @both
-def test_free_fall_is_that_of_backward_euler(block, dim):
+def test_free_fall_follows_backward_euler(block, dim):
     body = block(dim)
     simulator = FullSpaceSimulator(body, contact=CONTACT, gravity=down(dim), settings=TIGHT)
     state = simulator.rest_state()
@@ -68,7 +70,7 @@ def test_free_fall_is_that_of_backward_euler(block, dim):
 
 
 @both
-def test_kinematic_handles_are_placed(block, dim):
+def test_kinematic_handles_follow_their_keyframes(block, dim):
     body = block(dim)
     shift = np.full((2, dim), [[0.0], [0.004]])
     path = KeyframedPath([0.0, STEP], shift)
@@ -103,7 +105,7 @@ def test_settled_body_rests_on_the_floor_with_its_weight(block, dim):
 
 @both
 def test_frame_springs_pull_position_and_orientation(block, dim):
-    """Undeformed and turned by a small angle, the spring's energy is that of the reduced model's formula."""
+    """Undeformed and rotated by a small angle, the spring's energy is that of the reduced model's formula."""
     body = block(dim)
     angle = 0.3
     vector = np.array([angle]) if dim == 2 else np.array([0.0, 0.0, angle])
@@ -142,7 +144,7 @@ def test_friction_drags_within_the_cone_and_against_the_slip(block, dim):
     drag = forces[coefficient][0] - forces[0.0][0]
     normal = forces[coefficient][-1]
     assert normal > 0  # the body pushes the ball up
-    assert drag < 0  # and holds it back
+    assert drag < 0  # and drags it back
     assert abs(drag) < 1.5 * coefficient * normal  # the cone, with room for the ball's own slope
 
 
@@ -179,7 +181,7 @@ def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim
 
 
 @both
-def test_one_iteration_says_that_it_is_not_converged(block, dim):
+def test_one_iteration_is_reported_as_not_converged(block, dim):
     body = block(dim)
     simulator = FullSpaceSimulator(
         body,
@@ -196,7 +198,7 @@ def test_one_iteration_says_that_it_is_not_converged(block, dim):
 
 @both
 def test_a_body_at_rest_on_a_rough_floor_is_found_at_rest(block, dim):
-    """Friction takes up new normal forces so often that the last steps are too small for round-off to see."""
+    """Friction updates its normal forces so often that the last steps are below round-off."""
     floor = PlacedCollider("floor", Plane(-down(dim)), KeyframedPath.constant(RigidPose.identity(dim)))
     scene = {"contact": CONTACT, "gravity": down(dim)}
     standing = FullSpaceSimulator(block(dim), [floor], **scene)
@@ -208,3 +210,10 @@ def test_a_body_at_rest_on_a_rough_floor_is_found_at_rest(block, dim):
     result = rough.step(settled.state)
     assert result.converged, result.reason
     assert np.abs(result.state.x - settled.state.x).max() < 1e-8  # metres: the tolerance of `settle`
+
+
+def test_another_optimiser_is_refused(block):
+    """It would be ignored: full space has a Newton's method of its own."""
+    settings = DynamicsSettings(STEP, optimiser=Newton())
+    with pytest.raises(SoftprintError, match="without an optimiser"):
+        FullSpaceSimulator(block(2), contact=CONTACT, settings=settings)

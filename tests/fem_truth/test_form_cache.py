@@ -1,4 +1,4 @@
-"""Compiled forms: killed compilers leave nothing that a later run waits for."""
+"""The cache of compiled forms: killed compilers leave no files that block a later run."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from fem_truth.form_cache import cache_folder, form_cache
-from runtime.errors import SoftprintError
+from softprint.fem_truth.form_cache import cache_folder, form_cache
+from softprint.runtime.errors import SoftprintError
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 COMPILE = """
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from runtime.body import assemble_body, frame_in_box, place_handles
-from runtime.elasticity.materials import make_material
-from runtime.mesh.box import box_mesh
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.runtime.body import assemble_body, frame_in_box, place_handles
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.mesh.box import box_mesh
 mesh = box_mesh([0, 0], [1, 1], [3, 3])
 handles = place_handles(mesh, 3, [frame_in_box(mesh, "base", [[0, 0], [1, 0.4]])])
 body = assemble_body(mesh, handles, make_material("linear", 1.0, 0.3), 1.0)
@@ -48,7 +48,7 @@ def test_killed_while_compiling(tmp_path):
     assert len(unfinished) == 1, "killed too late to leave anything"
 
     again = compiler(tmp_path)
-    # FFCx on its own would wait for the dead, and then fail; a minute leaves room on a busy machine.
+    # FFCx on its own would wait for the killed process and then fail; a minute is enough on a busy machine.
     out, _ = again.communicate(timeout=60)
     assert again.returncode == 0
     assert float(out) > 0
@@ -66,7 +66,7 @@ def test_unfinished_forms_are_cleared_and_finished_ones_kept(tmp_path, monkeypat
         assert sorted(path.name for path in folder.glob("lib*")) == done
 
 
-def test_unusable_folder_is_told(tmp_path, monkeypatch):
+def test_an_unusable_folder_is_reported(tmp_path, monkeypatch):
     (tmp_path / "softprint").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(SoftprintError, match="XDG_CACHE_HOME"), form_cache():

@@ -1,8 +1,7 @@
 """`softprint generate`: the same truth on one rank and on two, after a kill, and after damage; refusals;
 import orders.
 
-One run on one rank, undisturbed, is the reference of all others: their truth files must hold the same
-content.
+An undisturbed run on one rank is the reference for all others: their truth files must have the same content.
 """
 
 from __future__ import annotations
@@ -19,10 +18,9 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from fem_truth.newton import Status
-from runtime.mesh import box_mesh, write_mesh
-from runtime.truth.truth_file import load_truth
-from runtime.truth.truth_schema import CONVERGED, STATUS_NAMES
+from softprint.runtime.mesh import box_mesh, write_mesh
+from softprint.runtime.truth.truth_file import load_truth
+from softprint.runtime.truth.truth_schema import CONVERGED
 from tests.kill_generate import kill_storm
 
 EXPERIMENT = """
@@ -73,7 +71,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(*arguments: str | Path, ranks: int = 1) -> list[str]:
     launcher = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
-    return [*launcher, sys.executable, "-m", "runtime.cli.main", "generate", *map(str, arguments)]
+    return [*launcher, sys.executable, "-m", "softprint.runtime.cli.main", "generate", *map(str, arguments)]
 
 
 def environment() -> dict[str, str]:
@@ -112,8 +110,8 @@ def reference(experiment: Path) -> Path:
     return out
 
 
-def test_the_truth_is_whole_and_obeys_its_constraint(reference: Path) -> None:
-    from runtime.body import load_body
+def test_the_truth_is_complete_and_satisfies_its_constraint(reference: Path) -> None:
+    from softprint.runtime.body import load_body
 
     body = load_body(reference / "body.h5")
     with load_truth(reference / "truth.h5", body) as truth:
@@ -138,9 +136,9 @@ def test_the_truth_is_whole_and_obeys_its_constraint(reference: Path) -> None:
     assert not (reference / "shards").exists()
 
 
-def test_the_way_to_a_sample_leads_in_from_outside(reference: Path) -> None:
-    """Deeper with every step, a straight line, no step longer than an eighth of the contact's deepest."""
-    from runtime.body import load_body
+def test_the_approach_path_of_a_sample_leads_in_from_outside(reference: Path) -> None:
+    """A straight line, deeper with every step, no step longer than an eighth of the contact's largest depth."""
+    from softprint.runtime.body import load_body
 
     body = load_body(reference / "body.h5")
     with load_truth(reference / "truth.h5", body) as truth:
@@ -148,14 +146,14 @@ def test_the_way_to_a_sample_leads_in_from_outside(reference: Path) -> None:
             contact, state = truth.samples["contact"][sample], truth.sample_state[sample]
             deepest = truth.samples["depth"][truth.samples["contact"] == contact].max()
             internal = body.reduced_positions(truth.states["rows"][state]) + truth.internal(state)
-            way = truth.way(sample)
-            assert len(way) == np.ceil(8 * truth.samples["depth"][sample] / deepest)
-            np.testing.assert_array_equal(way[-1].translation, truth.pose(sample).translation)
-            depths = [-_circle(pose.apply_inverse(internal[body.mesh.surface_nodes])).min() for pose in way]
-            # Between samples depth is taken to grow evenly along the way.
+            path = truth.approach_path(sample)
+            assert len(path) == np.ceil(8 * truth.samples["depth"][sample] / deepest)
+            np.testing.assert_array_equal(path[-1].translation, truth.pose(sample).translation)
+            depths = [-_circle(pose.apply_inverse(internal[body.mesh.surface_nodes])).min() for pose in path]
+            # Between samples, depth is assumed to grow evenly along the path.
             assert np.diff([0.0, *depths]).min() > 0.0
             assert np.diff([0.0, *depths]).max() < 1.5 * deepest / 8
-            steps = np.diff([pose.translation for pose in way], axis=0)
+            steps = np.diff([pose.translation for pose in path], axis=0)
             direction = truth.contacts["direction"][contact]
             np.testing.assert_allclose(steps, np.outer(steps @ direction, direction), atol=1e-15)
 
@@ -166,7 +164,7 @@ def _circle(z: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def duration(experiment: Path, reference: Path) -> float:
-    """How long an undisturbed run on two ranks lasts [s]."""
+    """Duration of an undisturbed run on two ranks [s]."""
     out = experiment.parent / "two_ranks"
     began = time.monotonic()
     finished = generate(experiment, "--out", out, ranks=2)
@@ -179,7 +177,7 @@ def test_two_ranks_give_the_same_truth(duration: float) -> None:
     assert duration > 0
 
 
-def test_two_ranks_that_solve_together_find_the_same_truth(experiment: Path, reference: Path) -> None:
+def test_two_ranks_that_solve_together_give_the_same_truth(experiment: Path, reference: Path) -> None:
     out = experiment.parent / "together"
     finished = generate(experiment, "--out", out, "--ranks-per-solve", "2", "--units", "4", ranks=2)
     assert finished.returncode == 0, finished.stderr
@@ -201,11 +199,11 @@ def test_two_ranks_that_solve_together_find_the_same_truth(experiment: Path, ref
             assert np.linalg.norm(u - v) < 0.01 * np.linalg.norm(v)
 
 
-def test_groups_that_would_leave_ranks_over_are_refused(experiment: Path) -> None:
+def test_incomplete_groups_of_ranks_are_refused(experiment: Path) -> None:
     out = experiment.parent / "left_over"
     refused = generate(experiment, "--out", out, "--ranks-per-solve", "2", ranks=3)
     assert refused.returncode == 1
-    assert "--ranks-per-solve 2: 3 rank(s) do not make whole groups" in refused.stderr
+    assert "--ranks-per-solve 2: 3 rank(s) do not divide into groups" in refused.stderr
     assert "Traceback" not in refused.stderr
     refused = generate(experiment, "--out", out, "--ranks-per-solve", "0")
     assert refused.returncode == 1
@@ -214,7 +212,7 @@ def test_groups_that_would_leave_ranks_over_are_refused(experiment: Path) -> Non
 
 @pytest.mark.slow
 def test_ten_kills_lose_nothing(experiment: Path, reference: Path, duration: float) -> None:
-    """Of all processes, of one rank, of mpirun, at moments drawn from the time that an undisturbed run takes."""
+    """Kills all processes, one rank, or mpirun, at times drawn from the duration of an undisturbed run."""
     storm = kill_storm(
         experiment, experiment.parent, 10, seed=4, wanted=content(reference), duration=duration
     )
@@ -224,16 +222,14 @@ def test_ten_kills_lose_nothing(experiment: Path, reference: Path, duration: flo
     assert storm.kept > 0, "no kill came after a contact was finished"
 
 
-def test_a_full_disk_is_told_and_the_run_goes_on_where_there_is_room(
-    experiment: Path, reference: Path
-) -> None:
-    """Files may not grow beyond a limit, which HDF5 meets as it does a full disk: first not the body's, then the
-    truth's, which is larger than any shard."""
+def test_a_full_disk_is_reported_and_the_run_resumes_with_space(experiment: Path, reference: Path) -> None:
+    """File sizes are limited, which is like a full disk for HDF5: first below the size of the body file, then below
+    that of the truth file, which is larger than any shard."""
     out = experiment.parent / "full"
-    limited = (  # MPI first, which wants large files of its own
+    limited = (  # MPI first, because it needs large files itself
         "import resource, sys; from mpi4py import MPI; limit = int(sys.argv.pop(1))\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))\n"
-        "from runtime.cli.main import main; sys.exit(main())"
+        "from softprint.runtime.cli.main import main; sys.exit(main())"
     )
     body, truth = ((reference / name).stat().st_size for name in ("body.h5", "truth.h5"))
     for name, limit in (("body.h5", body // 2), ("truth.h5", truth - 5000)):
@@ -265,11 +261,11 @@ def test_ctrl_c_on_two_ranks_keeps_what_is_finished(experiment: Path) -> None:
         command(experiment, "--out", out, *more, ranks=2),
         env=environment(),
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,  # what ranks say after Ctrl-C comes through Open MPI 4, and not through 5
+        stderr=subprocess.DEVNULL,  # Open MPI 4 forwards the output of ranks after Ctrl-C, Open MPI 5 does not
         start_new_session=True,
     )
     wait_for_shards(out, process)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to mpirun and all that share its group
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to mpirun and its process group
     assert process.wait(timeout=60) != 0
     done = finished_contacts(out)
     assert 3 <= len(done) < 2 * 8 * 30
@@ -281,7 +277,7 @@ def test_ctrl_c_on_two_ranks_keeps_what_is_finished(experiment: Path) -> None:
 
 
 def wait_for_shards(out: Path, process: subprocess.Popen) -> None:
-    """Until three contacts are finished and more are being worked on."""
+    """Wait until three contacts are finished and more are in progress."""
     patience = time.monotonic() + 60
     while len(finished_contacts(out)) < 3:
         assert process.poll() is None
@@ -290,7 +286,7 @@ def wait_for_shards(out: Path, process: subprocess.Popen) -> None:
 
 
 def finished_contacts(out: Path) -> dict[Path, int]:
-    """Shards of finished contacts, and when each was written [ns]."""
+    """Shards of finished contacts, and their modification times [ns]."""
     return {path: path.stat().st_mtime_ns for path in out.glob("shards/contact_*.shard")}
 
 
@@ -313,7 +309,7 @@ def test_a_part_is_useful_and_damaged_shards_are_made_again(experiment: Path, re
     assert content(out) == content(reference)
 
 
-def test_a_changed_experiment_is_refused_until_started_anew(experiment: Path) -> None:
+def test_a_changed_experiment_is_refused_until_restarted(experiment: Path) -> None:
     out = experiment.parent / "changed"
     assert generate(experiment, "--out", out, "--units", "2").returncode == 0
     refused = generate(experiment, "--out", out, "--set", "sampling.max_depth=0.004")
@@ -358,7 +354,3 @@ def test_h5py_and_dolfinx_live_together_in_both_orders(tmp_path: Path, order: tu
         [sys.executable, "-c", script], env=environment(), capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-
-
-def test_status_codes_are_those_of_the_solver() -> None:
-    assert {int(status): status.name.lower() for status in Status}.items() <= STATUS_NAMES.items()

@@ -1,4 +1,4 @@
-"""The compiled loops against numpy, dense algebra and the UFL forms."""
+"""The compiled loops compared with numpy, dense algebra and the UFL forms."""
 
 import os
 import subprocess
@@ -8,27 +8,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_truth.block_kernels import BlockKernels, fitting_tile
-from fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.null_space import NullSpace
-from fem_truth.projected_cg import projected_cg
-from runtime.mesh import Mesh
+from softprint.fem_truth.block_kernels import BlockKernels, fitting_tile
+from softprint.fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.native_elasticity import KERNELS
+from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.projected_cg import projected_cg
+from softprint.runtime.mesh import Mesh
 
 N = 700  # more nodes than are summed in single precision at a time
 both = pytest.mark.parametrize("dim", [2, 3])
-# Sums of at most some hundred products of numbers of order one, in units of the largest.
+# Sums of at most some hundred products of numbers of order one, relative to the largest.
 ROUND_OFF = {np.float32: 2e-6, np.float64: 1e-14}
 either = pytest.mark.parametrize("real", [np.float32, np.float64])
 
 
 def random_matrix(dim, seed=0):
-    """Symmetric and diagonally dominant, hence positive definite: four random neighbours a node."""
+    """Symmetric and diagonally dominant, hence positive definite: four random neighbours per node."""
     rng = np.random.default_rng(seed)
     pairs = np.sort(rng.integers(N, size=(4 * N, 2)), axis=1)
     pattern, _ = BlockPattern.from_pairs(pairs[pairs[:, 0] < pairs[:, 1]], N)
     upper = rng.uniform(-1, 1, (len(pattern.columns) + 1, dim, dim))
-    upper[-1] = 1e30  # what a load may pick up behind the last block must not matter
+    upper[-1] = 1e30  # values that a load reads behind the last block must not matter
     diagonal = rng.uniform(-1, 1, (N, dim, dim))
     diagonal += diagonal.transpose(0, 2, 1) + 60 * np.eye(dim)
     return BlockMatrix(UpperBlocks(pattern, upper), diagonal)
@@ -46,11 +47,12 @@ def test_product_is_that_of_the_whole_matrix(dim, real):
     x = kernels.vector(v)
     y = np.empty_like(x)
     diagonal = matrix.diagonal.astype(real)
-    curvature = kernels.product(matrix.upper.pattern, diagonal, matrix.upper.of_type(real), x, y)
+    pattern, upper = matrix.upper.pattern, matrix.upper.of_type(real)
+    curvature = kernels.product(pattern.row_starts, pattern.columns, diagonal, upper, x, y)
     expected = matrix.sparse() @ v.ravel()
     np.testing.assert_allclose(y[:, :dim].ravel(), expected, atol=ROUND_OFF[real] * np.abs(expected).max())
     assert curvature == pytest.approx(float(v.ravel() @ expected), rel=10 * ROUND_OFF[real])
-    assert not y[:, dim:].any()  # the padding is no place for numbers
+    assert not y[:, dim:].any()  # the padding stays zero
 
 
 @both
@@ -121,7 +123,7 @@ def test_projected_cg_solves_the_projected_system(dim, tolerance):
     gradient = 1e-5 * space.project(np.random.default_rng(8).standard_normal((N, dim)))
     result = projected_cg(matrix, gradient, space, tolerance, 200)
     left = np.linalg.norm(space.project(matrix.apply(result.step) + gradient)) / np.linalg.norm(gradient)
-    # What single precision adds is 1e-6 or so.
+    # Single precision adds errors of about 1e-6.
     assert left < 1.01 * tolerance
     assert result.residual == pytest.approx(left, rel=0.01)
     assert result.slope == pytest.approx(float(np.vdot(gradient, result.step)))
@@ -141,9 +143,9 @@ def test_projected_cg_reports_negative_curvature(dim):
 
 
 @both
-@pytest.mark.parametrize("model", ["stable_neo_hookean", "neo_hookean"])
+@pytest.mark.parametrize("model", sorted(KERNELS))
 def test_compiled_cells_are_the_form(block, dim, model):
-    """With a number of cells that leaves the last group of lanes half empty."""
+    """With a number of cells that only half fills the last group of lanes."""
     body = block(dim, model)
     mesh = Mesh(body.mesh.points, body.mesh.cells[: len(body.mesh.cells) // 8 * 8 - 5])
     kept = np.unique(mesh.cells)
@@ -163,10 +165,10 @@ def test_compiled_cells_are_the_form(block, dim, model):
     assert ours.min_det_F(x) == pytest.approx(form.min_det_F(x), rel=1e-12)
 
 
-def test_a_missing_compiler_is_said_in_a_sentence(tmp_path):
+def test_a_missing_compiler_gives_a_clear_error(tmp_path):
     program = (
-        "from fem_truth.native.library import load_library\n"
-        "from runtime.errors import SoftprintError\n"
+        "from softprint.fem_truth.native.library import load_library\n"
+        "from softprint.runtime.errors import SoftprintError\n"
         "try:\n    load_library('blocks.c', DIM=3, REAL='float', TILE=8)\n"
         "except SoftprintError as error:\n    print(error)\n"
     )

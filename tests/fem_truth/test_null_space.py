@@ -1,10 +1,10 @@
-"""The projector of thesis 5.3.3: a projector, onto the right space, that refuses dependent columns."""
+"""The projector of thesis 5.3.3: it projects onto the right space and refuses dependent columns."""
 
 import numpy as np
 import pytest
 
-from fem_truth.null_space import NullSpace
-from runtime.errors import SoftprintError
+from softprint.fem_truth.null_space import NullSpace
+from softprint.runtime.errors import SoftprintError
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def test_is_orthogonal_and_matches_the_formula(space):
     np.testing.assert_allclose(null_space.project(np.eye(50)), formula, atol=1e-13)
 
 
-def test_without_columns_only_the_fixed_nodes_are_held():
+def test_without_columns_only_fixed_nodes_are_constrained():
     null_space = NullSpace(np.zeros((4, 0)), np.array([1]))
     np.testing.assert_array_equal(null_space.project(np.ones((4, 2)))[:, 0], [1, 0, 1, 1])
 
@@ -42,5 +42,5 @@ def test_refuses_dependent_columns():
     basis = np.random.default_rng(0).standard_normal((50, 3))
     with pytest.raises(SoftprintError, match="linearly dependent"):
         NullSpace(np.column_stack([basis, basis @ [1.0, 2.0, 3.0]]), np.arange(0))
-    with pytest.raises(SoftprintError, match="leaves nothing free"):
+    with pytest.raises(SoftprintError, match="leaves no free unknowns"):
         NullSpace(basis, np.arange(48))

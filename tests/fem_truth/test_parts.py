@@ -1,4 +1,4 @@
-"""One body on several ranks: the same answers for every split, on every rank, in 2D and 3D."""
+"""One body on several ranks: the same results for every partition, on every rank, in 2D and 3D."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from fem_truth.parts.body_part import whole_body
-from fem_truth.parts.group import nodes_of_parts
-from fem_truth.parts.partition import partition
+from softprint.fem_truth.parts.body_part import whole_body
+from softprint.fem_truth.parts.group import nodes_of_parts
+from softprint.fem_truth.parts.partition import partition
 from tests.toy_experiment import write_experiment
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -38,7 +38,7 @@ def under_mpirun(ranks: int, *arguments: str | Path) -> subprocess.CompletedProc
 
 
 @pytest.mark.parametrize("n_parts", [1, 2, 3, 7])
-def test_parts_hold_every_cell_once_and_as_many_each(jelly_body, n_parts):
+def test_parts_have_every_cell_once_and_equal_sizes(jelly_body, n_parts):
     mesh = jelly_body.mesh
     part = partition(mesh.cell_centroids, n_parts)
     counts = np.bincount(part, minlength=n_parts)
@@ -46,7 +46,7 @@ def test_parts_hold_every_cell_once_and_as_many_each(jelly_body, n_parts):
     assert np.ptp(counts) <= n_parts.bit_length()  # every cut may leave one cell more on one side
     present = nodes_of_parts(mesh.cells, part, n_parts, mesh.n_nodes)
     assert present.any(axis=0).all()
-    # Compact parts: cutting the cells in the order of their numbers would share about as many nodes as there are.
+    # Compact parts: with cells cut in numerical order, nearly all nodes would be shared.
     assert (present.sum(axis=0) > 1).sum() < 0.7 * mesh.n_nodes
 
 
@@ -63,7 +63,7 @@ def test_the_part_of_a_rank_alone_is_the_body_itself(jelly_body):
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["two_ranks", "three_ranks"])
 def by_rank(request):
-    """What each of the ranks got in `split_solves.py`."""
+    """The results of each rank in `split_solves.py`."""
     done = under_mpirun(request.param, Path(__file__).with_name("split_solves.py"))
     assert done.returncode == 0, done.stderr
     results = json.loads(done.stdout)
@@ -75,21 +75,21 @@ CASES = ["2 stable_neo_hookean", "3 stable_neo_hookean", "2 linear"]
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_split_body_has_the_answers_of_the_whole(by_rank, case):
+def test_a_partitioned_body_has_the_solutions_of_the_whole(by_rank, case):
     result = by_rank[0][case]
     assert result["converged"]
     assert result["depths"][0] > 1e-3  # there is contact [m]
     for name, difference in result["differences"].items():
         # Loosely converged, both stop within the solver's tolerance, 1e-4 in the residual, of the same point; a tight
-        # solve has settled to 1e-10.
+        # solve converges to 1e-10.
         assert difference < (1e-4 if name.startswith("loose") else 1e-8), name
     for numbers in (result["eigenvalues"], result["depths"], result["energies"]):
         np.testing.assert_allclose(numbers[0], numbers[1], rtol=1e-8)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_split_body_takes_as_many_iterations(by_rank, case):
-    """In exact arithmetic both do the same; round-off moves the one in which a tolerance is met."""
+def test_a_partitioned_body_takes_as_many_iterations(by_rank, case):
+    """In exact arithmetic both are the same; round-off may change the iteration in which a tolerance is met."""
     newton, cg = (np.array(by_rank[0][case][counted]) for counted in ("newton", "cg"))
     assert (newton > 0).all()
     assert np.abs(newton[1] - newton[0]).max() <= 1
@@ -97,7 +97,7 @@ def test_a_split_body_takes_as_many_iterations(by_rank, case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_every_rank_holds_its_part_and_gets_the_same_bits(by_rank, case):
+def test_every_rank_has_its_part_and_gets_the_same_bits(by_rank, case):
     assert sum(result[case]["cells"] for result in by_rank) == by_rank[0][case]["all cells"]
     assert (
         max(result[case]["cells"] for result in by_rank) <= by_rank[0][case]["all cells"] / len(by_rank) + 1
@@ -108,9 +108,9 @@ def test_every_rank_holds_its_part_and_gets_the_same_bits(by_rank, case):
 FAILS = """
 import sys
 from mpi4py import MPI
-from fem_truth.constrained import Press
-from runtime.cli.main import main
-from runtime.errors import SoftprintError
+from softprint.fem_truth.constrained import Press
+from softprint.runtime.cli.main import main
+from softprint.runtime.errors import SoftprintError
 def fail(self, pose):
     if MPI.COMM_WORLD.rank == 1:
         raise {error}

@@ -1,4 +1,4 @@
-"""What finished truth depends on: a change of any of it is found, and named."""
+"""The inputs of finished truth: a change of any of them is detected and named."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from fem_truth.generate.plan_hash import fingerprint, refuse_changes
-from runtime.errors import SoftprintError
-from runtime.experiment import load_experiment
-from runtime.shapes import find_shape
+from softprint.fem_truth.generate.plan_hash import fingerprint, refuse_changes
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import load_experiment
+from softprint.runtime.shapes import find_shape
 from tests.toy_experiment import write_experiment, write_library_experiment
 
 BODY = SimpleNamespace(content_hash="the body")
@@ -47,7 +47,7 @@ def test_every_file_behind_a_truth_is_in_its_fingerprint(tmp_path):
     ]
 
 
-def test_a_key_that_there_was_not_yet_is_no_change(tmp_path):
+def test_a_new_key_is_no_change(tmp_path):
     now = fingerprint(load_experiment(write_experiment(tmp_path, 3)), BODY)
     frame = '[{"name": "base", "box": [[-1.0, -1.0, -1.0], [1.0, 1.0, 0.016]]}]'
     before = {
@@ -66,15 +66,17 @@ def test_a_shape_with_another_formula_is_another_truth(tmp_path, monkeypatch):
     pear = find_shape("pear")
     thicker = replace(pear, field=lambda p: pear.field(p) - 0.01)
     monkeypatch.setattr(
-        "runtime.experiment.sources.find_shape", lambda name: thicker if name == "pear" else find_shape(name)
+        "softprint.runtime.experiment.sources.find_shape",
+        lambda name: thicker if name == "pear" else find_shape(name),
     )
     after = fingerprint(experiment, BODY)
     assert changes(before, after) == ["library formulas hash"]
     with pytest.raises(SoftprintError, match="library formulas hash"):
         refuse_changes(tmp_path, before, after)
-    # One that is not sampled does not count; nor does what an older truth has not recorded.
+    # Shapes that are not sampled do not count, nor do inputs that an older truth has not recorded.
     monkeypatch.setattr(
-        "runtime.experiment.sources.find_shape", lambda name: find_shape("pear" if name == "mug" else name)
+        "softprint.runtime.experiment.sources.find_shape",
+        lambda name: find_shape("pear" if name == "mug" else name),
     )
     assert fingerprint(experiment, BODY) == before
     refuse_changes(tmp_path, {key: text for key, text in before.items() if "formulas" not in key}, after)

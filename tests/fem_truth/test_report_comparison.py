@@ -1,9 +1,9 @@
-"""The error formulas on cases that can be done by hand, and their invariances."""
+"""The error formulas on cases computed by hand, and their invariances."""
 
 import numpy as np
 import pytest
 
-from fem_truth.report.comparison import (
+from softprint.fem_truth.report.comparison import (
     ModelFrames,
     error_row,
     error_table,
@@ -86,7 +86,7 @@ def test_rigid_motion_and_scale_change_nothing_relative(dim):
     assert larger.rms == pytest.approx(1e3 * before.rms, rel=ROUND_OFF)
 
 
-def test_where_there_is_nothing_to_correct_zero_is_right_and_anything_else_infinitely_wrong():
+def test_without_anything_to_correct_only_zero_has_a_finite_error():
     still = np.zeros((3, 2))
     assert error_row(one_frame(still, still, still)).relative_rms == 0.0
     assert error_row(one_frame(still + 1.0, still, still)).relative_rms == np.inf

@@ -11,11 +11,11 @@ import pytest
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
 
-from fem_truth.report.gather import gather, table_lines
-from fem_truth.report.page import look_up
-from fem_truth.report.picture import encode
-from fem_truth.report.report_json import REPORT_VERSION
-from runtime.errors import SoftprintError
+from softprint.fem_truth.report.gather import gather, table_lines
+from softprint.fem_truth.report.page import look_up
+from softprint.fem_truth.report.picture import encode
+from softprint.fem_truth.report.report_json import REPORT_VERSION
+from softprint.runtime.errors import SoftprintError
 from tests.page_reader import Reader
 
 ROW = {
@@ -63,15 +63,15 @@ def write_report(folder, name: str, **changed) -> None:
 
 
 def write_bench(folder, **changed) -> None:
-    """Ours is half as fast as the bare subspace, and one step in four is given up."""
+    """Ours is half as fast as the bare subspace, and one step in four does not converge."""
     speeds = [
         {
             "model": model,
             "steps": 8,
             "frames_per_second": rate,
-            "step": 1 / rate,
-            "mean": 1.5 / rate,
-            "slow": 3 / rate,
+            "mean": 1 / rate,
+            "p95": 3 / rate,
+            "median": 0.5 / rate,
             "converged": done,
         }
         for model, rate, done in (("bare", 200.0, 1.0), ("ours", 100.0, 0.75))
@@ -87,7 +87,7 @@ def write_bench(folder, **changed) -> None:
     (folder / "bench.json").write_text(json.dumps({**bench, **changed}))
 
 
-def test_one_line_a_body_with_the_thesis_beside_it(tmp_path):
+def test_one_row_per_body_with_the_results_of_the_thesis(tmp_path):
     write_report(tmp_path / "finger", "finger_small")
     write_bench(tmp_path / "finger")
     write_report(tmp_path / "cube", "cube")
@@ -117,31 +117,31 @@ def test_one_line_a_body_with_the_thesis_beside_it(tmp_path):
     assert {"rows/0/noise/noise_floor", "rows/0/noise/noise_90"} <= keys
 
 
-def test_speeds_are_those_of_bench_with_what_they_were_measured_under(tmp_path):
+def test_speeds_are_those_of_bench_with_their_conditions(tmp_path):
     write_report(tmp_path / "finger", "finger_small")
     write_bench(tmp_path / "finger")
     speeds = gather([tmp_path / "finger"], tmp_path / "all.html")["rows"][0]["speeds"]
     assert speeds["full"] is None
     assert speeds["faster_than_full"] is None
     assert speeds["cost_of_bare"] == 2.0
-    assert (speeds["ours"]["slow"], speeds["ours"]["converged"]) == (0.03, 0.75)
+    assert (speeds["ours"]["p95"], speeds["ours"]["converged"]) == (0.03, 0.75)
     page = (tmp_path / "all.html").read_text()
     assert "the scene \u201cpress\u201d" in page
-    assert "beside the next step" in page
+    assert "in parallel with the next step" in page
     assert "not measured" not in page
     write_bench(tmp_path / "finger", cores_used=1)
     gather([tmp_path / "finger"], tmp_path / "all.html")
     assert "one core" in (tmp_path / "all.html").read_text()
-    # A file of an earlier version does not say.
+    # A file of an earlier version has no number of cores.
     write_bench(tmp_path / "finger", cores_used=None)
     gather([tmp_path / "finger"], tmp_path / "all.html")
     page = (tmp_path / "all.html").read_text()
     assert "one core" not in page
-    assert "beside the next step" not in page
+    assert "in parallel with the next step" not in page
 
 
-def test_where_nothing_was_benchmarked_no_other_number_stands_in(tmp_path):
-    """Motions have recorded steps without a surface: 77 of them a second."""
+def test_without_a_benchmark_no_other_number_is_shown(tmp_path):
+    """Motions have recorded steps without a surface: 77 per second."""
     write_report(tmp_path / "cube", "cube")
     summary = gather([tmp_path / "cube"], tmp_path / "all.html")
     assert summary["rows"][0]["speeds"] is None
@@ -154,7 +154,7 @@ def test_where_nothing_was_benchmarked_no_other_number_stands_in(tmp_path):
         gather([tmp_path / "cube"], tmp_path / "all.html")
 
 
-def test_motions_are_given_the_state_or_run_alone(tmp_path):
+def test_motions_with_given_states_and_in_free_runs(tmp_path):
     write_report(tmp_path / "cube", "cube")
     summary = gather([tmp_path / "cube"], tmp_path / "all.html")
     press, aside = summary["rows"][0]["motions"]
@@ -167,7 +167,7 @@ def test_motions_are_given_the_state_or_run_alone(tmp_path):
         "alone_left": 1.25,
         "not_converged": 3,
     }
-    assert press["models"]["mechanics"]["alone_rms"] is None  # it has not played the scene
+    assert press["models"]["mechanics"]["alone_rms"] is None  # it has not simulated the scene
     assert aside["models"] == {}
     reader = Reader()
     reader.feed((tmp_path / "all.html").read_text())
@@ -190,7 +190,7 @@ def test_the_worst_shapes_come_with_small_pictures_of_the_report(tmp_path):
 
 
 def page_of_shapes(count: int) -> str:
-    """As a report has them, among other pictures: the contact, full space, the bare subspace, ours."""
+    """Images as in a report, between other pictures: the contact, full space, the bare subspace, ours."""
     pictures = [encode(np.full((300, 600, 4), 200, dtype=np.uint8), str(kind)) for kind in range(count)]
     images = "".join(f'<img src="{picture.uri}" alt="{picture.alt}">' for picture in pictures)
     other = f'<section id="pictures"><article>{images}</article></section>'
@@ -210,13 +210,13 @@ def test_studies_are_drawn_where_the_run_has_them(tmp_path):
     gather([run], tmp_path / "all.html")
     page = (tmp_path / "all.html").read_text()
     assert page.count("<svg") == 2
-    for words in ("training shapes", "6.3: raw or smoothed normal", "6.6: what a void"):
+    for words in ("training shapes", "6.3: raw or smoothed normal", "6.6: change by a void"):
         assert words in page
     assert "6.5: one node" not in page  # of another file
     for file in ("thesis6_figures.json", "bench_how_much_truth.json"):
         kept = (run / file).read_text()
         (run / file).write_text('{"rows": [{}]}')
-        with pytest.raises(SoftprintError, match=rf"{file}: not what benchmarks\.\w+ writes"):
+        with pytest.raises(SoftprintError, match=rf"{file}: not what reproduction\.\w+ writes"):
             gather([run], tmp_path / "all.html")
         (run / file).write_text(kept)
     assert (tmp_path / "all.html").read_text() == page
@@ -224,12 +224,12 @@ def test_studies_are_drawn_where_the_run_has_them(tmp_path):
 
 @pytest.mark.parametrize(
     ("changed", "words"),
-    [({"shapes": None}, "shapes never seen"), ({"softprint_report": 0}, "not a report of this version")],
+    [({"shapes": None}, "unseen shapes"), ({"softprint_report": 0}, "not a report of this version")],
 )
 def test_a_run_that_cannot_be_gathered_is_refused(tmp_path, changed, words):
     write_report(tmp_path / "run", "finger", **changed)
     with pytest.raises(SoftprintError, match=words):
         gather([tmp_path / "run"], tmp_path / "all.html")
     assert not (tmp_path / "all.html").exists()
-    with pytest.raises(SoftprintError, match="is not there"):
+    with pytest.raises(SoftprintError, match="does not exist"):
         gather([tmp_path / "absent"], tmp_path / "all.html")

@@ -1,4 +1,4 @@
-"""What training and benchmarks leave in a run directory, as tables."""
+"""Output files of training and benchmarks in a run directory, as tables."""
 
 import json
 
@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("torch")
 
-from fem_truth.report.learning import Learning, load_learning, read_curves, read_table
-from runtime.errors import SoftprintError
-from runtime.learned.correction_file import CorrectionHeader
+from softprint.fem_truth.report.learning import Learning, load_learning, read_curves, read_table
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.correction_file import CorrectionHeader
 
 
 def test_a_table_from_records_and_from_a_bench(tmp_path):
@@ -25,18 +25,18 @@ def test_a_table_from_records_and_from_a_bench(tmp_path):
     bench = read_table(path)
     assert bench["rows"] == [{"model": "bare", "phases solve": 1e-3}]
     assert bench["conditions"]["scene"] == "x"
-    assert bench["conditions"]["tolerance"] is None  # written before bench told of it
+    assert bench["conditions"]["tolerance"] is None  # written before bench recorded it
 
 
 @pytest.mark.parametrize("content", ["{", "[]", "3", '{"rows": 3}', "[1, 2]"])
-def test_what_is_no_table_is_refused_by_name(tmp_path, content):
+def test_a_file_without_a_table_is_refused_by_name(tmp_path, content):
     path = tmp_path / "ablation.json"
     path.write_text(content)
     with pytest.raises(SoftprintError, match=r"ablation\.json"):
         load_learning({}, tmp_path)
 
 
-def test_held_out_states_are_told_from_header_and_curves():
+def test_held_out_states_are_read_from_header_and_curves():
     header = CorrectionHeader(
         name="ours",
         collider="ball",
@@ -44,7 +44,8 @@ def test_held_out_states_are_told_from_header_and_curves():
         truth_hash="",
         dim=2,
         n_rows=9,
-        form="loads",
+        form="force",
+        mechanics_hash="",
         options={},
         held_out_rms=0.2,
         training={"seconds": 3.0, "samples": 80},
@@ -76,14 +77,14 @@ def test_held_out_states_are_told_from_header_and_curves():
         '{"history": [], "held_out": 3}',
     ],
 )
-def test_what_are_no_curves_is_refused_by_name(tmp_path, content):
+def test_a_file_without_curves_is_refused_by_name(tmp_path, content):
     path = tmp_path / "ours.json"
     path.write_text(content)
-    with pytest.raises(SoftprintError, match=r"ours\.json: not the curves"):
+    with pytest.raises(SoftprintError, match=r"ours\.json: does not contain training curves"):
         read_curves(path)
 
 
-def test_an_empty_run_has_learned_nothing(tmp_path):
+def test_an_empty_run_has_no_corrections(tmp_path):
     learning = load_learning({}, tmp_path)
     assert learning.histories == {}
     assert learning.summary()["ablation"] is None

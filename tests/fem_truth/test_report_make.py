@@ -1,4 +1,4 @@
-"""`softprint report` on a toy run: both files come out, and sentences where something is missing."""
+"""`softprint report` on a toy run: it writes both files, and clear messages if something is missing."""
 
 import json
 import re
@@ -11,17 +11,17 @@ pytest.importorskip("dolfinx")
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
 
-from fem_truth.report import make
-from fem_truth.report.make import make_report
-from fem_truth.report.page import look_up
-from fem_truth.report.solves import FrameSolves, SolveStore
-from runtime.body import build_body, save_body
-from runtime.cli.context import Context
-from runtime.colliders import RigidPose
-from runtime.errors import SoftprintError
-from runtime.mesh import write_mesh
-from runtime.mesh.box import box_mesh
-from runtime.scenes.simulate import simulate_scene
+from softprint.fem_truth.report import make
+from softprint.fem_truth.report.make import make_report
+from softprint.fem_truth.report.page import look_up
+from softprint.fem_truth.report.solves import FrameSolves, SolveStore
+from softprint.runtime.body import build_body, save_body
+from softprint.runtime.cli.context import Context
+from softprint.runtime.colliders import RigidPose
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import write_mesh
+from softprint.runtime.mesh.box import box_mesh
+from softprint.runtime.scenes.simulate import simulate_scene
 
 EXPERIMENT = """
 [experiment]
@@ -59,7 +59,7 @@ keyframes = [{ time = 0.0, position = [0.0, 0.085] }, { time = 0.15, position = 
 
 @pytest.fixture(scope="module")
 def toy(tmp_path_factory) -> Path:
-    """A folder with the experiment and a run directory that holds the body and two motions."""
+    """A folder with the experiment and a run directory with the body and two motions."""
     folder = tmp_path_factory.mktemp("toy")
     write_mesh(folder / "block.vtu", box_mesh([-0.05, 0.0], [0.05, 0.06], [15, 9]))
     (folder / "toy.toml").write_text(EXPERIMENT)
@@ -87,7 +87,7 @@ def test_report_of_a_toy_run(toy, monkeypatch):
     errors = summary["scenes"][0]["errors_solved"]
     assert errors["bare"]["relative_rms"] == 1.0
     assert errors["full"]["relative_rms"] == 0.0
-    # Frictionless and slow, so what is left beside contact and internal deformation is a little inertia.
+    # Frictionless and slow, so that only a little inertia remains besides contact and internal deformation.
     assert errors["statics"]["relative_rms"] < 0.3
     # Exact contact without internal deformation is worse: on this coarse toy nearly all is internal.
     assert errors["statics"]["relative_rms"] < errors["truth"]["relative_rms"]
@@ -129,7 +129,7 @@ def test_an_interrupted_report_leaves_finished_solves_and_no_page(toy, tmp_path,
     assert reports(run) == [f"frame_{frame:05d}.npz" for frame in calls]
 
 
-def test_no_byte_of_a_kept_solve_is_altered_silently(tmp_path):
+def test_no_altered_byte_of_a_stored_solve_goes_unnoticed(tmp_path):
     store, full, pose = SolveStore(tmp_path, "context"), np.zeros((3, 2)), RigidPose.identity(2)
     solves = FrameSolves(np.ones((3, 2)), np.full((3, 2), 2.0), np.full((3, 2), 3.0), 0.5, "")
     store.save(4, full, pose, solves)
@@ -139,7 +139,7 @@ def test_no_byte_of_a_kept_solve_is_altered_silently(tmp_path):
         damaged = bytearray(whole)
         damaged[place] ^= 1 << (place % 8)
         path.write_bytes(damaged)
-        found = store.load(4, full, pose)  # the archive keeps some facts twice: not all damage does harm
+        found = store.load(4, full, pose)  # the archive stores some data twice: not all damage matters
         assert found is None or all(
             np.array_equal(value, vars(solves)[name]) for name, value in vars(found).items()
         )
@@ -165,7 +165,7 @@ def test_an_experiment_without_a_held_out_scene_is_refused(toy, tmp_path):
         make_report(Context(tmp_path / "record.toml", (), run, quiet=True, write=lambda line: None))
 
 
-def test_a_scene_that_full_space_cannot_play_is_left_out_with_a_note(toy, tmp_path):
+def test_a_scene_that_full_space_cannot_simulate_is_left_out_with_a_note(toy, tmp_path):
     run = copy_of_run(toy, tmp_path)
     fall = """
 [[scenes]]
@@ -181,7 +181,7 @@ colliders = [{ name = "ball", density = 500.0, position = [0.0, 0.085] }]
     )
     summary = json.loads(made.numbers.read_text())
     assert [scene["name"] for scene in summary["scenes"]] == ["test"]
-    assert [note for note in summary["notes"] if "\u201cfall\u201d is not judged" in note]
+    assert [note for note in summary["notes"] if "\u201cfall\u201d is not evaluated" in note]
 
 
 def test_a_motion_cut_short_is_refused_and_no_page_is_written(toy, tmp_path):

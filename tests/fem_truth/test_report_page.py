@@ -1,4 +1,4 @@
-"""The page: its numbers are those of the JSON, it loads nothing, and numbers read well."""
+"""The page: its numbers are those of the JSON, it is self-contained, and numbers are readable."""
 
 import json
 import re
@@ -9,9 +9,9 @@ import pytest
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
 
-from fem_truth.report import figures
-from fem_truth.report.headline import console_lines, headline_cards
-from fem_truth.report.page import (
+from softprint.fem_truth.report import figures
+from softprint.fem_truth.report.headline import console_lines, headline_cards
+from softprint.fem_truth.report.page import (
     PageContent,
     ScenePictures,
     ShapeView,
@@ -20,10 +20,10 @@ from fem_truth.report.page import (
     look_up,
     render_page,
 )
-from fem_truth.report.picture import encode
-from fem_truth.report.report_json import json_text, plain
-from fem_truth.report.style import styles_for
-from fem_truth.report.worst_pictures import worst_pictures
+from softprint.fem_truth.report.picture import encode
+from softprint.fem_truth.report.report_json import json_text, plain
+from softprint.fem_truth.report.style import styles_for
+from softprint.fem_truth.report.worst_pictures import worst_pictures
 from tests.page_reader import Reader
 
 MODELS = ("full", "bare", "linear_response", "thesis5", "ours", "truth", "statics", "v1.2 <odd>")
@@ -51,6 +51,8 @@ def error_rows(models):
 def phase_row(step, phases):
     return {
         "step": step,
+        "p95": 1.9 * step,
+        "median": 0.8 * step,
         "steps_per_second": 1 / step,
         "faster_than_full": 0.05 / step,
         "cost_of_bare": None,
@@ -194,7 +196,7 @@ def test_every_number_is_the_one_in_the_json(page, summary):
     assert "timings/ours/phases/elastic" in keys
 
 
-def test_it_stands_alone(page):
+def test_it_is_self_contained(page):
     reader = Reader()
     reader.feed(page)
     assert all(link.startswith(("data:", "#")) for link in reader.loads), reader.loads
@@ -230,7 +232,7 @@ def test_svg_takes_its_colours_from_the_page():
     )
 
 
-def test_a_report_of_nothing_learned_says_what_to_run(summary):
+def test_a_report_without_training_says_what_to_run(summary):
     bare = {**summary, "truth": None, "timings": {}, "phases": [], "held_out_states": {}, "ablation": None}
     bare |= {"benchmarks": [], "scenes": [], "headline": {"model": None, "cards": [], "hero_caption": ""}}
     text = render_page(PageContent(bare, {}, {}, styles_for(MODELS)))
@@ -238,8 +240,8 @@ def test_a_report_of_nothing_learned_says_what_to_run(summary):
         assert f"softprint {verb}" in text
 
 
-def test_the_worst_shapes_can_be_taken_out_again(summary, tmp_path):
-    """By `softprint gather`, small."""
+def test_the_worst_shapes_can_be_extracted(summary, tmp_path):
+    """As small pictures, by `softprint gather`."""
     row = dict.fromkeys(
         ("squared", "rms", "whole_squared", "whole_rms", "median", "worst", "samples", "sample"), 0.5
     )
@@ -267,18 +269,18 @@ def test_the_worst_shapes_can_be_taken_out_again(summary, tmp_path):
     assert worst_pictures(tmp_path / "absent.html") == []
 
 
-def test_what_a_bench_was_measured_under_stands_beside_it(summary):
+def test_the_conditions_of_a_benchmark_are_shown(summary):
     styles = styles_for(MODELS)
     summary = {**summary, "scenes": []}
     plots = dict.fromkeys(("phases", "quality"), "")
     assert "have not been timed here" in render_page(PageContent(summary, {}, plots, styles))
-    speeds = {"columns": ["model", "slow"], "rows": [{"model": "ours", "slow": 0.025}]}
+    speeds = {"columns": ["model", "p95"], "rows": [{"model": "ours", "p95": 0.025}]}
     told = {"scene": "press", "tolerance": 1e-6, "iterations": 40, "cores_used": 2}
     bench = {"name": "bench", **speeds, "conditions": told}
     text = render_page(PageContent({**summary, "benchmarks": [bench]}, {}, plots, styles))
     assert "have not been timed here" not in text
     assert "scene \u201cpress\u201d" in text
-    assert "drawn beside the next step" in text
+    assert "drawn in parallel with the next step" in text
     assert ">25.0\u202fms</data>" in text
 
 
@@ -313,7 +315,7 @@ def test_json_has_no_nan():
 def test_the_headline_is_printable(summary):
     cards = headline_cards(summary, "ours", styles_for(MODELS))
     assert [card.label for card in cards][:2] == [
-        "of the bare subspace\u2019s error is left",
+        "of the bare subspace\u2019s error remains",
         "error of the contact displacement itself",
     ]
     assert "Label-noise floor: 1.20" in cards[1].note

@@ -1,4 +1,4 @@
-"""Pictures come out, whole and transparent, with GL and without."""
+"""Pictures are complete and transparent, with and without GL."""
 
 import io
 import subprocess
@@ -11,11 +11,11 @@ pytest.importorskip("pyvista")
 
 from PIL import Image
 
-from fem_truth.report import renderings
-from fem_truth.report.flat_renderings import FlatRenderer
-from fem_truth.report.renderings import GlRenderer, gl_problem, make_renderer
-from runtime.colliders.analytic import Sphere
-from runtime.colliders.pose import RigidPose
+from softprint.fem_truth.report import renderings
+from softprint.fem_truth.report.flat_renderings import FlatRenderer
+from softprint.fem_truth.report.renderings import GlRenderer, gl_problem, make_renderer
+from softprint.runtime.colliders import Sphere
+from softprint.runtime.colliders.pose import RigidPose
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def test_pictures_by_gl(jelly3d_body):
         assert 0.1 < np.mean(opacity > 0) < 0.95
 
 
-def test_without_gl_the_report_says_so_and_draws_all_the_same(jelly3d_body, monkeypatch):
+def test_without_gl_the_report_says_so_and_still_draws(jelly3d_body, monkeypatch):
     failed = subprocess.CompletedProcess(
         [], -6, "", "some text\nlibEGL.so.1: cannot open shared object file\n"
     )
@@ -89,8 +89,8 @@ def test_without_gl_the_report_says_so_and_draws_all_the_same(jelly3d_body, monk
     assert "libegl1" in renderer.description
 
 
-def test_a_collider_below_is_seen_from_below(jelly3d_body):
-    """Of a ball at the body's lower or upper face; from the other side it would hide behind the body."""
+def test_a_collider_below_is_drawn_from_below(jelly3d_body):
+    """A ball at the body's lower or upper face; from the other side it would be hidden by the body."""
     if gl_problem():
         pytest.skip("off-screen OpenGL does not work here")
     mesh, ball = jelly3d_body.mesh, Sphere(0.02, 3)

@@ -1,4 +1,4 @@
-"""Errors by shape: the formula, the sides of the split, and what an earlier run measured."""
+"""Errors by shape: the formula, the sides of the split, and reuse of measurements of an earlier run."""
 
 from __future__ import annotations
 
@@ -7,23 +7,30 @@ import json
 import numpy as np
 import pytest
 
-from fem_truth.report.held_out import Corrected
-from fem_truth.report.shape_errors import SampleErrors, measure_samples, remembered, sides_of, worst_sample
-from runtime.truth.truth_file import load_truth
+from softprint.fem_truth.report.shape_errors import (
+    SampleErrors,
+    measure_samples,
+    remembered,
+    sides_of,
+    worst_sample,
+)
+from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.truth.truth_file import load_truth
 from tests.toy_truth import write_truth
 
 
 class Share:
-    """Stands for a model that finds a share of the exact displacement, and for its binding to every collider."""
+    """A field correction that returns a share of the exact displacement, bound to the nodes of the body."""
+
+    name, collider, support = "share", "ball", np.inf
 
     def __init__(self, truth, share: float) -> None:
         self.truth, self.share = truth, share
 
-    def __call__(self, collider: str) -> Corrected:
-        assert collider == "ball"
-        return Corrected(self, None)
+    def bind(self, points, reach=np.inf):
+        return self
 
-    def displacement(self, rows, pose, turn=None):
+    def displacement(self, rows, pose):
         at = [self.truth.pose(sample).translation for sample in range(len(self.truth.samples))]
         return self.share * self.truth.displacement(int(np.argmin(np.abs(at - pose.translation).sum(axis=1))))
 
@@ -35,21 +42,24 @@ def truth(tmp_path, jelly2d_body):
         yield data
 
 
-def test_a_sample_that_came_from_nowhere_is_all_of_its_way(truth):
-    """As in published truth, which tells of no approach."""
-    assert [pose.translation.tolist() for pose in truth.way(1)] == [truth.pose(1).translation.tolist()]
+def test_a_sample_without_an_approach_is_its_whole_path(truth):
+    """As in published truth, which has no approach paths."""
+    assert [pose.translation.tolist() for pose in truth.approach_path(1)] == [
+        truth.pose(1).translation.tolist()
+    ]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.75, 1.0])
-def test_a_model_that_finds_a_share_misses_the_rest(truth, jelly2d_body, share):
+def test_a_model_that_returns_a_share_has_the_rest_as_error(truth, jelly2d_body, share):
     counted = []
-    errors = measure_samples(truth, jelly2d_body, Share(truth, share), counted.append)
+    correction = StaticCorrection(Share(truth, share), jelly2d_body)
+    errors = measure_samples(truth, jelly2d_body, {"ball": correction}.__getitem__, counted.append)
     assert errors.sample.tolist() == np.flatnonzero(truth.usable).tolist()
     assert sum(counted) == len(errors.sample)
-    # Displacements are kept as float32: 6e-8 relative.
+    # Displacements are stored as float32: 6e-8 relative.
     assert errors.row()["rms"] == pytest.approx(1.0 - share, abs=1e-6)
     assert errors.row()["squared"] == pytest.approx((1.0 - share) ** 2, abs=1e-6)
-    # The model has no internal response, so all of that is missed too.
+    # The correction comes without static condensation, so all of that is missed too.
     assert errors.row()["whole_squared"] > errors.row()["squared"] - 1e-6
     volumes, sample = jelly2d_body.mesh.node_volumes, int(errors.sample[2])
     exact = (volumes[:, None] * truth.displacement(sample).astype(float) ** 2).sum()
@@ -61,11 +71,11 @@ def errors_of(missed) -> SampleErrors:
     return SampleErrors(np.arange(len(missed)), np.ones(len(missed)), missed, np.ones(len(missed)), missed)
 
 
-def test_the_worst_sample_is_that_of_which_most_is_missed(truth):
+def test_the_worst_sample_has_the_largest_error(truth):
     assert worst_sample(truth, errors_of([0.1, 0.4, 0.2]), "ball") == 1
 
 
-def test_sides_are_apart_and_hold_everything(truth):
+def test_sides_are_disjoint_and_complete(truth):
     sample = np.arange(4)
     sides = sides_of(truth, sample, {"ball", "egg"}, {"egg"})
     assert sides.learned.all()
@@ -74,7 +84,7 @@ def test_sides_are_apart_and_hold_everything(truth):
     assert sides_of(truth, sample, {"egg"}, {"egg"}).testing.all()
 
 
-def test_what_was_measured_is_kept_until_truth_or_correction_changes(tmp_path):
+def test_measurements_are_reused_until_truth_or_correction_changes(tmp_path):
     path, made_of = tmp_path / "shapes" / "ours.json", {"truth": "a", "correction": "b"}
     path.parent.mkdir()
     first = remembered(path, made_of, lambda: errors_of([0.1, 0.2]))

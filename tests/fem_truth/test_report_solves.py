@@ -5,12 +5,12 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from fem_truth.constrained import ConstrainedProblem
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.report.solves import FrameSolves, SolveStore
-from runtime.colliders.pose import RigidPose
-from runtime.contact import PenaltyContact
-from runtime.errors import SoftprintError
+from softprint.fem_truth.constrained import ConstrainedProblem
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.report.solves import FrameSolves, SolveStore
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.errors import SoftprintError
 
 
 def test_a_full_space_equilibrium_is_its_own_constrained_equilibrium(jelly_body):
@@ -30,7 +30,7 @@ def test_a_full_space_equilibrium_is_its_own_constrained_equilibrium(jelly_body)
 
 
 def static_equilibrium(body, gravity):
-    """(n_nodes, dim) of the body under its weight on its held base, by plain Newton steps."""
+    """(n_nodes, dim) of the body under its weight on its fixed base, by plain Newton steps."""
     from scipy.sparse.linalg import spsolve
 
     elasticity = FullSpaceElasticity(body)
@@ -50,7 +50,7 @@ def solves():
     return FrameSolves(*rng.normal(size=(3, 5, 2)), seconds=1.5, problem="")
 
 
-def test_store_returns_what_it_was_given_and_only_for_the_same_problem(tmp_path, solves):
+def test_store_returns_solves_of_the_same_problem_only(tmp_path, solves):
     full, pose = np.arange(10.0).reshape(5, 2), RigidPose.identity(2)
     store = SolveStore(tmp_path / "heldout", "context")
     assert store.load(3, full, pose) is None
@@ -73,7 +73,7 @@ def test_a_damaged_solve_is_made_again(tmp_path, solves):
     assert store.load(0, full, pose) is None
 
 
-def test_nothing_half_written_is_left(tmp_path, solves, monkeypatch):
+def test_no_half_written_file_is_left(tmp_path, solves, monkeypatch):
     def fail(*args, **kwargs):
         raise OSError("no space left on device")
 

@@ -1,11 +1,11 @@
-"""Times of steps in the report: of those in contact, without the first, where kernels may be compiled."""
+"""Times of steps in the report: of steps in contact, without the first, in which kernels may be compiled."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from fem_truth.report.motions import timing_rows
+from softprint.fem_truth.report.motions import timing_rows
 
 
 def motion(seconds, penetration):
@@ -17,7 +17,7 @@ def motion(seconds, penetration):
     )
 
 
-def test_the_step_in_which_something_is_compiled_does_not_count():
+def test_a_step_with_compilation_does_not_count():
     slow = motion([0.0, 0.002, 5.0, 0.01], [0.0, 0.0, 1e-3, 1e-3])
     bare = motion([0.0, 0.002, 0.004, 0.004], [0.0, 0.0, 1e-3, 1e-3])
     rows = timing_rows({"bare": [bare], "ours": [slow]})
@@ -29,6 +29,22 @@ def test_the_step_in_which_something_is_compiled_does_not_count():
 def test_the_only_step_in_contact_counts():
     once = motion([0.0, 0.002, 0.5, 0.01], [0.0, 0.0, 1e-3, 0.0])
     assert timing_rows({"ours": [once]})["ours"]["step"] == pytest.approx(0.5)
+
+
+def test_slow_steps_show_in_the_95th_percentile_and_not_in_the_median():
+    seconds = (
+        [0.0, 1.0] + 8 * [0.002] + 2 * [0.02]
+    )  # the second is the first in contact, which does not count
+    long = SimpleNamespace(
+        penetration=np.array([0.0] + 11 * [1e-3]),
+        timings={"total": np.array(seconds)},
+        iterations=np.ones(12),
+        converged=np.ones(12, dtype=bool),
+    )
+    row = timing_rows({"ours": [long]})["ours"]
+    assert row["step"] == pytest.approx((8 * 0.002 + 2 * 0.02) / 10)
+    assert row["median"] == pytest.approx(0.002)
+    assert row["p95"] == pytest.approx(0.02)
 
 
 def test_a_model_that_never_touches_has_no_line():

@@ -6,27 +6,27 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem_truth.sampling.approach import Approach, OutOfReach
-from fem_truth.sampling.contact_path import node_speeds
-from fem_truth.sampling.contact_places import (
+from softprint.fem_truth.sampling.approach import Approach, OutOfReach
+from softprint.fem_truth.sampling.contact_path import node_speeds
+from softprint.fem_truth.sampling.contact_places import (
     candidate_places,
     places_by_state,
     spread_places,
     surface_distances,
 )
-from fem_truth.sampling.contact_plan import ContactPlan
-from fem_truth.sampling.depths import noisy_depths
-from fem_truth.sampling.farthest import farthest_selection
-from fem_truth.sampling.recorded_states import spread_states
-from fem_truth.sampling.rigid_free import RigidFreeDescriptor
-from fem_truth.sampling.rotations import random_rotation, spread_rotations
-from runtime.body import assemble_body, frame_in_box, place_handles
-from runtime.body.body import ReducedBody
-from runtime.colliders import Box, Sphere
-from runtime.colliders.collider import Collider
-from runtime.elasticity.materials import make_material
-from runtime.errors import SoftprintError
-from runtime.mesh import box_mesh
+from softprint.fem_truth.sampling.contact_plan import ContactPlan
+from softprint.fem_truth.sampling.depths import noisy_depths
+from softprint.fem_truth.sampling.farthest import farthest_selection
+from softprint.fem_truth.sampling.recorded_states import spread_states
+from softprint.fem_truth.sampling.rigid_free import RigidFreeDescriptor
+from softprint.fem_truth.sampling.rotations import random_rotation, spread_rotations
+from softprint.runtime.body import assemble_body, frame_in_box, place_handles
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders import Box, Sphere
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import box_mesh
 
 
 def small_body(dim: int, frame: bool) -> ReducedBody:
@@ -128,7 +128,7 @@ def test_states_share_no_place_while_there_are_enough(body: ReducedBody) -> None
     assert all(len(set(row)) == n_candidates for row in many.tolist())
 
 
-def test_random_rotations_are_rotations_drawn_evenly() -> None:
+def test_random_rotations_are_rotations_and_uniform() -> None:
     """The mean over SO(dim) is zero; of 2,000 draws with entries of variance 1/dim it is so to four sigma."""
     for dim in (2, 3):
         rng = np.random.default_rng(0)
@@ -173,7 +173,7 @@ def test_depths_ascend_and_never_exceed_the_largest() -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_the_depth_asked_for_is_reached_exactly(dim: int) -> None:
+def test_the_requested_depth_is_reached_exactly(dim: int) -> None:
     body = small_body(dim, frame=True)
     mesh = body.mesh
     rng = np.random.default_rng(4)
@@ -187,8 +187,7 @@ def test_the_depth_asked_for_is_reached_exactly(dim: int) -> None:
         for depth, pose in zip(depths, approach.poses_at(depths), strict=True):
             deepest = -collider.sdf(pose.apply_inverse(surface)).min()
             assert abs(deepest - depth) < 1e-9  # the root finder's tolerance is 1e-12 sizes of the collider
-            # Coming from outside this is the first such pose: a little farther out the collider is not so
-            # deep.
+            # This is the first such pose coming from outside: a little farther out the collider is not as deep.
             s = (pose.translation - approach.place) @ approach.normal
             assert all(approach.depth(s + out) < depth for out in np.linspace(1e-6, 0.2, 400))
 
@@ -201,7 +200,7 @@ def test_a_depth_beyond_the_collider_is_out_of_reach() -> None:
         approach.poses_at(np.array([0.02]))
 
 
-def test_a_collider_goes_in_as_far_as_it_is_thick_enough() -> None:
+def test_the_depth_is_limited_by_the_thickness_of_the_collider() -> None:
     mesh = small_body(3, frame=False).mesh
     surface = mesh.points[mesh.surface_nodes]
     top = int(np.argmax(surface @ [0.1, 0.2, 1.0]))
@@ -210,7 +209,7 @@ def test_a_collider_goes_in_as_far_as_it_is_thick_enough() -> None:
     def sensible(collider: Collider, depth: float) -> float:
         return Approach(collider, surface, surface[top], mesh.surface_normals[top], np.eye(3)).sensible(depth)
 
-    # Flat on: at most to the middle of the plate, 2 mm below either face, of which three quarters are taken.
+    # Face first: at most to the middle of the plate, 2 mm below either face, of which three quarters are allowed.
     assert sensible(plate, 0.01) == pytest.approx(
         0.75 * 0.002, rel=0.15
     )  # the steps of the search are 0.6 mm
@@ -235,16 +234,16 @@ def test_colliders_share_the_plan_and_begin_at_different_places() -> None:
     assert len(contacts) == len(plan) == 2 * (5 + 5 + 3)
     met = {number: {c.place for c in contacts if (c.collider, c.state) == (number, 1)} for number in range(3)}
     assert [len(places) for places in met.values()] == [5, 5, 3]
-    # Any first part is useful: all colliders and states come before a second place of any.
+    # Every prefix is useful: all colliders and states come before a second place of any.
     assert len({(c.collider, c.state) for c in contacts[:6]}) == 6
     assert len({c.place for c in contacts[:6:2]}) == 3
-    # The one collider of other plans has the numbers that it always had.
+    # A plan with one collider has the same numbers as before.
     alone = ContactPlan(2, (5,), 4, 4, 0.0, seed=1)
     drawn = [p.rng(2, c).random() for p, c in ((plan, contacts[0]), (alone, alone[0]))]
     assert drawn[0] == drawn[1] != plan.rng(2, contacts[2]).random()
 
 
-def test_a_contact_draws_the_same_numbers_whatever_was_drawn_before() -> None:
+def test_random_numbers_of_a_contact_do_not_depend_on_earlier_draws() -> None:
     plan = ContactPlan(2, (3,), 4, 4, 0.0, seed=9)
     alone = plan.rng(2, plan[17]).random(3)
     for contact in plan:
@@ -253,7 +252,7 @@ def test_a_contact_draws_the_same_numbers_whatever_was_drawn_before() -> None:
     np.testing.assert_array_equal(plan.rng(2, plan[17]).random(3), alone)
 
 
-def test_node_speeds_tell_a_snap_from_a_press() -> None:
+def test_node_speeds_distinguish_a_jump_from_smooth_contact() -> None:
     down = np.array([[0.0, -1.0], [0.0, -0.5]])
     depths = np.array([0.001, 0.002, 0.003, 0.004])
     smooth = [depth * down for depth in depths]

@@ -1,4 +1,4 @@
-"""An independent library as a witness: the same energies assembled, and the same large deformation solved, in
+"""An independent library as a reference: the same energies assembled, and the same large deformation solved, in
 scikit-fem (see `fem_truth.verify.witness`)."""
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ import pytest
 pytest.importorskip("skfem")
 pytest.importorskip("dolfinx")
 
-from fem_truth.dynamics import FullSpaceSimulator
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.verify.witness import LAWS, Witness
-from runtime.contact import PenaltyContact
-from runtime.dynamics import KinematicHandle, NewtonSettings
+from softprint.fem_truth.dynamics import FullSpaceSimulator
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.verify.witness import LAWS, Witness
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import KinematicHandle, NewtonSettings
 
 ROUND_OFF = 1e-12  # sums of some hundred float64 products in another order
 DENSITY = 1000.0  # kg/m^dim, of the bodies of `block`
@@ -32,7 +32,7 @@ each_law = pytest.mark.parametrize("law", LAWS)
 def test_forces_and_stiffness_of_a_random_deformation(block, dim, law):
     body = block(dim, law)
     rng = np.random.default_rng(3)
-    # A large homogeneous deformation and a random one on top: strains of 40 %, no cell inverted.
+    # A large homogeneous deformation plus a random one: strains of 40 %, no inverted cell.
     stretch = np.eye(dim) + 0.3 * rng.uniform(-1, 1, (dim, dim))
     x = body.mesh.points @ stretch.T + 1e-3 * rng.standard_normal(body.mesh.points.shape)
     ours, witness = FullSpaceElasticity(body), witness_of(body, law)
@@ -59,5 +59,6 @@ def test_a_clamped_block_under_a_large_body_force(block, dim, law):
     assert ours.converged, ours.reason
     largest = np.abs(x - body.mesh.points).max()
     assert largest > 0.01  # a third of the free height: no small displacement
-    # Both solvers stop at 1e-10 of the forces; the softest mode of the block gives them up to 1e2 in displacement.
+    # Both solvers stop at 1e-10 of the forces; the softest mode of the block amplifies this to up to 1e2 times in
+    # displacement.
     np.testing.assert_allclose(ours.state.x, x, atol=1e-8 * largest)

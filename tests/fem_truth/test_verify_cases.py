@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from fem_truth.verify.cases import (
+from softprint.fem_truth.verify.cases import (
     closed_forms,
     constrained,
     cook,
@@ -14,9 +14,9 @@ from fem_truth.verify.cases import (
     independent_library,
     manufactured_solutions,
 )
-from fem_truth.verify.import_witness import import_witness
-from runtime.elasticity.materials import make_material
-from runtime.errors import SoftprintError
+from softprint.fem_truth.verify.import_witness import import_witness
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.errors import SoftprintError
 
 NEED_SCIKIT_FEM = (cook.CASE, independent_library.CASE, constrained.CASE)
 STATICS = (closed_forms.CASE, manufactured_solutions.CASE, hertz.CASE, *NEED_SCIKIT_FEM)
@@ -34,7 +34,7 @@ def test_quick(case):
     assert failed == []
 
 
-def test_a_modulus_that_is_wrong_by_a_part_in_a_million_fails(monkeypatch):
+def test_a_modulus_wrong_by_one_part_in_a_million_fails(monkeypatch):
     monkeypatch.setattr(
         closed_forms,
         "make_material",
@@ -47,7 +47,7 @@ def test_a_modulus_that_is_wrong_by_a_part_in_a_million_fails(monkeypatch):
     }
 
 
-def test_a_law_that_is_not_that_of_the_force_does_not_converge(monkeypatch):
+def test_a_law_other_than_that_of_the_force_does_not_converge(monkeypatch):
     monkeypatch.setattr(
         manufactured_solutions,
         "make_material",
@@ -68,6 +68,6 @@ _PENALTY = constrained.PenaltyContact
 
 
 def test_without_scikit_fem_a_case_says_so(monkeypatch):
-    monkeypatch.setattr("fem_truth.verify.import_witness.find_spec", lambda name: None)
+    monkeypatch.setattr("softprint.fem_truth.verify.import_witness.find_spec", lambda name: None)
     with pytest.raises(SoftprintError, match="needs scikit-fem, which is not installed"):
         import_witness()

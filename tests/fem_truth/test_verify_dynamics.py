@@ -1,4 +1,4 @@
-"""The short forms of the dynamic verification cases: every row within its own tolerance, and these are narrow."""
+"""The quick runs of the dynamic verification cases: every row is within its tolerance, and tolerances are narrow."""
 
 from dataclasses import replace
 
@@ -7,15 +7,15 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from fem_truth.potentials import Inertia
-from fem_truth.verify.cases import DYNAMIC, backward_euler, incline
-from fem_truth.verify.motion import FULL, observed_order, oscillation, play, simulator
-from fem_truth.verify.small_bodies import Stuff, affine_body, held_handles, node_body, rigid_body
-from fem_truth.verify.typeset import typeset
-from runtime.contact import CoulombFriction
-from runtime.dynamics import DynamicsSettings, NewtonSettings
-from runtime.errors import SoftprintError
-from runtime.mesh import box_mesh
+from softprint.fem_truth.potentials import Inertia
+from softprint.fem_truth.verify.cases import DYNAMIC, backward_euler, incline
+from softprint.fem_truth.verify.motion import FULL, observed_order, oscillation, play, simulator
+from softprint.fem_truth.verify.small_bodies import Stuff, affine_body, held_handles, node_body, rigid_body
+from softprint.fem_truth.verify.typeset import typeset
+from softprint.runtime.contact import CoulombFriction
+from softprint.runtime.dynamics import DynamicsSettings, NewtonSettings
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import box_mesh
 
 STUFF = Stuff("linear", 1e4, 0.0)
 
@@ -27,7 +27,7 @@ def test_every_row_of_the_short_form_passes(case):
     assert not missed
     assert all(np.isfinite(row.ours) for row in result.rows)
     simulators = {row.quantity.split(",")[0].split(":")[0] for row in result.rows}
-    assert {"full space", "reduced"} <= simulators  # both are put to the test
+    assert {"full space", "reduced"} <= simulators  # both are tested
 
 
 def test_friction_that_is_wrong_by_a_hundredth_fails(monkeypatch):
@@ -53,7 +53,7 @@ def test_inertia_that_is_wrong_by_a_thousandth_fails(monkeypatch):
 
 
 @pytest.mark.parametrize("turn", [0.02, 0.3, 1.5])
-def test_oscillation_reads_what_backward_euler_does_to_a_mode(turn):
+def test_oscillation_measures_a_mode_under_backward_euler(turn):
     step = 0.01
     n = np.arange(12)
     # Re c (1 - i h w)^-n with any phase: amplitudes of a mode that has already been moving
@@ -70,14 +70,14 @@ def test_observed_order_is_that_of_the_two_finest():
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("make", [affine_body, rigid_body, node_body])
-def test_small_bodies_reproduce_affine_maps_and_weigh_what_they_should(make, dim):
+def test_small_bodies_reproduce_affine_maps_and_have_the_right_mass(make, dim):
     mesh = box_mesh([0.1] * dim, [0.3] * dim, [2] * dim)
     body = make(mesh, STUFF)
     np.testing.assert_allclose(body.basis @ body.rest_rows, mesh.points, atol=1e-15)
     assert body.node_mass.sum() == pytest.approx(1000.0 * 0.2**dim)
 
 
-def test_held_handles_are_those_at_the_places():
+def test_fixed_handles_are_those_at_the_given_coordinates():
     body = node_body(box_mesh([0.0, 0.0], [1.0, 0.5], [4, 2]), STUFF)
     held = [int(handle.handle) for handle in held_handles(body, [0.0, 1.0])]
     assert len(held) == 6

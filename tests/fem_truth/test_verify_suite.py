@@ -1,4 +1,5 @@
-"""The frame of `softprint verify`: what passes, what fails, and that a failing case is told and stops nobody."""
+"""The framework of `softprint verify`: passing and failing rows, and that a failing case is reported and stops no
+other."""
 
 from __future__ import annotations
 
@@ -12,15 +13,15 @@ pytest.importorskip("dolfinx")
 
 import numpy as np
 
-from fem_truth.verify import cases, table
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.simplex_rule import simplex_rule
-from fem_truth.verify.suite import run_case, select
-from fem_truth.verify.typeset import typeset
-from fem_truth.verify.verify_verb import VERB
-from runtime.cli.context import Context
-from runtime.errors import SoftprintError
-from runtime.inspect.kinds import inspect_file
+from softprint.fem_truth.verify import cases, table
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.simplex_rule import simplex_rule
+from softprint.fem_truth.verify.suite import run_case, select
+from softprint.fem_truth.verify.typeset import typeset
+from softprint.fem_truth.verify.verify_verb import VERB
+from softprint.runtime.cli.context import Context
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.inspect.kinds import inspect_file
 
 ROW = Row("stretch", "m", 2.0, "a book", 2.1, 0.2, "coarse")
 
@@ -73,7 +74,7 @@ def test_a_case_that_raises_is_a_failure_and_the_others_go_on(capsys):
     assert [outcome.passed for outcome in outcomes] == [True, False, False, True]
     assert outcomes[1].failure == "the weather was bad"
     assert outcomes[2].failure == "ZeroDivisionError: nothing to divide by"
-    assert "ZeroDivisionError" in capsys.readouterr().err  # a bug is shown whole
+    assert "ZeroDivisionError" in capsys.readouterr().err  # a bug is shown with its traceback
     assert "did not finish: the weather was bad" in "\n".join(table.lines(outcomes[1]))
     assert table.summary(outcomes).startswith("2 of 4 cases passed, 2 of 2 numbers")
 
@@ -88,7 +89,7 @@ def test_cases_are_selected_by_name_in_the_order_of_the_suite():
 
 
 @pytest.mark.parametrize(("run", "status"), [(good, 0), (broken, 1)])
-def test_the_verb_prints_a_table_and_writes_a_page_that_stands_alone(monkeypatch, tmp_path, run, status):
+def test_the_command_prints_a_table_and_writes_a_self_contained_page(monkeypatch, tmp_path, run, status):
     monkeypatch.setattr(cases, "CASES", (case("sample", run),))
     said = []
     parser = argparse.ArgumentParser()

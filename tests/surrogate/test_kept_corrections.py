@@ -1,20 +1,25 @@
-"""A correction that is there is not trained again, but what learned it is told apart from what would now."""
+"""An existing correction is not trained again; one trained by another version of the program is reported."""
 
 import logging
 from types import SimpleNamespace
 
 import pytest
 
-from runtime.learned.correction_file import save_correction
-from runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
-from surrogate import run_training
+from softprint.runtime.cli.context import Context
+from softprint.runtime.learned.correction_file import save_correction
+from softprint.runtime.learned.force.entry import options
+from softprint.runtime.learned.force.model import ForceModel
+from softprint.runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
+from softprint.runtime.scenes.playing import correction_path
+from softprint.surrogate.kept_corrections import is_trained, kept_header, program_hash, recipe_of
+from tests.toy_experiment import write_experiment
 
 RECIPE = {"truth": "abc", "settings": {"seed": 7}}
 
 
 @pytest.fixture
 def trained(jelly2d_body, tmp_path):
-    """Writes a correction that was learned by a program."""
+    """Writes a correction as trained by a version of the program."""
     options = ContactCentricOptions("weighted_rows", False, (4,), "silu", "saturating", 1e-3)
     model = ContactCentricModel(options, 2, jelly2d_body.n_rows)
 
@@ -23,26 +28,45 @@ def trained(jelly2d_body, tmp_path):
         path.parent.mkdir(exist_ok=True)
         training = {**RECIPE, "program": program, "seconds": 1.0}
         save_correction(path, "ours", model, jelly2d_body, "ball", "abc", 0.1, training)
-        return SimpleNamespace(out_dir=tmp_path)
+        return path
 
     return write
 
 
-def test_that_of_this_program_is_kept_without_a_word(trained, caplog):
-    context = trained(run_training._program())
+def test_a_correction_of_this_program_is_kept_silently(trained, caplog):
+    path = trained(program_hash())
     with caplog.at_level(logging.WARNING):
-        assert run_training._is_done(context, "ours", RECIPE)
+        assert kept_header(path, RECIPE) is not None
     assert not caplog.messages
 
 
-def test_that_of_another_program_is_kept_and_told(trained, caplog):
-    context = trained("of yesterday")
+def test_a_correction_of_another_program_is_kept_with_a_warning(trained, caplog):
+    path = trained("of yesterday")
     with caplog.at_level(logging.WARNING):
-        assert run_training._is_done(context, "ours", RECIPE)
+        assert kept_header(path, RECIPE) is not None
     (message,) = caplog.messages
-    assert "another version of the program: --no-resume learns it again" in message
+    assert "another version of the program: --no-resume trains it again" in message
 
 
-def test_that_of_another_recipe_is_not(trained):
-    context = trained(run_training._program())
-    assert not run_training._is_done(context, "ours", {**RECIPE, "truth": "other"})
+def test_a_correction_of_another_recipe_is_not_kept(trained):
+    path = trained(program_hash())
+    assert kept_header(path, {**RECIPE, "truth": "other"}) is None
+
+
+def test_a_correction_with_other_mechanics_is_not_kept(tmp_path, jelly2d_body, caplog):
+    context = Context(write_experiment(tmp_path, 2), out=tmp_path / "run", quiet=True, rank=0)
+    spec = next(model for model in context.experiment.training.models if model.name == "ours")
+    model = ForceModel(options(spec, jelly2d_body, 1e9), 2, jelly2d_body.n_rows)
+    training = {**recipe_of(context.experiment, spec, "abc"), "program": program_hash()}
+    path = correction_path(context.out_dir, "ours")
+    path.parent.mkdir()
+    save_correction(path, "ours", model, jelly2d_body, "ball", "abc", 0.1, training, "own")
+
+    def of_run(content_hash):
+        return SimpleNamespace(get=lambda contact_nodes: (SimpleNamespace(content_hash=content_hash), None))
+
+    assert is_trained(context, spec, "abc", of_run("own"))
+    assert not is_trained(context, spec, "of another truth", of_run("own"))
+    assert not caplog.messages
+    assert not is_trained(context, spec, "abc", of_run("other"))
+    assert "was trained with different body mechanics; training it again" in caplog.text

@@ -1,4 +1,4 @@
-"""Learning from a truth file: splits, exact load metric, determinism, resume, and a field that can be
+"""Training on a truth file: splits, the exact force metric, determinism, resume, and a field that can be
 learned."""
 
 from __future__ import annotations
@@ -9,28 +9,32 @@ import numpy as np
 import pytest
 import torch
 
-from runtime.body import ReducedBody
-from runtime.colliders import RigidPose, Sphere
-from runtime.errors import SoftprintError
-from runtime.learned.force.contact_state import ContactStateProbe
-from runtime.learned.force.correction import ForceCorrection
-from runtime.learned.force.model import ForceModel, ForceModelOptions
-from runtime.learned.thesis5.model import ContactCentricOptions
-from runtime.learned.thesis6.correction import DescriptorCorrection
-from runtime.learned.thesis6.descriptors import DirectGeometry
-from runtime.learned.thesis6.descriptors.attenuation import attenuation
-from runtime.learned.thesis6.model import DescriptorModelOptions
-from runtime.mechanics.body_mechanics import compute_mechanics
-from runtime.truth.truth_file import TruthData, TruthHeader, create_truth, load_truth
-from runtime.truth.truth_schema import TABLES
-from surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
-from surrogate.dataset import PoolSize, load_dataset
-from surrogate.descriptor_data import Drawing, join_descriptor_data, load_descriptor_data
-from surrogate.descriptor_task import DescriptorLoss, DescriptorTask
-from surrogate.load_task import ForceMetric, ForceTask, quadratic_form, read_force_data
-from surrogate.splits import split_by_state
-from surrogate.tasks import FieldTask, InputGains
-from surrogate.train import TrainingSettings, train
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.force.contact_state import ContactStateProbe
+from softprint.runtime.learned.force.correction import ForceCorrection
+from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
+from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.learned.thesis5.model import ContactCentricOptions
+from softprint.runtime.learned.thesis6.correction import DescriptorCorrection
+from softprint.runtime.learned.thesis6.descriptors import DirectGeometry
+from softprint.runtime.learned.thesis6.descriptors.attenuation import attenuation
+from softprint.runtime.learned.thesis6.model import DescriptorModelOptions
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.truth.truth_file import TruthData, TruthHeader, create_truth, load_truth
+from softprint.runtime.truth.truth_schema import TABLES
+from softprint.surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from softprint.surrogate.force.data import read_force_data
+from softprint.surrogate.force.loss import ForceMetric, quadratic_form
+from softprint.surrogate.force.task import ForceTask
+from softprint.surrogate.splits import split_by_state
+from softprint.surrogate.thesis5.data import PoolSize, load_dataset
+from softprint.surrogate.thesis5.task import ContactCentricTask, InputGains
+from softprint.surrogate.thesis6.data import Drawing, join_descriptor_data, load_descriptor_data
+from softprint.surrogate.thesis6.loss import DescriptorLoss
+from softprint.surrogate.thesis6.task import DescriptorTask
+from softprint.surrogate.train import TrainingSettings, train
 
 BALL = Sphere(0.02, 2, name="ball")
 OPTIONS = ForceModelOptions((12, 12), "silu", 5e-4, 3e-3, 1e9)
@@ -41,34 +45,33 @@ STATES, CONTACTS, DEPTHS = 3, 8, 2
 
 @pytest.fixture(scope="module")
 def mechanics(jelly2d_body):
-    return compute_mechanics(jelly2d_body, 200, internal=True, gravity=(0.0, -9.81))
+    return compute_mechanics(jelly2d_body, 200, condensation=True, gravity=(0.0, -9.81))
 
 
 @pytest.fixture(scope="module")
 def truth_path(jelly2d_body: ReducedBody, mechanics, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A truth file whose field is a smooth function of contact: linear elasticity with loads 1.3 times too
-    large, and some more to the side. Sample 3 failed, and the last of contact 5 jumped."""
+    """A truth file whose field is a smooth function of contact: linear elasticity with contact forces 1.3
+    times too large, and some more to the side. Sample 3 failed, and the last of contact 5 jumped."""
     body, rng = jelly2d_body, np.random.default_rng(0)
     top = float(body.mesh.points[:, -1].max())
     probe = ContactStateProbe(body, BALL, mechanics, OPTIONS.stiffness, OPTIONS.band)
     correction = ForceCorrection("truth", ForceModel(OPTIONS, 2, body.n_rows), body, BALL, mechanics)
     teacher = correction.model
     teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0, 0.0])
-    load_scale = 50.0
-    teacher.traction_scale.fill_(load_scale)
-    bound = correction.bind(body.node_points())
+    teacher.traction_scale.fill_(50.0)
+    static = StaticCorrection(correction, body)
     states, contacts, samples = [], [], []
     for _ in range(STATES):
         rows = body.rest_rows.copy()
         rows[: body.handles.n_points] += 0.001 * rng.standard_normal((body.handles.n_points, 2))
         states.append(rows)
     for contact in range(STATES * CONTACTS):
-        state, turn, place = contact % STATES, rng.uniform(0, 6), rng.uniform(-0.03, 0.03)
+        state, angle, place = contact % STATES, rng.uniform(0, 6), rng.uniform(-0.03, 0.03)
         contacts.append(state)
         for depth in range(DEPTHS):
-            pose = RigidPose.from_rotation_vector([turn], [place, top + 0.018 - 0.002 * depth])
+            pose = RigidPose.from_rotation_vector([angle], [place, top + 0.018 - 0.002 * depth])
             assert probe.measure(states[state], pose) is not None
-            samples.append((contact, depth, pose, bound.displacement(states[state], pose)))
+            samples.append((contact, depth, pose, static.displacement(states[state], pose)))
     path = tmp_path_factory.mktemp("truth") / "truth.h5"
     count = len(samples)
     status = np.zeros(count)
@@ -116,7 +119,7 @@ def truth(truth_path: Path, jelly2d_body: ReducedBody):
         yield data
 
 
-def load_task(truth: TruthData, body: ReducedBody, mechanics, edge_weight: float = 0.3) -> ForceTask:
+def force_task(truth: TruthData, body: ReducedBody, mechanics, edge_weight: float = 0.3) -> ForceTask:
     split = split_by_state(truth, "ball", 1)
     metric = ForceMetric(body, mechanics.compliance, edge_weight)
     data = [
@@ -126,15 +129,15 @@ def load_task(truth: TruthData, body: ReducedBody, mechanics, edge_weight: float
     return ForceTask(OPTIONS, metric, data[0], data[1], body.n_rows)
 
 
-def field_task(truth: TruthData, body: ReducedBody, gains: InputGains | None = None) -> FieldTask:
+def thesis5_task(truth: TruthData, body: ReducedBody, gains: InputGains | None = None) -> ContactCentricTask:
     split = split_by_state(truth, "ball", 1)
     rng = np.random.default_rng(0)
     training = load_dataset(truth, body, BALL, split.train, PoolSize(4, 16, 4), rng)
     validation = load_dataset(truth, body, BALL, split.validation, None, rng)
-    return FieldTask(FIELD, training, validation, 0.3, gains or InputGains(1.0, 3.0))
+    return ContactCentricTask(FIELD, training, validation, 0.3, gains or InputGains(1.0, 3.0))
 
 
-def descriptor_task(truth: TruthData, body: ReducedBody) -> DescriptorTask:
+def thesis6_task(truth: TruthData, body: ReducedBody) -> DescriptorTask:
     split = split_by_state(truth, "ball", 1)
     drawing = Drawing(48, 2, np.random.default_rng(0))
     # As of several colliders: in two parts, one of them empty.
@@ -153,21 +156,21 @@ def test_split_holds_out_states_and_counts_what_is_left_out(truth):
     assert set(truth.sample_state[split.validation]) == {2}
     assert split.left_out == 2
     assert not {3, 11} & {*split.train.tolist(), *split.validation.tolist()}
-    with pytest.raises(SoftprintError, match="leaves none to learn from"):
+    with pytest.raises(SoftprintError, match="leaves none for training"):
         split_by_state(truth, "ball", STATES)
     with pytest.raises(SoftprintError, match="no samples of collider 'cube'"):
         split_by_state(truth, "cube", 1)
 
 
-def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
-    """phi^T Gamma phi - 2 phi^T h + c against the fields themselves, at random loads."""
+def test_force_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
+    """phi^T Gamma phi - 2 phi^T h + c against the fields themselves, at random forces."""
     body, edge_weight = jelly2d_body, 0.7
     metric = ForceMetric(body, mechanics.compliance, edge_weight)
     rng = np.random.default_rng(1)
-    loads = np.array([3, 7, 8])
+    nodes = np.array([3, 7, 8])
     phi, w = rng.standard_normal((3, 2)), 1e-3 * rng.standard_normal((body.n_nodes, 2))
-    h, c, volume_h, volume_c = metric.of_field(w, loads)
-    missed = np.einsum("lanb,la->nb", mechanics.compliance.dense()[loads], phi) - w
+    h, c, volume_h, volume_c = metric.of_field(w, nodes)
+    missed = np.einsum("lanb,la->nb", mechanics.compliance.dense()[nodes], phi) - w
     volumes, edges = body.mesh.node_volumes, body.mesh.surface_edges
     volume_error = float(volumes @ (missed**2).sum(1) / volumes.sum())
     edge_error = float(((missed[edges[:, 0]] - missed[edges[:, 1]]) ** 2).sum() / len(edges))
@@ -175,65 +178,67 @@ def test_load_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
         (metric.volume_gamma, volume_h, volume_c, volume_error),
         (metric.gamma, h, c, volume_error + edge_weight * edge_error),
     ):
-        block = gamma[loads][:, loads].double().numpy()
+        block = gamma[nodes][:, nodes].double().numpy()
         value = np.einsum("xi,xyij,yj->", phi, block, phi) - 2.0 * (phi * linear).sum() + constant
         assert value == pytest.approx(expected, rel=1e-5)  # Gamma is float32
 
 
 def test_quadratic_form_and_its_derivative():
-    """Against the whole of Gamma, for samples of different numbers of loads, in double precision."""
+    """Compared with the full Gamma, for samples with different numbers of nodes, in double precision."""
     rng = torch.Generator().manual_seed(2)
     root = torch.randn(18, 18, generator=rng, dtype=torch.float64)
     whole = root @ root.T
     gamma = whole.view(9, 2, 9, 2).permute(0, 2, 1, 3).contiguous()
-    loads = torch.tensor([[3, 1, 8, 0], [5, 2, 0, 0]])
+    nodes = torch.tensor([[3, 1, 8, 0], [5, 2, 0, 0]])
     count = torch.tensor([4, 2])
     phi = torch.randn(2, 4, 2, generator=rng, dtype=torch.float64)
     phi[1, 2:] = 0.0
     phi.requires_grad_()
-    found = quadratic_form(gamma, loads, count, phi)
+    found = quadratic_form(gamma, nodes, count, phi)
     derivative = torch.autograd.grad(found.sum(), phi)[0]
     for k, m in enumerate(count):
         full = torch.zeros(9, 2, dtype=torch.float64)
-        full[loads[k, :m]] = phi[k, :m].detach()
+        full[nodes[k, :m]] = phi[k, :m].detach()
         assert float(found[k].detach()) == pytest.approx(
             float(full.view(-1) @ whole @ full.view(-1)), rel=1e-12
         )
-        expected = 2.0 * (whole @ full.view(-1)).view(9, 2)[loads[k, :m]]
+        expected = 2.0 * (whole @ full.view(-1)).view(9, 2)[nodes[k, :m]]
         torch.testing.assert_close(derivative[k, :m], expected, rtol=1e-12, atol=0.0)
         assert not derivative[k, m:].any()
 
 
-def test_training_tells_what_is_to_be_believed(truth, jelly2d_body, mechanics):
-    """The inputs of all samples, and half as much again as the corrections of 99 in 100 of them."""
-    task = load_task(truth, jelly2d_body, mechanics)
+def test_training_sets_the_range_of_confidence(truth, jelly2d_body, mechanics):
+    """The inputs of all samples, and 1.5 times the corrections of 99 in 100 of them."""
+    task = force_task(truth, jelly2d_body, mechanics)
     model = train(task, TrainingSettings(60, 8, 3e-3, 0.0, 2, 0)).model
     split = split_by_state(truth, "ball", 1)
     metric = ForceMetric(jelly2d_body, mechanics.compliance, 0.3)
     data = read_force_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
     z = model.normalised(data.local[data.present > 0])
-    torch.testing.assert_close(model.trust.lowest, z.amin(0))
-    torch.testing.assert_close(model.trust.highest, z.amax(0))
+    torch.testing.assert_close(model.confidence.lowest, z.amin(0))
+    torch.testing.assert_close(model.confidence.highest, z.amax(0))
     with torch.no_grad():
-        correction = model.correction(data.local, data.depth, data.load, data.lever)
-        ratio = (correction.square().sum((1, 2)) / data.load.square().sum((1, 2))).sqrt()
-        assert float(model.trust.ceiling) == pytest.approx(1.5 * float(torch.quantile(ratio, 0.99)), rel=1e-4)
-        believed = model.trust(model.normalised(data.local), data.load, correction)
-    assert float(believed.median()) > 0.95
+        correction = model.correction(data.local, data.depth, data.force, data.lever)
+        ratio = (correction.square().sum((1, 2)) / data.force.square().sum((1, 2))).sqrt()
+        assert float(model.confidence.ceiling) == pytest.approx(
+            1.5 * float(torch.quantile(ratio, 0.99)), rel=1e-4
+        )
+        confidence = model.confidence(model.normalised(data.local), data.force, correction)
+    assert float(confidence.median()) > 0.95
 
 
-def test_shallow_contacts_count_in_the_loss_of_load_models(truth, jelly2d_body, mechanics):
-    """Of a model that answers nothing, a sample's loss is c / (c + <c> / 10) but for one factor for all samples: with a
-    tenth of the mean displacement squared a half, where without the weights it would be a tenth."""
-    task = load_task(truth, jelly2d_body, mechanics)
+def test_shallow_contacts_have_weight_in_the_loss_of_force_models(truth, jelly2d_body, mechanics):
+    """For a model that returns zero, a sample's loss is c / (c + <c> / 10) up to a common factor: one half for a tenth
+    of the mean squared displacement, where without the weights it would be a tenth."""
+    task = force_task(truth, jelly2d_body, mechanics)
     split = split_by_state(truth, "ball", 1)
     metric = ForceMetric(jelly2d_body, mechanics.compliance, 0.3)
     data = read_force_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
     c = data.squared.double()
     expected = c / (c + 0.1 * c.mean())
 
-    def nothing(local, depth, load, lever):
-        return torch.zeros_like(load)
+    def nothing(local, depth, force, lever):
+        return torch.zeros_like(force)
 
     losses = torch.stack([task.loss(nothing, torch.tensor([k])) for k in range(len(data))]).double()
     # Sums over samples are taken in single precision.
@@ -242,8 +247,8 @@ def test_shallow_contacts_count_in_the_loss_of_load_models(truth, jelly2d_body, 
 
 
 def test_pools_estimate_the_loss_of_all_samples(truth, jelly2d_body):
-    """Whatever is drawn more often weighs less: means over many pools are those over samples, volume and edges.
-    20,000 nodes and edges a sample, drawn where the field is large: 3 %."""
+    """Importance sampling: weighted means over many pools are those over samples, volume and edges. 20,000 nodes and
+    edges per sample, drawn where the field is large: 3 %."""
     body, samples = jelly2d_body, np.array([0, 1, 2])
     size, rng = PoolSize(50, 400, 400), np.random.default_rng(2)
     pools = load_dataset(truth, body, BALL, samples, size, rng)
@@ -261,7 +266,7 @@ def test_pools_estimate_the_loss_of_all_samples(truth, jelly2d_body):
 
 
 def test_larger_displacements_have_more_pools(truth, jelly2d_body):
-    """As many as asked for on average, and every sample some."""
+    """The requested number on average, and at least one for every sample."""
     samples, rng = np.arange(3), np.random.default_rng(3)
     data = load_dataset(truth, jelly2d_body, BALL, samples, PoolSize(40, 8, 2), rng)
     count = torch.bincount(data.pools.contact)
@@ -275,7 +280,7 @@ def test_larger_displacements_have_more_pools(truth, jelly2d_body):
 def test_input_gains_scale_the_first_layer(truth, jelly2d_body):
     """The position by both gains, the other inputs by one; nothing else changes."""
     plain, steep = (
-        field_task(truth, jelly2d_body, gains).fresh_model(3).state_dict()
+        thesis5_task(truth, jelly2d_body, gains).fresh_model(3).state_dict()
         for gains in (InputGains(1.0, 1.0), InputGains(3.0, 8.0))
     )
     for name, weights in plain.items():
@@ -287,10 +292,10 @@ def test_input_gains_scale_the_first_layer(truth, jelly2d_body):
         assert torch.equal(steep[name], expected), name
 
 
-def test_loads_are_learned(truth, jelly2d_body, mechanics):
-    """The teacher is a load model: the error on held-out states falls from that of plain elasticity to a few
+def test_forces_are_learned(truth, jelly2d_body, mechanics):
+    """The teacher is a force model: the error on held-out states falls from that of plain elasticity to a few
     per cent."""
-    task = load_task(truth, jelly2d_body, mechanics)
+    task = force_task(truth, jelly2d_body, mechanics)
     before = task.held_out_error(task.fresh_model(0)).rms
     result = train(task, TrainingSettings(400, 8, 1e-2, 0.0, 4, 0))
     assert before > 0.15
@@ -298,16 +303,17 @@ def test_loads_are_learned(truth, jelly2d_body, mechanics):
     assert [entry["step"] for entry in result.history] == [100, 200, 300, 400]
 
 
-def test_trained_loads_err_alike_at_run_time(truth, jelly2d_body, mechanics):
+def test_trained_forces_have_the_same_error_at_run_time(truth, jelly2d_body, mechanics):
     """The error in the metric of training is that of the correction itself, up to the stretch of F."""
-    task = load_task(truth, jelly2d_body, mechanics)
+    task = force_task(truth, jelly2d_body, mechanics)
     model = task.fresh_model(0)
-    bound = ForceCorrection("x", model, jelly2d_body, BALL, mechanics).bind(jelly2d_body.node_points())
+    correction = StaticCorrection(ForceCorrection("x", model, jelly2d_body, BALL, mechanics), jelly2d_body)
     missed = whole = 0.0
     volumes = jelly2d_body.mesh.node_volumes
     for sample in split_by_state(truth, "ball", 1).validation:
         u = truth.displacement(int(sample))
-        found = bound.displacement(truth.states["rows"][truth.sample_state[sample]], truth.pose(int(sample)))
+        rows = truth.states["rows"][truth.sample_state[sample]]
+        found = correction.displacement_along(rows, truth.approach_path(int(sample)))
         missed += volumes @ ((found - u) ** 2).sum(1)
         whole += volumes @ (u**2).sum(1)
     # States stretch the block by a few per cent.
@@ -316,7 +322,7 @@ def test_trained_loads_err_alike_at_run_time(truth, jelly2d_body, mechanics):
 
 def test_fields_are_learned(truth, jelly2d_body):
     """Thirty samples do not teach a field network other states, but it must be able to fit them."""
-    task = field_task(truth, jelly2d_body)
+    task = thesis5_task(truth, jelly2d_body)
     everything = torch.arange(task.n_samples)
     before = float(task.loss(task.fresh_model(0), everything).detach())
     settings = TrainingSettings(1000, 8, 5e-3, 0.0, 1, 0)
@@ -325,8 +331,8 @@ def test_fields_are_learned(truth, jelly2d_body):
 
 
 def test_descriptors_are_learned(truth, jelly2d_body):
-    """As for fields: it must be able to fit what it is shown."""
-    task = descriptor_task(truth, jelly2d_body)
+    """As for fields: it must be able to fit its training data."""
+    task = thesis6_task(truth, jelly2d_body)
     everything = torch.arange(task.n_samples)
     before = float(task.loss(task.fresh_model(0), everything).detach())
     after = float(
@@ -335,9 +341,9 @@ def test_descriptors_are_learned(truth, jelly2d_body):
     assert after < 0.25 * before
 
 
-def test_trained_descriptors_err_alike_at_run_time(truth, jelly2d_body):
-    """The error of training is that of the correction itself over the volume, what lies beyond d included."""
-    body, task = jelly2d_body, descriptor_task(truth, jelly2d_body)
+def test_trained_descriptors_have_the_same_error_at_run_time(truth, jelly2d_body):
+    """The error in training is that of the correction itself over the volume, including nodes beyond d."""
+    body, task = jelly2d_body, thesis6_task(truth, jelly2d_body)
     model = train(task, TrainingSettings(50, 256, 6e-3, 0.0, 1, 0)).model
     geometry = DirectGeometry(BALL, DESCRIPTOR.radius, DESCRIPTOR.sets)
     bound = DescriptorCorrection("x", model, body, BALL, geometry).bind(body.node_points())
@@ -352,7 +358,7 @@ def test_trained_descriptors_err_alike_at_run_time(truth, jelly2d_body):
     assert task.held_out_error(model).rms == pytest.approx(np.sqrt(missed / whole), rel=1e-4)
 
 
-def test_points_of_interest_stand_for_all_nodes(truth, jelly2d_body):
+def test_points_of_interest_give_unbiased_sums_over_all_nodes(truth, jelly2d_body):
     """Drawn with weights, they give the sum over all nodes times the density of the thesis."""
     body, sample = jelly2d_body, split_by_state(truth, "ball", 1).train[-1:]
     drawing = Drawing(20_000, 1, np.random.default_rng(0))
@@ -367,11 +373,13 @@ def test_points_of_interest_stand_for_all_nodes(truth, jelly2d_body):
     assert estimated == pytest.approx(exact, rel=0.03)
 
 
-@pytest.mark.parametrize("form", ["loads", "field"])
+@pytest.mark.parametrize("form", ["force", "thesis5"])
 def test_resumed_equals_uninterrupted(form, truth, jelly2d_body, mechanics, tmp_path):
     def task():
         return (
-            load_task(truth, jelly2d_body, mechanics) if form == "loads" else field_task(truth, jelly2d_body)
+            force_task(truth, jelly2d_body, mechanics)
+            if form == "force"
+            else thesis5_task(truth, jelly2d_body)
         )
 
     settings = TrainingSettings(20, 4, 5e-3, 1e-3, 4, 7)
@@ -396,7 +404,7 @@ def test_resumed_equals_uninterrupted(form, truth, jelly2d_body, mechanics, tmp_
         assert torch.equal(weights, again.model.state_dict()[name]), name
         assert torch.equal(weights, resumed.model.state_dict()[name]), name
     assert [entry["step"] for entry in resumed.history] == [5, 10, 15, 20]
-    # Another run's checkpoint is left alone: this one starts afresh.
+    # A checkpoint of another run is ignored: this one starts from the beginning.
     other = train(task(), TrainingSettings(4, 4, 5e-3, 1e-3, 1, 7), path)
     assert [entry["step"] for entry in other.history] == [4]
 
@@ -410,7 +418,7 @@ def test_damaged_checkpoints_are_refused(tmp_path):
         load_checkpoint(path)
 
 
-def test_no_byte_of_a_checkpoint_is_altered_silently(tmp_path):
+def test_no_altered_byte_of_a_checkpoint_goes_unnoticed(tmp_path):
     path = tmp_path / "x.checkpoint"
     tensors = {"model.w": torch.arange(3.0), "adam.0.step": torch.tensor(3.0)}
     save_checkpoint(path, Checkpoint("run", 3, [{"step": 3.0}], tensors))

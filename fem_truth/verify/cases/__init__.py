@@ -1,9 +1,9 @@
-"""The cases of the suite, in the order in which they run and are told."""
+"""The cases of the suite, in the order in which they run and are reported."""
 
 from __future__ import annotations
 
-from fem_truth.verify.case import Case
-from fem_truth.verify.cases import (
+from softprint.fem_truth.verify.case import Case
+from softprint.fem_truth.verify.cases import (
     backward_euler,
     closed_forms,
     constrained,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.motion import (
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.motion import (
     FULL,
     REDUCED,
     AnySimulator,
@@ -19,20 +19,27 @@ from fem_truth.verify.motion import (
     play,
     simulator,
 )
-from fem_truth.verify.small_bodies import DENSITY, Stuff, affine_body, held_handles, node_body, point_body
-from runtime.arrays import Array, IntArray
-from runtime.body import ReducedBody
-from runtime.elasticity.elastic_energy import elastic_gradient
-from runtime.mesh import box_mesh
+from softprint.fem_truth.verify.small_bodies import (
+    DENSITY,
+    Stuff,
+    affine_body,
+    held_handles,
+    node_body,
+    point_body,
+)
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.elasticity.elastic_energy import elastic_gradient
+from softprint.runtime.mesh import box_mesh
 
 _YOUNG, _LENGTH, _CELLS = 1e4, 0.1, 16
-_SPEED = np.sqrt(_YOUNG / DENSITY)  # of sound along a bar with nu = 0 [m/s]
+_SPEED = np.sqrt(_YOUNG / DENSITY)  # speed of sound along a bar with nu = 0 [m/s]
 _LINEAR = Stuff("linear", _YOUNG, 0.0)
 _AMPLITUDE = 0.01 * _LENGTH
 
 
 class Mode:
-    """A body, a mode of it over its rows (n_rows, dim), its exact frequency [rad/s], and what is held."""
+    """A body, one of its modes over its rows (n_rows, dim), its exact frequency [rad/s], and the fixed handles."""
 
     def __init__(self, label: str, name: str, body: ReducedBody, shape: Array, frequency: float) -> None:
         self.label, self.body, self.shape, self.frequency = label, body, shape, frequency
@@ -41,14 +48,14 @@ class Mode:
         self._kinematic = held_handles(body, [0.0, _LENGTH]) if clamped else []
 
     def let_go(self, time_step: float, tolerance: float) -> tuple[AnySimulator, AnyState]:
-        """At rest, at an amplitude of 1 % of the bar's length."""
+        """The initial state: zero velocity, at an amplitude of 1 % of the bar's length."""
         settings = exact_steps(time_step, tolerance)
         model = simulator(self._name, self.body, settings, kinematic=self._kinematic)
         rows = self.body.rest_rows + _AMPLITUDE * self.shape
         return model, moving(model, rows, np.zeros_like(rows))
 
     def amplitudes(self, time_step: float, steps: int, tolerance: float) -> Array:
-        """(steps + 1,) after it was let go, as shares of the first."""
+        """(steps + 1,) amplitudes after release, relative to the first."""
         model, state = self.let_go(time_step, tolerance)
         shape = self.body.basis @ self.shape
         mode = self.body.node_mass[:, None] * shape
@@ -60,7 +67,7 @@ class Mode:
 
 
 def clamped_bar(label: str, name: str, divisions: list[int]) -> Mode:
-    """sin(pi x/L) of a bar held at both ends. With nu = 0 and lumped masses it is a mode of the mesh too, with
+    """sin(pi x/L) of a bar fixed at both ends. With nu = 0 and lumped masses it is a mode of the mesh too, with
     w = 2 c/dx sin(pi dx/(2 L)), the dispersion relation of a chain of masses and springs."""
     mesh = box_mesh([0.0] * len(divisions), [_LENGTH, *[0.02] * (len(divisions) - 1)], divisions)
     shape = np.zeros_like(mesh.points)
@@ -93,18 +100,18 @@ def _modes() -> list[Mode]:
     ]
 
 
-def _decayed(turn: float, steps: Array) -> Array:
-    """Re (1 - i h w)^-n = (1 + h^2 w^2)^(-n/2) cos(n atan(h w)), with turn = h w."""
-    return (1 + turn**2) ** (-steps / 2) * np.cos(steps * np.arctan(turn))
+def _decayed(phase: float, steps: Array) -> Array:
+    """Re (1 - i h w)^-n = (1 + h^2 w^2)^(-n/2) cos(n atan(h w)), with phase = h w."""
+    return (1 + phase**2) ** (-steps / 2) * np.cos(steps * np.arctan(phase))
 
 
 def _damping(modes: list[Mode], count: int) -> tuple[list[Row], Curve]:
     rows: list[Row] = []
     lines: list[Line] = []
-    turn, steps = 0.1, np.arange(count + 1.0)
-    exact = _decayed(turn, steps)
+    phase, steps = 0.1, np.arange(count + 1.0)
+    exact = _decayed(phase, steps)
     for mode in modes:
-        found = mode.amplitudes(turn / mode.frequency, count, 1e-8)
+        found = mode.amplitudes(phase / mode.frequency, count, 1e-8)
         worst = int(np.abs(found - exact).argmax())
         rows.append(
             Row(
@@ -121,13 +128,13 @@ def _damping(modes: list[Mode], count: int) -> tuple[list[Row], Curve]:
             lines = [Line(mode.label, steps[::4], found[::4], "dots")]
     lines += [
         Line("closed form", steps, exact, "curve"),
-        Line("no damping", steps, np.cos(turn * steps), "reference"),
+        Line("no damping", steps, np.cos(phase * steps), "reference"),
     ]
     return rows, Curve("One mode, h w = 0.1", "step", "amplitude", tuple(lines))
 
 
 def _order_of_mode(modes: list[Mode], quick: bool) -> tuple[list[Row], list[Line]]:
-    """Error after one period, against cos(w t) = 1."""
+    """Order of the error after one period, relative to cos(w t) = 1."""
     rows, lines = [], []
     counts = np.array([100, 200] if quick else [50, 100, 200, 400])
     for mode in modes:
@@ -147,7 +154,7 @@ def _order_row(quantity: str, sizes: Array, errors: Array, source: str) -> Row:
         f"backward Euler is of order 1; errors against {source}",
         order,
         0.1,
-        "asked for; the next order of the error shows at these step sizes",
+        "required; the next order of the error shows at these step sizes",
         order,
     )
 
@@ -157,8 +164,8 @@ _SWING = 0.06  # s
 
 
 def _swing_reference(body: ReducedBody, held: IntArray) -> Array:
-    """Positions at the end, by an eighth-order explicit Runge-Kutta method at a tolerance of 1e-10, of
-    M rows'' = U^T (m g - dW/dx), the rows `held` fixed."""
+    """Final positions, by an eighth-order explicit Runge-Kutta method with a tolerance of 1e-10, of
+    M rows'' = U^T (m g - dW/dx), with the rows `held` fixed."""
     free = np.setdiff1d(np.arange(body.n_rows), held)
     mass = body.reduced_mass[np.ix_(free, free)]
     shape = (len(free), body.dim)
@@ -179,7 +186,7 @@ def _swing_reference(body: ReducedBody, held: IntArray) -> Array:
 
 
 def _order_of_swing(quick: bool) -> tuple[list[Row], list[Line]]:
-    """A jelly held at its side and let go: large strain, no mode by itself. Errors in the mass norm."""
+    """A jelly fixed at one side and released: large strain, not a single mode. Errors in the mass norm."""
     rows, lines = [], []
     counts = np.array([80, 160] if quick else [20, 40, 80, 160, 320])
     mesh, stuff = box_mesh([0.0, 0.0], [0.04, 0.02], [4, 2]), Stuff("stable_neo_hookean", 2e3, 0.4)
@@ -215,15 +222,15 @@ CASE = Case(
     name="backward_euler",
     title="Backward Euler in time",
     statement=(
-        "One mode of a linear body, of frequency w, is let go from rest. Backward Euler multiplies its complex "
+        "One mode of a linear body, of frequency w, is released from rest. Backward Euler multiplies its complex "
         "amplitude by 1/(1 - i h w) a step, so that after n steps of length h the amplitude is (1 + h^2 w^2)^(-n/2) "
-        "cos(n atan(h w)), whatever the size of the step: all steps have to lie on it. The bodies are chosen so "
-        "that w is known without any computation. A bar with nu = 0, held at both ends, moves as sin(pi x/L); with "
+        "cos(n atan(h w)), for any step size: all steps have to agree with it. The bodies are chosen so that w is "
+        "known without any computation. A bar with nu = 0, fixed at both ends, moves as sin(pi x/L); with "
         "lumped masses this is a mode of the mesh as well, with w = 2 c/dx sin(pi dx/(2 L)). A cube that can only be "
         "deformed affinely, stretched along its diagonal, has w^2 = 12 E/(rho L^2)/(1 + (dim + 1)/n^2).\n\n"
-        "Against cos(w t), the solution in continuous time, the error after one period falls with order 1. So it does "
-        "for a block of stable Neo-Hookean jelly, held at one side and let go under its weight (strains of about one "
-        "half), whose motion in continuous time is integrated by an explicit Runge-Kutta method of eighth order."
+        "Relative to cos(w t), the solution in continuous time, the error after one period decreases with order 1. The "
+        "same holds for a block of stable Neo-Hookean jelly, fixed at one side and released under its weight (strains "
+        "of about one half), whose reference motion is computed by an explicit Runge-Kutta method of eighth order."
     ),
     sources=(
         "E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, sec. IV.3: 1/(1 - z).",

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.equilibrium import Solid, equilibrium, mean_first_piola
-from runtime.arrays import Array
-from runtime.elasticity.materials import Material, make_material
-from runtime.mesh import box_mesh
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.equilibrium import Solid, equilibrium, mean_first_piola
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.materials import Material, make_material
+from softprint.runtime.mesh import box_mesh
 
 YOUNG, POISSON = 1e5, 0.46
 MU, LAMBDA = YOUNG / (2 * (1 + POISSON)), YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
@@ -44,7 +44,7 @@ def _hooke(stretch: Array) -> Array:
 
 @dataclass(frozen=True)
 class Law:
-    """A published law: its name here, where it is from, principal first Piola stresses [Pa] at principal stretches
+    """A published law: its name here, its source, principal first Piola stresses [Pa] at principal stretches
     (3,), and P_12 and P_11 [Pa] in simple shear F = I + gamma e_1 (x) e_2 as functions of gamma."""
 
     model: str
@@ -82,7 +82,7 @@ _LAWS = (
     ),
     Law("linear", "linear", "Hooke's law", _hooke, lambda g: MU * g, lambda g: 0.0),
 )
-# Given with the statement of the law, to nine digits, before there was any code.
+# Computed independently of this code, to nine digits.
 _PUBLISHED = {2.0: (0.71971603, 66327.2507), 0.5: (1.34841608, -113907.988)}
 
 
@@ -97,7 +97,7 @@ def free_bar(law: Law, stretch: float) -> tuple[float, float]:
 
 
 def _kernel_bar(material: Material, stretch: float) -> tuple[float, float]:
-    """The same with the runtime's stress."""
+    """The same with the stress of the runtime."""
 
     def stress(lateral: float) -> Array:
         return np.asarray(material.first_piola(np.diag([stretch, lateral, lateral])[None])[0])
@@ -114,7 +114,7 @@ class _Block:
         self._elasticity = FullSpaceElasticity(Solid(self._mesh, material))
 
     def pulled(self, stretch: float) -> tuple[float, float]:
-        """Rollers on three faces, the fourth moved, the others free: mean lateral stretch, and axial P [Pa]."""
+        """Rollers on three faces, the fourth displaced, the others free: mean lateral stretch, and axial P [Pa]."""
         points = self._mesh.points
         held = points == 0.0
         held[:, 0] |= points[:, 0] == 1.0
@@ -123,7 +123,7 @@ class _Block:
         return float(x[side, 1].mean()), float(self._stress(x)[0, 0])
 
     def sheared(self, amount: float) -> tuple[float, float]:
-        """All of the surface moved to x + gamma y e_1, the inside free: P_12 and P_11 [Pa]."""
+        """The whole surface displaced to x + gamma y e_1, the interior free: P_12 and P_11 [Pa]."""
         points = self._mesh.points
         held = np.zeros(points.shape, dtype=bool)
         held[self._mesh.surface_nodes] = True
@@ -211,14 +211,14 @@ def _small_strain_rows(law: Law, material: Material, block: _Block) -> list[Row]
                 "the modulus that the material was made with",
                 _farther(reference, *ours),
                 1e-4 * reference,
-                "asked for; the laws bend by about the strain itself",
+                "required; the laws bend by about the strain itself",
             )
         )
     return rows
 
 
 def run(quick: bool) -> CaseResult:
-    """The same in a quick run: it takes a second or two."""
+    """The quick run is the same: it takes a second or two."""
     rows: list[Row] = []
     lines = []
     stretches = np.linspace(0.4, 2.5, 43)
@@ -247,10 +247,10 @@ CASE = Case(
     name="closed_forms",
     title="Closed forms of every material",
     statement=(
-        "A bar of E = 100 kPa and nu = 0.46 is stretched to twice and pressed to half of its length, its sides free; a "
-        "cube is sheared by 0.5; a bar is stretched by 1e-5, which has to give back E and nu. The references are the "
-        "published laws as principal stresses P_i of the principal stretches l_i, with the lateral stretch the root of "
-        "P_2 = 0; in simple shear all is explicit, because J = 1.\n\n"
+        "A bar of E = 100 kPa and nu = 0.46 is stretched to twice and compressed to half of its length, its sides "
+        "free; a cube is sheared by 0.5; a bar is stretched by 1e-5, which has to reproduce E and nu. The references "
+        "are the published laws as principal stresses P_i of the principal stretches l_i, with the lateral stretch the "
+        "root of P_2 = 0; in simple shear everything is explicit, because J = 1.\n\n"
         "Ours is computed twice: with the stress kernels of the runtime, and from the nodal forces of a block of 48 "
         "tetrahedra in equilibrium, whose forms are differentiated and compiled by UFL and FFCx: "
         "mean P = 1/V sum_i f_i (x) X_i."

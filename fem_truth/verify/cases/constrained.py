@@ -7,26 +7,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_truth.constrained import ConstrainedProblem
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.newton import NewtonSettings
-from fem_truth.verify.case import Case, CaseResult, Row
-from fem_truth.verify.import_witness import import_witness
-from runtime.arrays import Array, IntArray
-from runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
-from runtime.colliders import RigidPose, Sphere
-from runtime.contact import PenaltyContact
-from runtime.elasticity.materials import make_material
-from runtime.errors import SoftprintError
-from runtime.mesh import box_mesh
+from softprint.fem_truth.constrained import ConstrainedProblem
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.verify.case import Case, CaseResult, Row
+from softprint.fem_truth.verify.import_witness import import_witness
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
+from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh import box_mesh
+from softprint.runtime.optimise import NewtonSettings
 
 if TYPE_CHECKING:
-    from fem_truth.verify.witness import Witness
+    from softprint.fem_truth.verify.witness import Witness
 
 YOUNG, POISSON, DENSITY = 2e4, 0.4, 1000.0
 STIFFNESS = 1e9  # N/m^4
 RADIUS, DEPTH = 0.015, 0.006  # m
-_SETTINGS = NewtonSettings(1e-10, 1e-14, cg_tolerance_min=1e-8)
+_SETTINGS = FullSpaceSettings(NewtonSettings(60, 1e-10), 1e-14, cg_tolerance_min=1e-8)
 _SOURCE = "Newton's method on the dense KKT system in numpy, elasticity assembled by scikit-fem"
 
 
@@ -41,7 +42,7 @@ def _body(dim: int, points: int, quick: bool) -> ReducedBody:
 
 @dataclass(frozen=True, eq=False)
 class _Ball:
-    """Penalty contact with a ball, written out anew: W = sum_i a_i k/3 max(0, R - |x_i - c|)^3 over surface nodes."""
+    """Independent penalty contact with a ball: W = sum_i a_i k/3 max(0, R - |x_i - c|)^3 over surface nodes."""
 
     nodes: IntArray
     areas: Array
@@ -64,7 +65,8 @@ class _Ball:
 def dense_kkt(
     body: ReducedBody, rows: Array, witness: Witness, load: Array, ball: _Ball | None, start: Array
 ) -> Array:
-    """Stationary point of W(x) - load . x + contact under C^T (x - U rows) = 0, frames held, from `start` (n, dim)."""
+    """Stationary point of W(x) - load . x + contact subject to C^T (x - U rows) = 0, with frames fixed, started from
+    `start` (n, dim)."""
     n, dim = start.shape
     free = np.setdiff1d(np.arange(n), body.handles.frame_nodes)
     unknowns = (free[:, None] * dim + np.arange(dim)).ravel()
@@ -143,7 +145,7 @@ def _compare(dim: int, points: int, quick: bool) -> list[Row]:
 
 
 def run(quick: bool) -> CaseResult:
-    """Coarser bodies in a quick run."""
+    """A quick run has coarser bodies."""
     rows = [row for dim in (2, 3) for points in (4, 0) for row in _compare(dim, points, quick)]
     return CaseResult(tuple(rows))
 
@@ -156,9 +158,9 @@ CASE = Case(
         "rigid base, with C the columns of U that belong to point handles: the ground truth of contact "
         "displacements. Softprint solves it by truncated Newton with conjugate gradients in the null space of "
         "C.\n\n"
-        "Against it stands Newton's method on the whole saddle-point system, dense, in numpy, with multipliers, "
-        "forces and stiffness from scikit-fem, and contact with the ball written out anew. Without point "
-        "handles C is empty: there the answer is the fully resolved equilibrium of the body on its base. "
+        "The reference is Newton's method on the whole saddle-point system with multipliers, dense, in numpy, with "
+        "forces and stiffness from scikit-fem and an independent implementation of contact with the ball. Without "
+        "point handles C is empty: the solution is then the fully resolved equilibrium of the body on its base. "
         "Differences are the largest over all nodes, relative to the largest displacement."
     ),
     sources=("J. Nocedal, S. J. Wright, Numerical Optimization, 2006, chapter 16 (KKT systems).",),

@@ -1,4 +1,4 @@
-"""Cook's membrane at finite strain: the published answer, plane strain, and nearly incompressible."""
+"""Cook's membrane at finite strain: the published result, plane strain, and nearly incompressible."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fem_truth.verify import cook
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from runtime.arrays import Array
+from softprint.fem_truth.verify import cook
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.runtime.arrays import Array
 
 _PUBLISHED = 14.33  # mm
 # Elements along an edge and the rise of the corner [mm] in the published table, quadratic hexahedra.
@@ -22,7 +22,7 @@ _SOFT, _HARD = 0.3, 0.4999  # Poisson's ratios
 
 
 def run(quick: bool) -> CaseResult:
-    """Meshes half as fine in a quick run, with tolerances to match."""
+    """A quick run has meshes half as fine, with larger tolerances."""
     free_cells, plane_cells, linear_cells, hard_cells = (
         ((2, 4, 8), (2, 4, 8), (8, 16, 32), (4, 8))
         if quick
@@ -34,17 +34,17 @@ def run(quick: bool) -> CaseResult:
     locked = [cook.softprint(_HARD, count) for count in hard_cells]
     remedied = [cook.plane_strain(_HARD, 2, count) for count in hard_cells]
     soft, hard = (cook.witness(poisson, 4 if quick else 8) for poisson in (_SOFT, _HARD))
-    coarse = "asked for is 0.5 %, and the quick meshes are coarser"
+    coarse = "the requirement is 0.5 %, and the quick meshes are coarser"
     rows = (
         _row(
-            "free faces, P2", _PUBLISHED, _DEALII, free, *((0.01, coarse) if quick else (0.005, "asked for"))
+            "free faces, P2", _PUBLISHED, _DEALII, free, *((0.01, coarse) if quick else (0.005, "required"))
         ),
         _row(
             "plane strain, P2",
             soft,
             _WITNESS,
             quadratic,
-            *((0.01, coarse) if quick else (0.005, "asked for")),
+            *((0.01, coarse) if quick else (0.005, "required")),
         ),
         _row(
             "plane strain, Softprint's P1 solver",
@@ -61,7 +61,7 @@ def run(quick: bool) -> CaseResult:
             "nu = 0.4999, P1: rise of the corner, which locks",
             "mm",
             0.5 * hard,
-            f"half of the answer of {_WITNESS}",
+            f"half of the result of {_WITNESS}",
             locked[-1],
             0.0,
             "none, for this is a bound",
@@ -125,10 +125,10 @@ def _curve(
 
 
 _NOTES = (
-    "The published program means to hold the faces in plane strain. It looks for them by the x coordinate of "
-    "their centres instead of z, finds none, and leaves them free: its 14.33 mm, with one layer of cells and a "
-    "symmetric mesh, are those of a membrane that may thin. So that is what the first row computes, on half of "
-    "the thickness. In plane strain the corner rises by 13.77 mm, on which a second library agrees."
+    "The published program is intended to be in plane strain. It selects the faces by the x coordinate of their "
+    "centres instead of z, finds none, and leaves them free: its 14.33 mm, with one layer of cells and a symmetric "
+    "mesh, are those of a membrane with free faces. The first row computes this case, on half of the thickness. In "
+    "plane strain the corner rises by 13.77 mm, which a second library confirms."
 )
 
 CASE = Case(
@@ -137,8 +137,8 @@ CASE = Case(
     statement=(
         "A panel with the corners (0, 0), (48, 44), (48, 60), (0, 44) mm, 1 mm thick, is clamped on the left "
         "and sheared upward by 1 N, spread evenly over the right edge. Its energy is mu/2 (tr b_iso - 3) + "
-        "kappa/4 (J^2 - 1 - 2 log J) with mu = 422.5 kPa. Asked for is the rise of the upper right corner at nu "
-        "= 0.3; and at nu = 0.4999, where linear elements lock, and quadratic ones are the remedy."
+        "kappa/4 (J^2 - 1 - 2 log J) with mu = 422.5 kPa. The result is the rise of the upper right corner at nu "
+        "= 0.3, and at nu = 0.4999, where linear elements lock and quadratic ones do not."
     ),
     sources=(
         "J.-P. Pelteret, A. McBride, The deal.II code gallery: Quasi-Static Finite-Strain Compressible "

@@ -1,4 +1,4 @@
-"""Energy never grows without work from outside: exact rates for a linear body, bounds for jelly and contact."""
+"""Energy never grows without external work: exact rates for a linear body, bounds for jelly and contact."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.cases.backward_euler import Mode, clamped_bar
-from fem_truth.verify.motion import (
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.cases.backward_euler import Mode, clamped_bar
+from softprint.fem_truth.verify.motion import (
     BOTH,
     FULL,
     AnySimulator,
@@ -20,12 +20,12 @@ from fem_truth.verify.motion import (
     play,
     simulator,
 )
-from fem_truth.verify.small_bodies import Stuff, held_handles, node_body, point_body
-from runtime.colliders import KeyframedPath, Plane, RigidPose
-from runtime.contact import CoulombFriction
-from runtime.dynamics import PlacedCollider
-from runtime.elasticity.elastic_energy import elastic_energy
-from runtime.mesh import box_mesh
+from softprint.fem_truth.verify.small_bodies import Stuff, held_handles, node_body, point_body
+from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose
+from softprint.runtime.contact import CoulombFriction
+from softprint.runtime.dynamics import PlacedCollider
+from softprint.runtime.elasticity.elastic_energy import elastic_energy
+from softprint.runtime.mesh import box_mesh
 
 _GRAVITY, _STEP = 9.81, 0.002
 
@@ -49,7 +49,7 @@ def _decay_row(mode: Mode, steps: int) -> Row:
 
 
 def _shaken(name: str) -> tuple[AnySimulator, AnyState]:
-    """A linear block held at one side, every handle at a velocity of its own."""
+    """A linear block fixed at one side, with a different velocity at every handle."""
     mesh = box_mesh([0.0, 0.0], [0.1, 0.05], [8, 4])
     stuff = Stuff("linear", 1e4, 0.3)
     body = node_body(mesh, stuff) if name == FULL else point_body(mesh, stuff, 8)
@@ -61,7 +61,7 @@ def _shaken(name: str) -> tuple[AnySimulator, AnyState]:
 
 
 def _balance_row(name: str, steps: int) -> Row:
-    """A linear body loses 1/2 |v_n+1 - v_n|_M^2 + 1/2 |x_n+1 - x_n|_K^2 in a step, no more and no less."""
+    """A linear body loses exactly 1/2 |v_n+1 - v_n|_M^2 + 1/2 |x_n+1 - x_n|_K^2 in a step."""
     model, state = _shaken(name)
     body = model.body
     start = model.step(state)
@@ -85,7 +85,7 @@ def _balance_row(name: str, steps: int) -> Row:
 
 
 def _let_go(name: str, dim: int) -> tuple[AnySimulator, AnyState]:
-    """A block of jelly held at one side, at rest, about to bend under its weight."""
+    """A block of jelly fixed at one side, undeformed and at rest, which will bend under its weight."""
     mesh = box_mesh([0.0] * dim, [0.04, 0.02, 0.02][:dim], [6, 3, 3][:dim])
     stuff = Stuff("stable_neo_hookean", 4e3, 0.4)
     body = node_body(mesh, stuff) if name == FULL else point_body(mesh, stuff, 8)
@@ -95,7 +95,7 @@ def _let_go(name: str, dim: int) -> tuple[AnySimulator, AnyState]:
 
 
 def _thrown(name: str, dim: int, mu: float) -> tuple[AnySimulator, AnyState]:
-    """A block of jelly on its way to a floor, spinning and at a slant."""
+    """A block of jelly thrown towards a floor, rotated and spinning."""
     mesh = box_mesh([0.0] * dim, [0.06, 0.03, 0.03][:dim], [6, 3, 3][:dim])
     body = point_body(mesh, Stuff("stable_neo_hookean", 2e4, 0.4), 8)
     floor = Plane([0.0] * (dim - 1) + [1.0], "floor")
@@ -115,7 +115,7 @@ def _thrown(name: str, dim: int, mu: float) -> tuple[AnySimulator, AnyState]:
 
 
 def _growth(label: str, motion: tuple[AnySimulator, AnyState], steps: int) -> tuple[Row, Line]:
-    """Energies are shares of the kinetic energy that it has at most."""
+    """Energies are relative to the largest kinetic energy."""
     results = list(play(*motion, steps))
     energy = np.array([mechanical_energy(result) for result in results])
     energy /= max(result.energies["kinetic"] for result in results)
@@ -162,10 +162,10 @@ CASE = Case(
         "With a potential W that is convex between two states, W(x_n) >= W(x_n+1) + W'(x_n+1) (x_n - x_n+1); with the "
         "step M (v_n+1 - v_n)/h = -W'(x_n+1) this says that kinetic energy and W together fall by at least "
         "1/2 |v_n+1 - v_n|_M^2. Gravity and the contact of points with a plane are convex, elasticity is over the "
-        "range of these motions, and friction only takes. So no step may create energy: measured over hundreds of "
-        "steps of a jelly that swings, and of one that is thrown on a floor, rough or smooth.\n\n"
-        "For a linear body the inequality is an equation, what is lost being 1/2 |v_n+1 - v_n|_M^2 + "
-        "1/2 |x_n+1 - x_n|_K^2, in every step; and for one mode of frequency w energy is divided by 1 + h^2 w^2."
+        "range of these motions, and friction only dissipates. So no step may create energy. This is measured over "
+        "hundreds of steps of a swinging jelly, and of one that is thrown on a floor, rough or smooth.\n\n"
+        "For a linear body the inequality is an equation: every step loses 1/2 |v_n+1 - v_n|_M^2 + "
+        "1/2 |x_n+1 - x_n|_K^2; and for one mode of frequency w, energy is divided by 1 + h^2 w^2."
     ),
     sources=(
         "The inequality follows from the step, as written out above.",

@@ -1,11 +1,11 @@
-"""A body that nothing holds: what backward Euler keeps of its momenta, and free fall."""
+"""A free body: its momenta under backward Euler, and free fall."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.motion import (
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.motion import (
     BOTH,
     FULL,
     AnySimulator,
@@ -19,14 +19,14 @@ from fem_truth.verify.motion import (
     play,
     simulator,
 )
-from fem_truth.verify.small_bodies import Stuff, node_body, point_body, rigid_body
-from runtime.arrays import Array
-from runtime.mesh import Mesh, box_mesh
+from softprint.fem_truth.verify.small_bodies import Stuff, node_body, point_body, rigid_body
+from softprint.runtime.arrays import Array
+from softprint.runtime.mesh import Mesh, box_mesh
 
 _JELLY = Stuff("stable_neo_hookean", 2e4, 0.4)
 _DURATION = 0.1  # s
 _STEP = 0.01  # s
-_TURN = 0.2  # rad: of the rotor in its first step
+_ROTATION = 0.2  # rad: rotation of the rotor in its first step
 _GRAVITY = 9.81
 _CASES = [(name, dim) for name in BOTH for dim in (2, 3)]
 
@@ -36,7 +36,7 @@ def _mesh(dim: int) -> Mesh:
 
 
 def _tumbling(model: AnySimulator, stretch: float) -> AnyState:
-    """Spinning, drifting and growing longer, at so many times its length a second, at once."""
+    """Spinning, drifting and stretching at once, at this many body lengths per second."""
     rows = model.body.rest_rows
     velocity = 0.3 + np.zeros_like(rows)
     velocity[:, 0] += stretch * rows[:, 0] - 6 * rows[:, 1]
@@ -48,8 +48,8 @@ def _tumbling(model: AnySimulator, stretch: float) -> AnyState:
 
 
 class _Flight:
-    """Largest relative errors of a flight: drift of linear momentum, of the discrete law of angular momentum; and how
-    much of the angular momentum is lost at the end."""
+    """Largest relative errors of a flight: drift of linear momentum and of the discrete law of angular momentum; and
+    the share of angular momentum lost at the end."""
 
     def __init__(self, name: str, dim: int, time_step: float, stretch: float) -> None:
         body = point_body(_mesh(dim), _JELLY, 6)
@@ -115,7 +115,7 @@ def _loss_rows(quick: bool) -> tuple[list[Row], Curve]:
 
 
 def _rotation(angle: float, dim: int) -> Array:
-    """In the plane, or about the diagonal of space."""
+    """A rotation in the plane, or about the space diagonal."""
     if dim == 2:
         return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     axis = np.full(3, 3**-0.5)
@@ -124,14 +124,14 @@ def _rotation(angle: float, dim: int) -> Array:
 
 
 def _rotor_rows(quick: bool) -> list[Row]:
-    """A cube spins about its centre, in space about its diagonal, a principal axis of the mesh too."""
+    """A cube spins about its centre, in 3D about its diagonal, which is a principal axis of the mesh too."""
     rows, steps = [], 10 if quick else 100
-    turn = _TURN
+    angle = _ROTATION
     for _ in range(steps):
-        turn = float(np.arctan2(np.sin(turn), 2 - np.cos(turn)))
+        angle = float(np.arctan2(np.sin(angle), 2 - np.cos(angle)))
     for name, dim in _CASES:
         mesh, stuff = box_mesh([-0.05] * dim, [0.05] * dim, [3] * dim), Stuff("stable_neo_hookean", 1e7, 0.4)
-        back = _rotation(-_TURN, dim).T
+        back = _rotation(-_ROTATION, dim).T
         if name == FULL:
             body = node_body(mesh, stuff)
             before = body.rest_rows @ back
@@ -143,15 +143,15 @@ def _rotor_rows(quick: bool) -> list[Row]:
         path = [nodal(model, result.state)[0] for result in play(model, state, steps)]
         tolerance, reason = 1e-7, "its subspace is one frame: exactly rigid"
         if name == FULL:
-            tolerance, reason = 1e-4, "it is not quite rigid: its strain is rho w^2 a^2/E = 1e-4 at first"
+            tolerance, reason = 1e-4, "it is not quite rigid: its initial strain is rho w^2 a^2/E = 1e-4"
         rows.append(
             Row(
-                f"{name}, {dim}D: turn of a stiff spinning cube in step {steps}",
+                f"{name}, {dim}D: rotation of a stiff spinning cube in step {steps}",
                 "rad",
-                turn,
+                angle,
                 "tan(d_n+1) = sin(d_n)/(2 - cos(d_n)), from 0.2 rad on",
                 _angle(path[-2], path[-1]),
-                tolerance * turn,
+                tolerance * angle,
                 reason,
             )
         )
@@ -195,7 +195,7 @@ def _falling_rows(quick: bool) -> list[Row]:
 
 
 def _angle(before: Array, after: Array) -> float:
-    """The angle of the rotation that fits best from one to the other."""
+    """The angle of the best-fit rotation from one to the other."""
     fit = np.linalg.lstsq(before, after, rcond=None)[0]
     left, _, right = np.linalg.svd(fit)
     cosine = (np.trace(left @ right) - (len(fit) - 2)) / 2
@@ -210,22 +210,22 @@ def run(quick: bool) -> CaseResult:
 
 
 _NOTES = (
-    "Angular momentum is not among what backward Euler conserves: it is dissipated at the rate h w^2 of a rotation w, "
-    "which these rows measure. Halve the step where this matters."
+    "Backward Euler does not conserve angular momentum: for a rotation rate w it is dissipated at the rate h w^2, "
+    "which these rows measure. Use a smaller step where this matters."
 )
 
 CASE = Case(
     name="free_body",
     title="Momenta of a free body, and free fall",
     statement=(
-        "Nothing holds the body. A step of backward Euler is M (v_n+1 - v_n)/h = -W'(x_n+1), x_n+1 = x_n + h v_n+1. "
-        "The elastic energy W is the same for a body that is moved as a whole: forces of a step add up to zero, and "
-        "linear momentum is conserved exactly. W is also the same for a body that is turned, and so is their moment "
-        "about x_n+1: sum x_n+1 x m v_n+1 = sum x_n+1 x m v_n, exactly. The right side is not L_n but "
-        "L_n + h sum m v_n+1 x v_n: angular momentum decays, by an amount of order h^2 a step, of order h in all. "
-        "A rigid body that turns by d_n in step n has L = I sin(d_n)/h, and the law above gives "
+        "The body is free. A step of backward Euler is M (v_n+1 - v_n)/h = -W'(x_n+1), x_n+1 = x_n + h v_n+1. "
+        "The elastic energy W is invariant to translations: the forces of a step add up to zero, and linear momentum "
+        "is conserved exactly. W is also invariant to rotations, so that the moment of these forces at x_n+1 is zero: "
+        "sum x_n+1 x m v_n+1 = sum x_n+1 x m v_n, exactly. The right side is not L_n but "
+        "L_n + h sum m v_n+1 x v_n: angular momentum decays, by an amount of order h^2 per step, of order h in total. "
+        "A rigid body that rotates by d_n in step n has L = I sin(d_n)/h, and the law above gives "
         "tan(d_n+1) = sin(d_n)/(2 - cos(d_n)): a stiff cube has to follow it.\n\n"
-        "In free fall momentum is m g t exactly, and the way after n steps is n (n + 1)/2 h^2 g."
+        "In free fall momentum is m g t exactly, and the distance after n steps is n (n + 1)/2 h^2 g."
     ),
     sources=(
         "The laws follow from the step and the invariance of the energy, as written out above.",

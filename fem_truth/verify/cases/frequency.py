@@ -1,4 +1,4 @@
-"""First natural frequencies of bars, read off their motion: along the bar, and in bending."""
+"""First natural frequencies of bars, measured from their motion: along the bar, and in bending."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.cases.backward_euler import clamped_bar
-from fem_truth.verify.motion import (
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.cases.backward_euler import clamped_bar
+from softprint.fem_truth.verify.motion import (
     BOTH,
     FULL,
     exact_steps,
@@ -19,13 +19,13 @@ from fem_truth.verify.motion import (
     play,
     simulator,
 )
-from fem_truth.verify.small_bodies import DENSITY, Stuff, held_handles, node_body
-from runtime.arrays import Array
-from runtime.mesh import box_mesh
+from softprint.fem_truth.verify.small_bodies import DENSITY, Stuff, held_handles, node_body
+from softprint.runtime.arrays import Array
+from softprint.runtime.mesh import box_mesh
 
 
 def _along(name: str, quick: bool) -> tuple[list[Row], Line]:
-    """A bar held at both ends, nu = 0: w = pi c/L; w_mesh = w (1 - (pi dx/L)^2/24 + ...) with lumped masses."""
+    """A bar fixed at both ends, nu = 0: w = pi c/L; w_mesh = w (1 - (pi dx/L)^2/24 + ...) with lumped masses."""
     cells = np.array([4, 8] if quick else [4, 8, 16, 32])
     speed, length, exact = np.sqrt(1e4 / DENSITY), 0.1, 0.0
     found = []
@@ -37,7 +37,7 @@ def _along(name: str, quick: bool) -> tuple[list[Row], Line]:
         found.append(motion.undamped)
     errors = np.abs(np.array(found) / exact - 1)
     order = observed_order(1 / cells, errors)
-    turn = step * mode.frequency
+    phase = step * mode.frequency
     rows = [
         Row(
             f"{name}: frequency along the bar, {cells[-1]} cells",
@@ -60,9 +60,9 @@ def _along(name: str, quick: bool) -> tuple[list[Row], Line]:
             order,
         ),
         Row(
-            f"{name}: frequency of the motion itself, h w = {turn:.4f}",
+            f"{name}: frequency of the motion itself, h w = {phase:.4f}",
             "rad/s",
-            float(np.arctan(turn)) / step,
+            float(np.arctan(phase)) / step,
             "atan(h w)/h with w = 2 c/dx sin(pi dx/(2 L))",
             motion.seen,
             1e-5 * float(exact),
@@ -71,7 +71,7 @@ def _along(name: str, quick: bool) -> tuple[list[Row], Line]:
         Row(
             f"{name}: its rate of decay",
             "1/s",
-            0.5 * float(np.log1p(turn**2)) / step,
+            0.5 * float(np.log1p(phase**2)) / step,
             "log(1 + h^2 w^2)/(2 h)",
             motion.decay,
             1e-5 * float(exact),
@@ -95,7 +95,7 @@ def _timoshenko() -> float:
 
     y' = phi + Q/(k G A),  phi' = M/(E I),  M' = -Q - rho I w^2 phi,  Q' = -rho A w^2 y,
 
-    with deflection and turn zero at one end, moment and shear force at the other; k = 5/6 for nu = 0.
+    with zero deflection and rotation at one end, zero moment and shear force at the other; k = 5/6 for nu = 0.
     """
     area, inertia = _THICKNESS, _THICKNESS**3 / 12
     shear = 5 / 6 * 0.5 * _YOUNG * area
@@ -110,7 +110,7 @@ def _timoshenko() -> float:
 
 
 def _cantilever_shape(points: Array) -> Array:
-    """The first mode of Euler and Bernoulli, cross-sections turning with the axis; 1 at the tip."""
+    """The first mode of Euler and Bernoulli, with cross-sections normal to the axis; 1 at the tip."""
     z = _ROOT * points[:, 0] / _LENGTH
     ratio = (np.cosh(_ROOT) + np.cos(_ROOT)) / (np.sinh(_ROOT) + np.sin(_ROOT))
     across = np.cosh(z) - np.cos(z) - ratio * (np.sinh(z) - np.sin(z))
@@ -119,7 +119,7 @@ def _cantilever_shape(points: Array) -> Array:
 
 
 def _bending_frequency(cells: int) -> float:
-    """Of a cantilever with so many cells across and ten times as many along, in full space."""
+    """Frequency of a cantilever with this many cells across and ten times as many along, in full space."""
     half = _THICKNESS / 2
     mesh = box_mesh([0.0, -half], [_LENGTH, half], [10 * cells, cells])
     body = node_body(mesh, Stuff("linear", _YOUNG, 0.0))
@@ -132,7 +132,7 @@ def _bending_frequency(cells: int) -> float:
         float(np.vdot(weight, nodal(model, result.state)[0] - mesh.points))
         for result in play(model, state, 40)
     ]
-    # The second mode, 6.3 times as fast, loses a third of its amplitude a step: it is gone after fifteen.
+    # The second mode, 6.3 times as fast, loses a third of its amplitude per step: it vanishes within fifteen.
     return oscillation(np.array(amplitudes[15:]), step).undamped
 
 
@@ -192,21 +192,21 @@ def run(quick: bool) -> CaseResult:
 
 
 _NOTES = (
-    "Bending is where linear simplices are at their worst: with four cells across, the beam is 21 % too stiff, which "
-    "makes it 10 % too fast. The rows show that this is an error of the mesh, of order 2, and no other."
+    "Linear simplices are least accurate in bending: with four cells across, the beam is 21 % too stiff, which "
+    "makes it 10 % too fast. The rows show that this is a discretisation error, of order 2, and no other."
 )
 
 CASE = Case(
     name="frequency",
     title="Natural frequencies of bars",
     statement=(
-        "A bar is let go in the shape of its first mode, and the frequency is read off its motion by Prony's method: "
+        "A bar is released in the shape of its first mode, and the frequency is measured by Prony's method: "
         "the roots of a_n+1 = p a_n - q a_n-1, fitted to the amplitudes. Backward Euler moves and damps a mode "
         "w: the motion has the frequency atan(h w)/h and decays at the rate log(1 + h^2 w^2)/(2 h), so that w = "
-        "tan(h w_seen)/h is what the body itself has.\n\n"
-        "Along a bar held at both ends, nu = 0, w = pi/L sqrt(E/rho). A cantilever, ten times as long as thick, in "
-        "plane strain with nu = 0, bends at the frequency of Timoshenko's beam; the first mode of the thin beam is "
-        "where it starts, and what else is in that shape has been damped away when the reading begins."
+        "tan(h w_seen)/h is that of the body itself.\n\n"
+        "Along a bar fixed at both ends, nu = 0, w = pi/L sqrt(E/rho). A cantilever, ten times as long as thick, in "
+        "plane strain with nu = 0, bends at the frequency of Timoshenko's beam. It starts in the first mode of the "
+        "thin beam; other modes in that shape are damped out before the measurement begins."
     ),
     sources=(
         "S. P. Timoshenko, On the correction for shear of the differential equation for transverse vibrations of "

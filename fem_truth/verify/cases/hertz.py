@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.hertz import Hertz, Pressed, press
-from runtime.arrays import Array
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.hertz import Hertz, Pressed, press
+from softprint.runtime.arrays import Array
 
 SOFT = Hertz(young=2e4, poisson=0.4, radius=0.03, approach=3e-4)
 #: Two equal balls of R = 2, pressed by 1e4 N, approach by 0.01 with a contact radius of 0.1: half of that is one of
@@ -16,16 +16,16 @@ SOFT = Hertz(young=2e4, poisson=0.4, radius=0.03, approach=3e-4)
 MOOSE = Hertz(young=1.40625e7, poisson=0.25, radius=2.0, approach=0.005)
 _MOOSE_FORCE, _MOOSE_RADIUS = 1e4, 0.1
 
-_HARD = 1e-3  # penetration as a share of the approach where the penalty should not be seen
+_HARD = 1e-3  # penetration as a share of the approach, so small that the penalty has no visible effect
 _HERTZ = "Hertz 1882 (Johnson 1985, sec. 4.2)"
 _MOOSE = "the MOOSE framework's set for Hertzian contact of two balls, halved"
 
 
 def run(quick: bool) -> CaseResult:
-    """Half as fine in a quick run, with twice the tolerance of forces."""
+    """A quick run is half as fine, with twice the tolerance of forces."""
     cells = (3, 4) if quick else (3, 4, 6, 8)
     allowed = 0.06 if quick else 0.03
-    why = "twice what is asked for, on a mesh half as fine" if quick else "asked for"
+    why = "twice the requirement, on a mesh half as fine" if quick else "required"
     found = [press(SOFT, count, _HARD) for count in cells]
     rows = [
         _force_row("rigid ball", SOFT.force, f"{_HERTZ}: 4/3 E* sqrt(R) d^(3/2)", found[-1], allowed, why),
@@ -52,9 +52,9 @@ def run(quick: bool) -> CaseResult:
             _mesh_curve(np.array(cells), errors),
             _penalty_curve(penetrations, np.abs(forces / hardest - 1.0)),
         ),
-        "Linear elements are too stiff, so that forces come down to Hertz's as the mesh is refined; a soft "
-        "penalty lets the ball sink in, which lowers them. The radius is that of Hertz's pressure with the "
-        "second moment found: a^2 = 5/2 sum f_i r_i^2 / sum f_i.",
+        "Linear elements are too stiff, so that forces decrease to Hertz's as the mesh is refined; a soft "
+        "penalty lets the ball penetrate, which lowers them. The radius is that of Hertz's pressure with the "
+        "computed second moment: a^2 = 5/2 sum f_i r_i^2 / sum f_i.",
     )
 
 
@@ -91,7 +91,7 @@ def _penalty_row(forces: Array) -> Row:
         "order of the force in the penetration",
         "",
         1.0,
-        "pressure = k penetration^2; a ball that sinks in by s presses as if its approach were smaller by about s",
+        "pressure = k penetration^2; penetration by s acts like an approach that is smaller by about s",
         order,
         0.15,
         "the next term of the expansion",
@@ -150,9 +150,9 @@ CASE = Case(
         "sqrt(R d), E* = E / (1 - nu^2), with the approach d a hundredth of R (E = 20 kPa, nu = 0.4, R = 30 "
         "mm).\n\n"
         "Ours is a quarter of a block of edge 8 a, with planes of symmetry, Softprint's penalty contact of the "
-        "surface nodes, and its minimiser. What lies beyond the block moves the outer faces: as in Boussinesq's "
-        "half-space under the force that is found, never the one that is expected. The penalty is given by how "
-        "far the peak pressure sinks in, as a share of d; forces and radii are shown with a share of 0.001."
+        "surface nodes, and its minimiser. The outer faces are displaced as in Boussinesq's half-space under the "
+        "computed force, never the expected one. The penalty is given by the penetration at the peak pressure, as a "
+        "share of d; forces and radii are shown for a share of 0.001."
     ),
     sources=(
         "K. L. Johnson, Contact Mechanics, 1985, sections 3.2 and 4.2.",

@@ -1,4 +1,4 @@
-"""A bar flies against a rigid wall: St Venant's impact, and what backward Euler loses in it."""
+"""A bar hits a rigid wall: St Venant's impact, and the momentum that backward Euler loses in it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.motion import (
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.motion import (
     FULL,
     REDUCED,
     exact_steps,
@@ -18,18 +18,18 @@ from fem_truth.verify.motion import (
     play,
     simulator,
 )
-from fem_truth.verify.small_bodies import DENSITY, Stuff, node_body
-from runtime.arrays import Array
-from runtime.colliders import KeyframedPath, Plane, RigidPose
-from runtime.contact import PenaltyContact
-from runtime.dynamics import PlacedCollider
-from runtime.mesh import box_mesh
+from softprint.fem_truth.verify.small_bodies import DENSITY, Stuff, node_body
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import PlacedCollider
+from softprint.runtime.mesh import box_mesh
 
 _YOUNG, _LENGTH, _WIDTH, _VELOCITY = 1e5, 0.1, 0.005, 0.1
 _SOUND = float(np.sqrt(_YOUNG / DENSITY))
-_PLATEAU = DENSITY * _SOUND * _VELOCITY * _WIDTH  # N a metre of thickness
+_PLATEAU = DENSITY * _SOUND * _VELOCITY * _WIDTH  # N per metre of thickness
 _CONTACT_TIME = 2 * _LENGTH / _SOUND
-# The wall gives way by sqrt(rho c v/k) = 1 micrometre, where the bar moves on by 2 mm while it is in contact.
+# The penetration is sqrt(rho c v/k) = 1 micrometre, while the bar moves by 2 mm during contact.
 _WALL = PenaltyContact(1e15)
 
 
@@ -46,7 +46,7 @@ class Impact:
 
 
 def _fly(name: str, cells: int) -> Impact:
-    """Sound takes two steps for a cell."""
+    """Simulate the impact; sound travels one cell in two steps."""
     mesh = box_mesh([0.0, 0.0], [_LENGTH, _WIDTH], [cells, 1])
     body = node_body(mesh, Stuff("stable_neo_hookean", _YOUNG, 0.0))
     wall = PlacedCollider("wall", Plane([1.0, 0.0], "wall"), KeyframedPath.constant(RigidPose.identity(2)))
@@ -71,7 +71,7 @@ def _deficit(impact: Impact) -> float:
 
 
 def _half_time(impact: Impact) -> float:
-    """When the force falls through half of the plateau [s]."""
+    """Time at which the force drops below half of the plateau [s]."""
     after = int(np.flatnonzero(impact.force < 0.5 * _PLATEAU)[0])
     high, low = impact.force[after - 1 : after + 1]
     return float(impact.time[after] - impact.time_step * (0.5 * _PLATEAU - low) / (high - low))
@@ -185,22 +185,22 @@ def run(quick: bool) -> CaseResult:
 
 
 _NOTES = (
-    "The energy that is missing after the impact is that of the fastest waves, which the time step does not resolve: "
-    "the bar comes back slower than it went, never faster."
+    "The energy lost in the impact is that of the fastest waves, which the time step does not resolve: "
+    "the bar returns slower than it came, never faster."
 )
 
 CASE = Case(
     name="impact",
     title="A bar flies against a wall",
     statement=(
-        "A bar of length L with nu = 0 flies against a rigid wall at v = c/100, c = sqrt(E/rho). A front runs through "
-        "it with the speed of sound and comes back from the free end: the wall pushes with rho c v A for as long as "
-        "2 L/c, and the bar leaves as fast as it came (St Venant).\n\n"
+        "A bar of length L with nu = 0 hits a rigid wall at v = c/100, c = sqrt(E/rho). A front travels through it "
+        "with the speed of sound and is reflected at the free end: the force of the wall is rho c v A for a time of 2 "
+        "L/c, and the bar leaves as fast as it came (St Venant).\n\n"
         "Backward Euler damps a wave w as exp(-h w^2 t/2), which smears the front to a Gaussian of variance h t in "
         "time. The wall cannot pull, so the tail of the front that arrives before 2 L/c is missing in the impulse: "
         "int_0^inf erfc(s/sqrt(2 h t)) ds at t = 2 L/c, a share sqrt(2/pi h c/(2 L)) of 2 m v, and half of the force "
-        "is left 0.6745 sqrt(h t) before. The case asks for this "
-        "number, for the exact balance of impulse and momentum in every step, and that no step creates energy."
+        "is left 0.6745 sqrt(h t) before. The case checks this "
+        "number, the exact balance of impulse and momentum in every step, and that no step creates energy."
     ),
     sources=(
         "W. Goldsmith, Impact, 1960 (St Venant's solution for a bar on a rigid wall).",

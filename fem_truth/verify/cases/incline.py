@@ -1,4 +1,4 @@
-"""A block on an incline: Coulomb friction holds it below the critical angle and brakes it above."""
+"""A block on an incline: with Coulomb friction it sticks below the critical angle and slides above."""
 
 from __future__ import annotations
 
@@ -7,20 +7,29 @@ from typing import Any
 
 import numpy as np
 
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.motion import BOTH, AnySimulator, exact_steps, moving, nodal, play, pushed, simulator
-from fem_truth.verify.small_bodies import Stuff, point_body
-from runtime.arrays import Array
-from runtime.body import ReducedBody
-from runtime.colliders import KeyframedPath, Plane, RigidPose
-from runtime.contact import CoulombFriction, PenaltyContact
-from runtime.dynamics import PlacedCollider, StepResult
-from runtime.mesh import box_mesh
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.motion import (
+    BOTH,
+    AnySimulator,
+    exact_steps,
+    moving,
+    nodal,
+    play,
+    pushed,
+    simulator,
+)
+from softprint.fem_truth.verify.small_bodies import Stuff, point_body
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.dynamics import PlacedCollider, StepResult
+from softprint.runtime.mesh import box_mesh
 
 _GRAVITY, _MU, _SLIP = 9.81, 0.3, 1e-3
 _STEP = 0.002  # s
 _CONTACT = PenaltyContact(1e11)
-#: Which way the incline falls in space: none of the mesh's own directions.
+#: Downhill direction of the incline in 3D: not aligned with the mesh.
 _HEADING = {2: np.array([1.0]), 3: np.array([0.8, 0.6])}
 
 
@@ -33,8 +42,8 @@ def _block(dim: int) -> ReducedBody:
 
 @dataclass(frozen=True)
 class Slide:
-    """Of the centre of mass: velocity (n,) [m/s] down the incline after every step, and aside after the last; way
-    down the incline [m]. friction: at the end, as a share of the weight."""
+    """Motion of the centre of mass: velocity (n,) [m/s] down the incline after every step, and sideways after the last;
+    distance down the incline [m]. friction: at the end, as a share of the weight."""
 
     velocity: Array
     aside: float
@@ -43,7 +52,7 @@ class Slide:
 
 
 class Incline:
-    """A block on an incline of any angle: the floor stays level, and gravity is what is tilted."""
+    """A block on an incline of any angle: the floor is horizontal, and gravity is tilted."""
 
     def __init__(self, name: str, dim: int) -> None:
         self.label, self._name, self.dim, self._body = f"{name}, {dim}D", name, dim, _block(dim)
@@ -58,8 +67,8 @@ class Incline:
         )
 
     def slide(self, angle: float, steps: int, start: float = 0.0) -> Slide:
-        """It stands in equilibrium with the floor; then slope and friction are switched on, and it starts at `start`
-        [m/s]."""
+        """The block is in equilibrium on the floor; then slope and friction are switched on, and it starts with the
+        velocity `start` [m/s]."""
         weight, slope = _GRAVITY * np.cos(angle) * self._down, _GRAVITY * np.sin(angle) * self._along
         pressed, rows = self._simulator(weight, None), self._body.rest_rows
         standing: StepResult[Any] = pressed.settle(
@@ -120,7 +129,7 @@ def _slide_rows(label: str, ratio: float, slide: Slide) -> list[Row]:
             "g (sin a - mu cos a)",
             float(gain) / (half * _STEP),
             1e-5 * _GRAVITY,
-            "1e-5 g: the block still trembles a little, and normal forces are lagged",
+            "1e-5 g: the block still oscillates a little, and normal forces are lagged",
         ),
         Row(
             f"{label}: friction at tan a = {ratio:g} mu",
@@ -129,7 +138,7 @@ def _slide_rows(label: str, ratio: float, slide: Slide) -> list[Row]:
             "Coulomb: mu cos a",
             slide.friction,
             1e-5,
-            "the block still trembles a little",
+            "the block still oscillates a little",
         ),
     ]
 
@@ -138,7 +147,7 @@ def _stop_row(incline: Incline, steps: int) -> Row:
     start = 0.2
     exact = start**2 / (2 * _MU * _GRAVITY) - 0.5 * _STEP * start
     return Row(
-        f"{incline.label}: way to a stop from {start:g} m/s on the flat",
+        f"{incline.label}: stopping distance from {start:g} m/s on the flat",
         "mm",
         1e3 * exact,
         "v^2/(2 mu g), less h v/2: backward Euler has v_n = v - n h mu g",
@@ -182,7 +191,7 @@ def run(quick: bool) -> CaseResult:
 
 
 _NOTES = (
-    "What sticks here creeps, at a known velocity below the slip velocity of 1 mm/s: make that smaller where the creep "
+    "Sticking bodies creep, at a known velocity below the slip velocity of 1 mm/s: make that smaller where the creep "
     "matters."
 )
 
@@ -191,12 +200,12 @@ CASE = Case(
     title="Friction: a block on an incline",
     statement=(
         "A stiff block of jelly stands on an incline of angle a, with mu = 0.3. Above the critical angle, tan a = mu, "
-        "it slides and gains g (sin a - mu cos a). Below it sticks; but Coulomb's law is smoothed, as in IPC: of mu N "
-        "a point with velocity v feels only the share 2 y - y^2, y = v/v_slip < 1. So it creeps, and balance of forces "
-        "says how fast: v = v_slip (1 - sqrt(1 - tan(a)/mu)). Both have to come out, on either side of the critical "
-        "angle, and the friction that the floor reports has to be m g sin a below and mu m g cos a above. In space the "
-        "slope falls in a direction that the mesh does not know: the block must not drift aside. On the flat, pushed "
-        "at v, it has to stop after v^2/(2 mu g)."
+        "it slides with the acceleration g (sin a - mu cos a). Below it sticks; but Coulomb's law is smoothed, as in "
+        "IPC: at velocity v the friction on a point is only the share 2 y - y^2 of mu N, y = v/v_slip < 1. So it "
+        "creeps, and balance of forces gives v = v_slip (1 - sqrt(1 - tan(a)/mu)). Both results are checked, on either "
+        "side of the critical angle, and the friction force on the floor has to be m g sin a below and mu m g cos a "
+        "above. In 3D the downhill direction is not aligned with the mesh: the block must not drift sideways. On the "
+        "flat, with the initial velocity v, it has to stop after v^2/(2 mu g)."
     ),
     sources=(
         "Coulomb's law, and balance of forces.",

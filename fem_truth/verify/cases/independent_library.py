@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.potentials import Gravity
-from fem_truth.verify.case import Case, CaseResult, Row
-from fem_truth.verify.equilibrium import Solid, equilibrium
-from fem_truth.verify.import_witness import import_witness
-from runtime.arrays import Array
-from runtime.elasticity.materials import make_material
-from runtime.mesh import Mesh, box_mesh
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.potentials import Gravity
+from softprint.fem_truth.verify.case import Case, CaseResult, Row
+from softprint.fem_truth.verify.equilibrium import Solid, equilibrium
+from softprint.fem_truth.verify.import_witness import import_witness
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.mesh import Mesh, box_mesh
 
 if TYPE_CHECKING:
-    from fem_truth.verify.witness import Witness
+    from softprint.fem_truth.verify.witness import Witness
 
 POISSON, DENSITY = 0.4, 1000.0
 _SOURCE = "scikit-fem, stresses and tangents of the published laws written out by hand"
@@ -24,14 +24,14 @@ _ROUND_OFF = 1e-12
 
 
 def _block(dim: int) -> tuple[Mesh, Array]:
-    """A block of 10 x (10 x) 5 cm and Young's modulus of its cells, twice as stiff above as below."""
+    """A block of 10 x (10 x) 5 cm and Young's modulus of its cells; the upper half is twice as stiff as the lower."""
     lower, upper = ([-0.05] * (dim - 1) + [0.0], [0.05] * dim)
     mesh = box_mesh(lower, upper, [12, 6] if dim == 2 else [5, 5, 3])
     return mesh, np.where(mesh.cell_centroids[:, -1] > 0.025, 2e4, 1e4)
 
 
 def _bent(mesh: Mesh) -> Array:
-    """A large homogeneous deformation and a random one on top: strains of 40 %, no cell inverted."""
+    """A large homogeneous deformation plus a random one: strains of 40 %, no inverted cell."""
     rng = np.random.default_rng(3)
     stretch = np.eye(mesh.dim) + 0.3 * rng.uniform(-1, 1, (mesh.dim, mesh.dim))
     return mesh.points @ stretch.T + 1e-3 * rng.standard_normal(mesh.points.shape)
@@ -80,7 +80,7 @@ def _solution_row(label: str, ours: FullSpaceElasticity, witness: Witness) -> Ro
 
 
 def run(quick: bool) -> CaseResult:
-    """One law in three dimensions, all in the plane, in a quick run."""
+    """A quick run has one law in 3D and all laws in 2D."""
     witnesses = import_witness()
     rows = []
     for dim in (2, 3):
@@ -101,8 +101,8 @@ CASE = Case(
     statement=(
         "Forces W'(x) and stiffness W''(x) of a block of two materials at strains of 40 % are assembled by "
         "Softprint (energy in UFL, differentiated by UFL, compiled by FFCx, assembled by DOLFINx) and by "
-        "scikit-fem (stress and tangent written out by hand, assembled in numpy). Then the block, its base "
-        "held, is bent by a body force of ten times gravity, and both solve for where it comes to rest. "
+        "scikit-fem (stress and tangent written out by hand, assembled in numpy). Then the block, with a fixed "
+        "base, is bent by a body force of ten times gravity, and both solve for the equilibrium. "
         "Differences are the largest over all entries, relative to the largest entry."
     ),
     sources=(

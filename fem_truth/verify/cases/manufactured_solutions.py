@@ -9,20 +9,20 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from fem_truth import dolfinx_version as dfx
-from fem_truth.full_space_elasticity import FullSpaceElasticity
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.equilibrium import DeadLoad, Solid, equilibrium
-from fem_truth.verify.higher_order import HigherOrderElasticity
-from fem_truth.verify.manufactured import Manufactured, wavy
-from fem_truth.verify.simplex_rule import simplex_rule
-from runtime.arrays import Array
-from runtime.elasticity.materials import Material, make_material
-from runtime.mesh import Mesh, box_mesh
+from softprint.fem_truth import dolfinx_version as dfx
+from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.equilibrium import DeadLoad, Solid, equilibrium
+from softprint.fem_truth.verify.higher_order import HigherOrderElasticity
+from softprint.fem_truth.verify.manufactured import Manufactured, wavy
+from softprint.fem_truth.verify.simplex_rule import simplex_rule
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.materials import Material, make_material
+from softprint.runtime.mesh import Mesh, box_mesh
 
 YOUNG, POISSON = 1.0e4, 0.3
-_FORCE_DEGREE = 4  # of the piecewise polynomial that stands for the body force with quadratic elements
-_ERROR_DEGREE = 8  # of the quadrature of errors
+_FORCE_DEGREE = 4  # of the piecewise polynomial approximation of the body force, for quadratic elements
+_ERROR_DEGREE = 8  # degree of the quadrature of errors
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ _QUICK = (_Study(2, 1, (8, 16, 32)), _Study(2, 2, (4, 8, 16)), _Study(3, 1, (4, 
 def linear_errors(mesh: Mesh, material: Material, exact: Manufactured) -> tuple[float, float]:
     """L2 norms of u_h - u [m^(1 + dim/2)] and of its gradient, with P1 elements and Softprint's own solver."""
     points, weights = simplex_rule(mesh.dim, 4)
-    # (n_cells, n_points, dim) places, and what a cell's volume gives each of them
+    # (n_cells, n_points, dim) quadrature points, and the share of a cell's volume of each
     places = np.einsum("qa,cai->cqi", points, mesh.points[mesh.cells])
     measure = mesh.cell_volumes[:, None] * weights
 
@@ -62,7 +62,7 @@ def linear_errors(mesh: Mesh, material: Material, exact: Manufactured) -> tuple[
     held[mesh.surface_nodes] = True
     start = mesh.points + exact.displacement(
         mesh.points
-    )  # inside too: cells at the boundary would be inverted
+    )  # also in the interior: otherwise cells at the boundary would be inverted
     elasticity = FullSpaceElasticity(Solid(mesh, material))
     x = equilibrium(elasticity, held, start, (DeadLoad(load, mesh.points),), tolerance=1e-9)
 
@@ -81,7 +81,7 @@ def linear_errors(mesh: Mesh, material: Material, exact: Manufactured) -> tuple[
 def higher_order_errors(
     mesh: Mesh, material: Material, exact: Manufactured, degree: int
 ) -> tuple[float, float]:
-    """The same with elements of a higher degree."""
+    """The same with higher-order elements."""
 
     def load(v: ufl.Argument, X: ufl.SpatialCoordinate) -> ufl.Form:
         domain = X.ufl_domain()
@@ -113,7 +113,7 @@ def _errors(study: _Study) -> list[tuple[float, float]]:
 
 
 def run(quick: bool) -> CaseResult:
-    """Coarser meshes in a quick run, and no quadratic tetrahedra, whose forms take long to compile."""
+    """A quick run has coarser meshes and no quadratic tetrahedra, whose forms take long to compile."""
     rows: list[Row] = []
     lines: dict[str, list[Line]] = {"L2": [], "H1": []}
     for study in _QUICK if quick else _FULL:
@@ -130,7 +130,7 @@ def run(quick: bool) -> CaseResult:
                     "theory of finite elements (Ciarlet 1978, theorems 3.2.2 and 3.2.5)",
                     order,
                     0.1,
-                    "asked for",
+                    "required",
                     order,
                 )
             )
@@ -154,8 +154,8 @@ CASE = Case(
     statement=(
         "On the unit square (plane strain) and cube, u = A sin(B X + c) with strains up to 0.5 is made the solution by "
         "the body force f = -Div P of a neo-Hookean solid, P = mu (F - F^-T) + lambda log J F^-T, written out by hand "
-        "and differentiated by complex steps. The boundary is held at u; how fast the errors inside fall with the size "
-        "of the cells is compared with theory.\n\n"
+        "and differentiated by complex steps. The boundary is fixed at u; the order at which the errors inside "
+        "decrease with the cell size is compared with theory.\n\n"
         "P1 runs through Softprint's own assembly and minimiser, P2 through the same UFL energy on DOLFINx's quadratic "
         "elements with a direct solver."
     ),

@@ -1,4 +1,4 @@
-"""A block rests on a floor: the floor carries its weight, and how far it sinks into the penalty is known."""
+"""A block rests on a floor: the floor carries its weight, and its penetration into the floor is known."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from fem_truth.verify.motion import (
+from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.motion import (
     BOTH,
     FULL,
     REDUCED,
@@ -18,12 +18,12 @@ from fem_truth.verify.motion import (
     play,
     simulator,
 )
-from fem_truth.verify.small_bodies import DENSITY, Stuff, affine_body, node_body, point_body
-from runtime.body import ReducedBody
-from runtime.colliders import KeyframedPath, Plane, RigidPose
-from runtime.contact import PenaltyContact
-from runtime.dynamics import PlacedCollider, StepResult
-from runtime.mesh import Mesh, box_mesh
+from softprint.fem_truth.verify.small_bodies import DENSITY, Stuff, affine_body, node_body, point_body
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import PlacedCollider, StepResult
+from softprint.runtime.mesh import Mesh, box_mesh
 
 _GRAVITY, _HEIGHT, _YOUNG = 9.81, 0.05, 1e5
 _STEP = 0.005  # s
@@ -49,14 +49,14 @@ def _standing(name: str, body: ReducedBody, stiffness: float) -> AnySimulator:
 
 
 def _settled(model: AnySimulator) -> StepResult[Any]:
-    """Starts a little inside of the floor: what floats in the air has no equilibrium to go to."""
+    """Starts slightly inside the floor: without contact there is no equilibrium."""
     rows = model.body.rest_rows.copy()
     rows[:, -1] -= 1e-4
     return model.settle(moving(model, rows, np.zeros_like(rows)), exact_steps(_STEP, 1e-8).newton)
 
 
 def _weight_rows(name: str, dim: int, steps: int) -> list[Row]:
-    """In equilibrium, and after a fall of a millimetre and a while."""
+    """In equilibrium, and some time after a fall of a millimetre."""
     body = point_body(_mesh(dim), Stuff("stable_neo_hookean", 2e4, 0.4), 8)
     model = _standing(name, body, _STIFFNESS)
     weight = float(body.node_mass.sum()) * _GRAVITY
@@ -83,11 +83,11 @@ def _weight_rows(name: str, dim: int, steps: int) -> list[Row]:
 
 
 def _depth_rows(dim: int, stiffnesses: list[float]) -> tuple[list[Row], Line]:
-    """Of a body that can only be deformed affinely, so that all of its base is equally deep."""
+    """For a body that can only be deformed affinely, so that the penetration is uniform over its base."""
     body = affine_body(_mesh(dim), Stuff("stable_neo_hookean", _YOUNG, 0.0))
     width = float(np.ptp(body.mesh.points[:, 0]))
     row = _HEIGHT / (8 if dim == 2 else 6)
-    # The nodes of the base stand for it, and for half of the lowest cells of the sides.
+    # The lumped areas of the nodes of the base include half of the lowest cells of the sides.
     area = width + row if dim == 2 else width**2 + 2 * width * row
     base = body.mesh.points[:, -1] == 0.0
     rows, depths = [], []
@@ -123,7 +123,7 @@ def _shortening_row() -> Row:
         "rho g H^2/(2 E)",
         1e3 * (sunk[1] - sunk[0]),
         1e3 * 0.01 * exact,
-        "1 %: the edges of the base stand for more area than the rest, and the strain is finite, 0.5 %",
+        "1 %: nodes at the edges of the base have larger lumped areas than the rest, and the strain is finite, 0.5 %",
     )
 
 
@@ -145,16 +145,16 @@ def run(quick: bool) -> CaseResult:
 
 
 _NOTES = (
-    "A node on an edge of the base stands for the lowest cells of the side as well. So a flat base feels a little "
-    "stiffer than it should, by an area that goes with the size of the cells: the distance to the dashed line."
+    "The lumped area of a node on an edge of the base includes the lowest cells of the side. So contact of a flat base "
+    "is a little too stiff, by an area proportional to the cell size: the distance to the dashed line."
 )
 
 CASE = Case(
     name="resting",
     title="A block rests on a floor",
     statement=(
-        "A block of jelly lies on a floor, nothing else holds it. The floor has to carry its weight, in static "
-        "equilibrium, and after it was dropped and has come to rest in a few tens of steps. The penalty lets it sink "
+        "A block of jelly rests on a floor, without other supports. The floor has to carry its weight, in static "
+        "equilibrium, and a few tens of steps after a drop, when it has come to rest. With the penalty it penetrates "
         "until k A depth^2 = m g. Its own weight shortens it by rho g H^2/(2 E)."
     ),
     sources=("Balance of forces; Hooke's law for a column under its weight.",),

@@ -1,70 +1,74 @@
-"""The contact of a pressed state as a freely moving collider feels it.
+"""Derivatives of the energy of a solved contact by the motion of a free collider.
 
-A collider that moves by a twist about its centre c is the same as the body moved the other way, F included: in the
-words of `equilibrium.py` and `runtime/rigid/twist.py`, with the displaced loads y and their arms a = y - c,
+Moving a collider by a twist about its centre c is equivalent to moving the body, F included, by the inverse motion. In
+the symbols of `linearised_contact.py` and `runtime/rigid/twist.py`, with the deformed positions y and their arms
+a = y - c, a twist adds the columns
 
-    dxi = -(I, E_k a),      dphi = F^T (0, E_k f),
+    dxi = -(I, E_k a),      dphi = F^T (0, E_k f)
 
-are further columns of dxi and dphi, and as moving so is not affine in the twist, -f . d2xi adds to the Hessian what it
-adds for any points at y with the gradient -f, whose motion by the rows is dx + dF v.
+to the position and force Jacobians. This motion is not affine in the twist, so that -f . d2xi contributes to the
+Hessian as well: the same contribution as for any points at y with the gradient -f that move by dx + dF v with the rows.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
-from runtime.arrays import Array, BoolArray
-from runtime.contact.condensed.equilibrium import ContactEquilibrium
-from runtime.rigid.twist import point_motion, relative_curvature, turned_along
+from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
+from softprint.runtime.lazy import lazy
+from softprint.runtime.rigid.twist import point_motion, relative_curvature, rotation_derivatives
 
 
 class ColliderSensitivity:
-    """Of a press in which some load bears pressure; centre: c (dim,) [m]; borne: (k,) whether a load presses on this
-    collider, all of them by default. Those that press on another do not move with it."""
+    """The derivatives for one collider. contact: one with active nodes; centre: c (dim,) [m]; owned: (k,) which of the
+    active nodes touch this collider. Nodes that touch another collider do not move with this one."""
 
-    def __init__(self, press: ContactEquilibrium, centre: Array, borne: BoolArray | None = None) -> None:
-        self._press = press
-        force = press.solution.force[press.bearing]
-        self._force = force if borne is None else np.where(borne[:, None], force, 0.0)
-        self._arms = press.displaced - centre
+    def __init__(self, contact: LinearisedContact, centre: Array, owned: BoolArray) -> None:
+        self._contact = contact
+        solved = contact.solved
+        b = solved.solution.active
+        self._force = np.where(owned[:, None], solved.solution.force[b], 0.0)
+        self._arms = solved.deformed_position[b] - centre
         motion = -point_motion(self._arms)
-        if borne is not None:
-            motion[~borne] = 0.0
-        self._carried = motion.reshape(force.size, -1)
+        motion[~owned] = 0.0
+        self._position_jacobian = motion.reshape(self._force.size, -1)
 
     @property
     def gradient(self) -> Array:
         """dW/dtwist (n_twist,)."""
-        return -(self._force.ravel() @ self._carried)
+        return -(self._force.ravel() @ self._position_jacobian)
 
     def blocks(self) -> tuple[Array, Array]:
         """d2W/drows dtwist (n_rows*dim, n_twist) and d2W/dtwist2 (n_twist, n_twist)."""
-        press, turned, c = self._press, self._turned, self._c
-        mixed = press.stiffened.T @ c - press.answer.T @ turned
-        mixed -= press.carried.T @ self._turned_force
-        own = c.T @ press.factor.stiffen(c) - turned.T @ press.factor.given(turned)
+        contact, by_force, c = self._contact, self._force_jacobian, self._c
+        mixed = contact.force_response.T @ c - contact.displacement_jacobian.T @ by_force
+        mixed -= contact.position_jacobian.T @ self._rotated_force
+        factor = contact.factor
+        own = c.T @ factor.effective_stiffness(c) - by_force.T @ factor.rest_displacement(by_force)
         return mixed, own + relative_curvature(self._arms, -self._force)
 
     def link(self, other: ColliderSensitivity) -> Array:
-        """d2W/dtwist dtwist' (n_twist, n_twist) with the twist of another collider on the same press: what one feels of
-        the other through the body."""
-        factor = self._press.factor
-        return np.asarray(self._c.T @ factor.stiffen(other._c) - self._turned.T @ factor.given(other._turned))
+        """d2W/dtwist dtwist' (n_twist, n_twist) with the twist of another collider in the same contact: the coupling of
+        the two colliders through the body."""
+        factor = self._contact.factor
+        return np.asarray(
+            self._c.T @ factor.effective_stiffness(other._c)
+            - self._force_jacobian.T @ factor.rest_displacement(other._force_jacobian)
+        )
 
-    @cached_property
+    @lazy
     def _c(self) -> Array:
         """c (k*dim, n_twist)."""
-        factor = self._press.factor
-        return self._carried + factor.carried(factor.given(self._turned))
+        factor = self._contact.factor
+        return self._position_jacobian + factor.to_world(factor.rest_displacement(self._force_jacobian))
 
-    @cached_property
-    def _turned_force(self) -> Array:
+    @lazy
+    def _rotated_force(self) -> Array:
         """(0, E_k f) (k*dim, n_twist)."""
-        return np.asarray(turned_along(self._force).reshape(self._force.size, -1))
+        return np.asarray(rotation_derivatives(self._force).reshape(self._force.size, -1))
 
-    @cached_property
-    def _turned(self) -> Array:
+    @lazy
+    def _force_jacobian(self) -> Array:
         """dphi (k*dim, n_twist)."""
-        return self._press.factor.carried_back(self._turned_force)
+        return self._contact.factor.to_rest(self._rotated_force)

@@ -1,114 +1,174 @@
-"""Contact and friction with colliders whose correction brings its own energy (`contact_potential.py`).
+"""Condensed contact: the contact of a reduced step, with the displacement outside the subspace condensed out.
 
-There the detail is condensed out: the energy is a function of the handle rows, and neither corrected points nor the
-cubature of the body's volume take part.
+The contact displacement of a state is an equilibrium, so the energy of that displacement and of contact together is a
+function of the reduced state alone, W(q); its gradient and Hessian are in `linearised_contact.py`. No cubature of the
+body's volume has to resolve a dent. All colliders that the body touches are solved together: on the small Jelly two
+balls pressed in 3 contact radii apart push back 11 % more than each alone, because what one pushes aside the other has
+to push too, and 20 % less where their dents overlap. One collider is a group of one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray, RowHessian
-from runtime.colliders.pose import Poses
-from runtime.contact import CoulombFriction
-from runtime.contact.collider_coupling import Centres, Coupling, Link
-from runtime.contact.condensed.condensed_friction import CondensedFriction
-from runtime.contact.condensed.joint_press import JointProbe
-from runtime.contact.condensed.potential_group import JointPotential, grouped
-from runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
-from runtime.contact.friction_state import FrictionState
-from runtime.learned.correction import Potential
+from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
+from softprint.runtime.contact.solver import contact_solve_kernels as kernels
+from softprint.runtime.contact.solver.candidate_search import CandidateSearch
+from softprint.runtime.contact.solver.candidates import Candidates, NodeDistance, PosedCollider, merge
+from softprint.runtime.contact.solver.contact_nodes import ContactNodes, CorotatedNodes
+from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
+from softprint.runtime.contact.solver.solved_contact import NearNodes, SolvedContact
+from softprint.runtime.contact.solver.warm_start import WarmStart
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.mechanics.local_compliance import LocalCompliance
+
+# The dent can push more nodes into a collider, and these again others: at most so many searches for such nodes.
+_SEARCHES = 3
 
 
+@dataclass(frozen=True, eq=False)
 class CondensedContact:
-    """The potentials of a scene, by name of the collider. turn: see `Potential`; step: what friction remembers, None
-    outside of steps."""
+    """The contact of one body with colliders, by name. stiffness: a k (n_nodes,) [N/m^2] of the contact nodes."""
 
-    def __init__(self, potentials: Mapping[str, Potential], friction: CoulombFriction | None = None) -> None:
-        self._potentials, self._groups = potentials, grouped(potentials)
-        self._friction = None if friction is None else CondensedFriction(friction)
+    nodes: ContactNodes
+    compliance: LocalCompliance
+    stiffness: Array
+    searches: Mapping[str, CandidateSearch]
 
-    @property
-    def joint(self) -> dict[str, JointProbe]:
-        """Of the colliders that press together with others, by name, what presses them."""
-        joint = [group for group in self._groups if isinstance(group, JointPotential)]
-        return {name: group.probe for group in joint for name in group.probe.probes}
+    @classmethod
+    def of(
+        cls,
+        body: ReducedBody,
+        mechanics: BodyMechanics,
+        colliders: Mapping[str, Collider],
+        stiffness: float,
+        band: float = 0.0,
+    ) -> CondensedContact:
+        """stiffness: k of the penalty law [N/m^4]; band: [m], see `CandidateSearch`. Raises SoftprintError for
+        mechanics without surface compliance."""
+        compliance, condensation = mechanics.surface_compliance, mechanics.condensation
+        mesh_nodes = compliance.nodes
+        own = None if condensation is None else condensation.at(mesh_nodes)
+        return cls(
+            ContactNodes(body.node_points(mesh_nodes), own, body.handles, mesh_nodes),
+            LocalCompliance(compliance.among_nodes()),
+            stiffness * compliance.areas,
+            {name: CandidateSearch(collider, band) for name, collider in colliders.items()},
+        )
 
-    def begin(self) -> None:
-        """A motion begins: forget where contact came from."""
-        for group in self._groups:
-            group.begin()
+    def in_frame(self, frame_rows: Array) -> CorotatedNodes:
+        """The contact nodes in the corotated frame of a step that starts at frame rows (n_rows, dim)."""
+        return self.nodes.in_frame(frame_rows)
 
-    def settled(self, rows: Array, poses: Poses, turn: Array) -> dict[str, Callable[[IntArray], Array]]:
-        """Where loads are in a state, see `Potential`."""
-        return {k: at for group in self._groups for k, at in group.settled(rows, poses, turn).items()}
+    def resume(self, solved: SolvedContact | None) -> WarmStart | None:
+        """The warm start from the solved contact that a state stores."""
+        return None if solved is None else WarmStart(solved, self.compliance, self.stiffness)
 
-    def energy(self, rows: Array, poses: Poses, turn: Array, step: FrictionState | None) -> float:
-        """Of contact and (lagged) friction [J]; none of friction before it was lagged."""
-        total = sum(group.energy(rows, poses, turn) for group in self._groups)
-        if self._friction is not None and step is not None:
-            for name in step.sliding:
-                total += self._friction.terms(name, rows, poses, step).energy
-        return total
+    def evaluate(
+        self, nodes: CorotatedNodes, rows: Array, poses: Poses, warm_start: WarmStart | None
+    ) -> ContactEvaluation:
+        """The contact at handle rows (n_rows, dim) with the colliders at poses, by one contact solve. nodes: in the
+        frame of the step. There may be several equilibria; the solve converges to the one nearest to the warm start."""
+        return self.evaluation(nodes, rows, self._solve(nodes, rows, poses, warm_start))
 
-    def linearise(
-        self, rows: Array, poses: Poses, turn: Array, step: FrictionState | None, relag: bool
-    ) -> tuple[float, Array, list[RowHessian]]:
-        """Energy [J], gradient (n_rows, dim) [N] and Hessians [N/m], to be summed, by the rows.
-        ``relag``: let friction take up the loads found here."""
-        parts = [group.linearise(rows, poses, turn) for group in self._groups]
-        if self._friction is not None and step is not None:
-            if relag:
-                for group in self._groups:
-                    for name, loads in group.pressed(rows, poses, turn).items():
-                        self._friction.lag(name, loads, rows, poses, step)
-            parts += [self._friction.linearise(name, rows, poses, step) for name in self._potentials]
-        energy, gradient = 0.0, np.zeros_like(rows)
-        for more, slope, _ in parts:
-            energy, gradient = energy + more, gradient + slope
-        return energy, gradient, [hessian for *_, hessian in parts if hessian is not None]
+    def evaluation(
+        self, nodes: CorotatedNodes, rows: Array, solved: SolvedContact | None
+    ) -> ContactEvaluation:
+        """The evaluation of a contact that was already solved at these handle rows, in this frame."""
+        start = self.resume(solved)
+        contact = None if start is None else LinearisedContact(start, nodes)
+        return ContactEvaluation(nodes, rows, tuple(self.searches), contact)
 
-    def couplings(
-        self, rows: Array, poses: Poses, turn: Array, centres: Centres, step: FrictionState | None
-    ) -> tuple[list[Coupling], list[Link]]:
-        """What colliders that move freely feel of it, at the loads that `linearise` found, and of each other."""
-        if not centres:
-            return [], []
-        felt = [group.felt(rows, poses, turn, centres) for group in self._groups]
-        couplings = [Coupling(name, *parts) for of_group in felt for name, parts in of_group.alone.items()]
-        links = [Link(*names, block) for of_group in felt for names, block in of_group.links.items()]
-        if self._friction is not None and step is not None:
-            rubbed = (
-                self._friction.coupling(name, rows, poses, centres[name], step)
-                for name in self._potentials
-                if name in centres
-            )
-            couplings += [coupling for coupling in rubbed if coupling is not None]
-        return couplings, links
+    def _solve(
+        self, nodes: CorotatedNodes, rows: Array, poses: Poses, warm_start: WarmStart | None
+    ) -> SolvedContact | None:
+        near = self._candidates(nodes, rows, poses, warm_start)
+        if not near:
+            return None
+        candidates, owner = merge(list(near.values()))
+        colliders = tuple(PosedCollider(self.searches[name].collider, poses[name]) for name in near)
+        distance = NodeDistance(colliders, owner)
+        problem = self._problem(rows, candidates, distance)
+        start = None
+        if warm_start is not None:
+            start = warm_start.predict(candidates.index[candidates.may_be_active], problem, poses)
+            if start is None:  # the warm start is from a state too far away to be useful
+                return self._solve(nodes, rows, poses, None)
+        solution = problem.solve(start)
+        for _ in range(_SEARCHES):
+            pushed = self._pushed_in(rows, candidates, problem, solution, distance)
+            if not pushed.any():
+                break
+            before, candidates = candidates.may_be_active, candidates.with_possibly_active(pushed)
+            problem = self._problem(rows, candidates, distance)
+            solution = problem.solve(solution.extended(before[candidates.may_be_active]))
+        if not (solution.active.size or candidates.any_inside):
+            return None
+        return SolvedContact(
+            rows=rows,
+            frame_rows=nodes.frame_rows,
+            poses={name: poses[name] for name in near},
+            near={name: NearNodes(poses[name], own.index, own.position) for name, own in near.items()},
+            index=candidates.index[candidates.may_be_active],
+            owner=owner[candidates.may_be_active],
+            position=problem.position,
+            F=problem.F,
+            depth=candidates.depth,
+            solution=solution,
+        )
 
-    def forces(
-        self, rows: Array, poses: Poses, turn: Array, step: FrictionState | None
-    ) -> tuple[float, float, dict[str, ContactForce]]:
-        """Contact energy, friction energy [J] and the force on each collider."""
-        normal_energy = sum(group.energy(rows, poses, turn) for group in self._groups)
-        found = [group.pressed(rows, poses, turn) for group in self._groups]
-        friction_energy = 0.0
-        forces = {}
-        for name, pressed in ((name, pressed) for of_group in found for name, pressed in of_group.items()):
-            nodes = self._potentials[name].nodes
-            # A load pushes the collider against the gradient of its signed distance.
-            push = -pressed.pressure[:, None] * pressed.normal
-            loads = [SurfaceForces(nodes, pressed.index, pressed.position, push)]
-            if self._friction is not None and step is not None:
-                friction = self._friction.terms(name, rows, poses, step)
-                friction_energy += friction.energy
-                sliding = step.sliding[name]
-                slid = sliding.index, sliding.positions(rows), friction.gradient
-                loads.append(SurfaceForces(nodes, *slid, tangential=True))
-            force, torque = resultant(loads, poses[name].translation)
-            forces[name] = ContactForce(
-                force, torque, float(pressed.left.max(initial=0.0)), len(pressed.index), loads
-            )
-        return normal_energy, friction_energy, forces
+    def _candidates(
+        self, nodes: CorotatedNodes, rows: Array, poses: Poses, warm_start: WarmStart | None
+    ) -> dict[str, Candidates]:
+        """The candidates of every collider that the body touches."""
+        bounded = nodes.bounded_positions(rows)
+        last = None if warm_start is None else warm_start.solved
+        found = {}
+        for name, search in self.searches.items():
+            active, depth = (None, 0.0) if last is None else (last.active_set(name), last.depth)
+            near = search.find(nodes, rows, poses[name], bounded, active, depth)
+            if near is not None:
+                found[name] = near
+        return found
+
+    def _problem(self, rows: Array, candidates: Candidates, distance: NodeDistance) -> ContactProblem:
+        """The contact problem of the nodes that may be active; distance: of all candidates."""
+        which = candidates.may_be_active
+        index = candidates.index[which]
+        return ContactProblem(
+            self.compliance.among(index),
+            self.nodes.deformation(rows, index),
+            self.stiffness[index],
+            candidates.position[which],
+            candidates.depth,
+            distance.among(which),
+        )
+
+    def _pushed_in(
+        self,
+        rows: Array,
+        candidates: Candidates,
+        problem: ContactProblem,
+        solution: ContactSolution,
+        distance: NodeDistance,
+    ) -> BoolArray:
+        """(n,) which of the candidates that were not in the problem are pushed into a collider by the dent."""
+        b, pushed = solution.active, np.zeros(len(candidates.index), dtype=bool)
+        # No other node is displaced farther than the active nodes.
+        beside = ~candidates.may_be_active & (candidates.distance < solution.largest_displacement)
+        if not beside.any():
+            return pushed
+        index, active = candidates.index[beside], candidates.index[candidates.may_be_active][b]
+        force = kernels.pulled_back(problem.F[b], solution.pressure[b], solution.normal[b])
+        v = self.compliance.displacement(index, active, force)
+        moved = kernels.to_world(self.nodes.deformation(rows, index), v)
+        pushed[beside] = distance.among(beside).value(candidates.position[beside] + moved) < 0.0
+        return pushed

@@ -1,78 +1,116 @@
-"""Friction of a contact with the detail condensed out, at the loads that bear it.
+"""Friction of condensed contact, at its active nodes.
 
-A load of `equilibrium.py` sits at y(q) = x(q) + F(q) v, v being the rest displacement of the dent. Lagged Coulomb
-friction (`runtime/contact/friction.py`) holds not only the normal forces p |g| and the normals g / |g| of the last
-press, but v too, so that y is affine in the handle rows q and
+An active node sits at y(q) = x(q) + F(q) v, v being its contact displacement in rest coordinates. Lagged Coulomb
+friction (`runtime/contact/friction.py`) fixes not only the normal forces p |g| and the normals g / |g| of the last
+contact solve, but v too, so that y is affine in the handle rows q and
 
     D(q) = sum_j mu N_j f0(|P_j u_j|),    u_j = y_j(q) - T_end T_start^-1 y_j,start,
     dD   = sum_j f_j . dy_j,              dy = dx + dF v,
 
-is a friction potential of the rows like any other. y_start is where the same loads were when the step began, in the
-dent of that state: a dent that travels over the body slips as far as its loads do.
+is an ordinary friction potential of the rows. y_start are the positions of the same nodes at the start of the step,
+with the contact displacement of that state: a dent that travels over the body slips as far as its nodes do.
 
-The dent itself stays that of frictionless contact: that tractions along the surface bend it as well is neglected, for
-then a state would have to remember how it was bent. So where the contact sticks, the subspace alone follows the
-collider sideways, too stiffly: a ball of 3 cm dragged over a block of 10 cm is held 1.3 (2D) to 1.8 (3D) times as
-stiffly as in full space. Once it slips, the force along the path is right to 3 % at mu = 0.3, and 2 % (2D) to 15 %
-(3D) too small at mu = 1. Over the held-out motion of the small Jelly at mu = 0.3 the force on the collider is 23 % off
-(RMS); without friction 51 %, on the subspace alone 146 %.
+The contact displacement itself is that of frictionless contact. The displacement by tangential tractions is neglected,
+since a state would have to store it as history. So where the contact sticks, only the subspace follows the collider
+sideways, and the response is too stiff: dragging a ball of 3 cm over a block of 10 cm, the tangential stiffness is 1.3
+(2D) to 1.8 (3D) times that in full space. Once it slips, the force along the path is right to 3 % at mu = 0.3, and 2 %
+(2D) to 15 % (3D) too small at mu = 1. Over the held-out motion of the small Jelly at mu = 0.3 the error of the force on
+the collider is 23 % (RMS); without friction it is 51 %, on the subspace alone 146 %.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
-from runtime.arrays import Array, RowHessian, known_hessian
-from runtime.colliders.pose import Poses
-from runtime.contact import CoulombFriction, FrictionTerms, LaggedContact
-from runtime.contact.collider_coupling import Coupling, point_coupling
-from runtime.contact.friction_state import FrictionState, SlidingNodes
-from runtime.learned.correction import ContactForces
-from runtime.linalg.chain_rule import through_jacobian
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.contact.collider_coupling import Centres, Coupling, point_coupling
+from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
+from softprint.runtime.contact.friction import CoulombFriction, FrictionTerms, LaggedContact
+from softprint.runtime.contact.lagged_friction import SlidingNodes, SlipStart
+from softprint.runtime.linalg.chain_rule import through_jacobian
 
 
+@dataclass(frozen=True, eq=False)
 class CondensedFriction:
-    """Between a body and colliders whose contact is condensed, by name."""
+    """The friction of a body with the colliders of its condensed contact."""
 
-    def __init__(self, law: CoulombFriction) -> None:
-        self._law = law
+    law: CoulombFriction
 
-    def lag(self, name: str, loads: ContactForces, rows: Array, poses: Poses, step: FrictionState) -> None:
-        """Let friction take up the loads found at rows, with the colliders where the step ends."""
-        start = step.settled[name](loads.index)
-        length = np.linalg.norm(loads.normal, axis=1)
+    def lag(self, contact: ContactEvaluation, poses: Poses, start: SlipStart) -> dict[str, SlidingNodes]:
+        """Fix the active nodes of a contact by collider, with the colliders at their poses at the end of the step."""
+        return {name: self._lagged(name, contact, poses[name], start) for name in contact.colliders}
+
+    def _lagged(
+        self, name: str, contact: ContactEvaluation, pose: RigidPose, start: SlipStart
+    ) -> SlidingNodes:
+        active = contact.active_nodes(name)
+        length = np.linalg.norm(active.normal, axis=1)
+        before = start.contact_nodes(active.index)
         lagged = LaggedContact(
-            index=np.arange(len(loads.index)),
-            force=loads.pressure * length,
-            normal=loads.normal / np.where(length > 0.0, length, 1.0)[:, None],
-            anchor=poses[name].apply(step.poses[name].apply_inverse(start)),
-            pose=poses[name],
+            index=np.arange(len(active.index)),
+            force=active.pressure * length,
+            normal=active.normal / np.where(length > 0.0, length, 1.0)[:, None],
+            anchor=pose.apply(start.poses[name].apply_inverse(before)),
+            pose=pose,
         )
-        step.sliding[name] = SlidingNodes(lagged, rows, loads.position, loads.moving(), loads.index)
+        return SlidingNodes(lagged, active.index, contact.rows, active.position, active.jacobian())
 
-    def terms(self, name: str, rows: Array, poses: Poses, step: FrictionState) -> FrictionTerms:
-        """At the loads that were last taken up."""
-        loads = step.sliding[name]
-        return self._law.terms(loads.positions(rows), loads.lagged.at(poses[name]), step.time_step)
+    def terms(self, sliding: SlidingNodes, rows: Array, pose: RigidPose, time_step: float) -> FrictionTerms:
+        """Friction with one collider at a pose, at handle rows (n_rows, dim)."""
+        return self.law.terms(sliding.positions(rows), sliding.lagged.at(pose), time_step)
+
+    def energy(
+        self, sliding: Mapping[str, SlidingNodes], rows: Array, poses: Poses, time_step: float
+    ) -> float:
+        """D [J] of all colliders."""
+        return sum(self.terms(own, rows, poses[name], time_step).energy for name, own in sliding.items())
 
     def linearise(
-        self, name: str, rows: Array, poses: Poses, step: FrictionState
-    ) -> tuple[float, Array, RowHessian | None]:
-        """D [J], dD/drows (n_rows, dim) [N] and its Hessian (n_rows*dim, n_rows*dim) [N/m]; no Hessian where there is
-        no load."""
-        terms = self.terms(name, rows, poses, step)
-        if not len(terms.index):
-            return 0.0, np.zeros_like(rows), None
-        motion = step.sliding[name].motion.reshape(terms.gradient.size, -1)
-        gradient, hessian = through_jacobian(motion, terms.gradient, terms.hessian)
-        return terms.energy, gradient, known_hessian(hessian)
+        self,
+        sliding: Mapping[str, SlidingNodes],
+        rows: Array,
+        poses: Poses,
+        centres: Centres,
+        time_step: float,
+    ) -> tuple[Array, Array | None, list[Coupling]]:
+        """dD/drows (n_rows, dim) [N], its Hessian (n_rows*dim, n_rows*dim) [N/m], None where no node slides, and the
+        couplings of the colliders that move freely, about their centres."""
+        gradient, hessian, couplings = np.zeros_like(rows), None, []
+        for name, own in sliding.items():
+            terms = self.terms(own, rows, poses[name], time_step)
+            if not len(terms.index):
+                continue
+            jacobian = own.jacobian.reshape(terms.gradient.size, -1)
+            slope, curvature = through_jacobian(jacobian, terms.gradient, terms.hessian)
+            gradient, hessian = gradient + slope, curvature if hessian is None else hessian + curvature
+            if name in centres:
+                arms = own.positions(rows) - centres[name]
+                couplings.append(point_coupling(name, arms, terms.gradient, terms.hessian, own.jacobian))
+        return gradient, hessian, couplings
 
-    def coupling(
-        self, name: str, rows: Array, poses: Poses, centre: Array, step: FrictionState
-    ) -> Coupling | None:
-        """What a collider that moves freely about its centre (dim,) feels of it; None where there is no load."""
-        terms, loads = self.terms(name, rows, poses, step), step.sliding[name]
-        if not len(terms.index):
-            return None
-        arms = loads.positions(rows) - centre
-        return point_coupling(name, arms, terms.gradient, terms.hessian, loads.motion)
+    def with_friction(
+        self,
+        forces: Mapping[str, ContactForce],
+        sliding: Mapping[str, SlidingNodes],
+        mesh_nodes: IntArray,
+        rows: Array,
+        poses: Poses,
+        time_step: float,
+    ) -> dict[str, ContactForce]:
+        """The contact forces on the colliders with friction added; mesh_nodes: mesh indices of the contact nodes."""
+        result = {}
+        for name, force in forces.items():
+            own = sliding[name]
+            terms = self.terms(own, rows, poses[name], time_step)
+            friction = SurfaceForces(
+                mesh_nodes, own.index, own.positions(rows), terms.gradient, tangential=True
+            )
+            parts = [*force.parts, friction]
+            total = resultant(parts, poses[name].translation)
+            result[name] = ContactForce(*total, force.penetration, force.points, parts)
+        return result

@@ -1,30 +1,30 @@
-"""B = dF/drows of cells in groups that each feel some of the handle rows only (`handle_sparsity.py`).
+"""B = dF/drows of cells in groups, each of which depends on some of the handle rows only (`handle_sparsity.py`).
 
-Cells come last in memory, so that what is done to one is done to several at once: of group g the block is B_g (k_g,
-dim, dim, dim, m_g) over (row, axis, i, j, cell), and the blocks of all groups lie one after the other in one array.
+The cell is the last index in memory, for vectorisation over cells: the block of group g is B_g (k_g, dim, dim, dim,
+m_g) over (row, axis, i, j, cell). The blocks of all groups follow each other in one array.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
-from runtime.body.handle_sparsity import CellGroup
-from runtime.compiled import compiled, summing
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.handle_sparsity import CellGroup
+from softprint.runtime.compiled import compiled, summing
 
 Singles = NDArray[np.float32]
 Floats = NDArray[np.floating[Any]]
 
 
 class CellGroupBlocks:
-    """Where the blocks are. The arrays (n,) that hold them, `blocks`, are passed in."""
+    """The layout of the blocks. The arrays (n,) with their values, `blocks`, are passed in."""
 
     def __init__(self, groups: Sequence[CellGroup], n_rows: int, dim: int) -> None:
-        """Every cell is of one group; groups feel some of n_rows rows."""
+        """Every cell belongs to one group; a group depends on some of n_rows rows."""
         self._dim, self._size = dim, n_rows * dim
         self._groups = [(cells, (rows[:, None] * dim + np.arange(dim)).ravel()) for cells, rows in groups]
         cells, first = _joined([cells for cells, _ in self._groups])
@@ -34,7 +34,7 @@ class CellGroupBlocks:
 
     @property
     def products(self) -> int:
-        """Multiplications that B^T A B takes."""
+        """The number of multiplications of B^T A B."""
         return sum(len(cells) * self._dim**2 * len(columns) ** 2 for cells, columns in self._groups)
 
     def packed(self, B: Array) -> Array:
@@ -42,24 +42,26 @@ class CellGroupBlocks:
         return np.concatenate([B[cells][:, :, columns].T.ravel() for cells, columns in self._groups])
 
     def dense(self, blocks: Floats) -> Array:
-        """B (m*dim*dim, n_rows*dim) of its blocks."""
+        """B (m*dim*dim, n_rows*dim) from its blocks."""
         B = np.zeros((len(self._layout[0]), self._dim**2, self._size))
         for (cells, columns), block in zip(self._groups, self._each(blocks), strict=True):
             B[cells[:, None], :, columns] = block.transpose(2, 0, 1)
         return B.reshape(-1, self._size)
 
     def to_world(self, blocks: Singles, rotations: Array) -> Singles:
-        """R_c B_c R_c^T of what every cell sees, turned by R (m, dim, dim), all in single precision."""
+        """Blocks of R_c B_c R_c^T, in the world frame, of blocks in the rotated frame of every cell; rotations: R (m,
+        dim, dim). All in single precision."""
         cells, first, _, first_column = self._layout
         groups = first, np.diff(first_column) // self._dim
         return _to_world(*groups, blocks, rotations[cells].astype(np.float32))
 
     def seen(self, blocks: Floats, rotations: Array, rows: Array) -> Array:
-        """B_c R_c^T rows (m, dim, dim) of rows (n_rows, dim) as every cell sees them, turned by R (m, dim, dim)."""
+        """B_c R_c^T rows (m, dim, dim) of rows (n_rows, dim), in the rotated frame of every cell; rotations: R (m, dim,
+        dim)."""
         return _seen(*self._layout, blocks, rotations, rows)
 
     def times(self, blocks: Floats, change: Array) -> Array:
-        """B change (m, dim, dim) of a change (n_rows*dim,)."""
+        """B change (m, dim, dim) of a change (n_rows*dim,) of the rows."""
         return _times(*self._layout, blocks, change, self._dim)
 
     def gathered(self, blocks: Floats, stress: Array) -> Array:
@@ -68,7 +70,7 @@ class CellGroupBlocks:
 
     def stiffness(self, blocks: Floats, tangent: Array, along: Array | None = None) -> Array:
         """B^T A B (n, n) of tangents A (m, dim, dim, dim, dim); along: see `RowHessian`. In single precision, at half
-        the cost: Newton's method takes no more than a direction from it."""
+        the cost: it only gives Newton's method a direction."""
         size = self._size if along is None else along.shape[1]
         total, s = np.zeros((size, size)), self._dim**2
         for (cells, columns), block in zip(self._groups, self._each(blocks), strict=True):
@@ -91,12 +93,33 @@ class CellGroupBlocks:
 
 
 def _joined(parts: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
-    """One after the other, and where each begins."""
+    """The parts concatenated, and the start of each."""
     first = np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)
     return np.concatenate(parts), first
 
 
-@summing
+def _groups(
+    layout: Sequence[IntArray], blocks: Floats, dim: int
+) -> Iterator[tuple[IntArray, IntArray, Floats]]:
+    """Cells (m,), columns (k,) and B (k, dim, dim, m) over (column, i, j, cell), group by group."""
+    cells, first, columns, first_column = layout
+    at = 0
+    for g in range(len(first) - 1):
+        own, used = cells[first[g] : first[g + 1]], columns[first_column[g] : first_column[g + 1]]
+        shape = len(used), dim, dim, len(own)
+        yield own, used, blocks[at : at + np.prod(shape)].reshape(shape)
+        at += int(np.prod(shape))
+
+
+def _dense_times(*arguments: Any) -> Array:
+    *layout, blocks, change, dim = arguments
+    result = np.empty((len(layout[0]), dim, dim))
+    for own, used, B in _groups(layout, blocks, dim):
+        result[own] = np.einsum("kijm,k->mij", B, change[used])
+    return result
+
+
+@summing(reference=_dense_times)
 def _times(
     cells: IntArray,
     first: IntArray,
@@ -124,7 +147,15 @@ def _times(
     return result
 
 
-@summing
+def _dense_gathered(*arguments: Any) -> Array:
+    *layout, blocks, stress, n_columns = arguments
+    result = np.zeros(n_columns)
+    for own, used, B in _groups(layout, blocks, stress.shape[1]):
+        result[used] += np.einsum("kijm,mij->k", B, stress[own])
+    return result
+
+
+@summing(reference=_dense_gathered)
 def _gathered(
     cells: IntArray,
     first: IntArray,
@@ -153,7 +184,16 @@ def _gathered(
     return result
 
 
-@summing
+def _dense_seen(*arguments: Any) -> Array:
+    *layout, blocks, rotations, rows = arguments
+    result = np.empty(rotations.shape)
+    for own, used, B in _groups(layout, blocks, rows.shape[1]):
+        rotated = (rows @ rotations[own]).reshape(len(own), -1)[:, used]  # R^T rows, by (row, axis)
+        result[own] = np.einsum("kijm,mk->mij", B, rotated)
+    return result
+
+
+@summing(reference=_dense_seen)
 def _seen(
     cells: IntArray,
     first: IntArray,
@@ -168,7 +208,7 @@ def _seen(
     for group in range(len(first) - 1):
         own = cells[first[group] : first[group + 1]]
         m = len(own)
-        # For all j of all cells, as B is.
+        # Repeated for all j of all cells, in the layout of B.
         R, size = np.empty((dim, dim, dim, m)), dim * m
         for c in range(m):
             for a in range(dim):
@@ -193,14 +233,24 @@ def _seen(
     return result
 
 
-@summing
-def _to_world(first: IntArray, felt: IntArray, blocks: Singles, rotations: Singles) -> Singles:
-    """R B R^T of every group; felt: rows of each; rotations: of the cells, group by group."""
+def _dense_to_world(first: IntArray, n_rows: IntArray, blocks: Singles, rotations: Singles) -> Singles:
+    parts, at, dim = [], 0, rotations.shape[1]
+    for start, end, rows in zip(first[:-1], first[1:], n_rows):
+        shape, R = (rows, dim, dim, dim, end - start), rotations[start:end]
+        B = blocks[at : at + np.prod(shape)].reshape(shape)
+        parts.append(np.einsum("mia,mbc,rcajm->rbijm", R, R, B).ravel())
+        at += int(np.prod(shape))
+    return np.concatenate(parts)
+
+
+@summing(reference=_dense_to_world)
+def _to_world(first: IntArray, n_rows: IntArray, blocks: Singles, rotations: Singles) -> Singles:
+    """R B R^T of every group; n_rows: number of rows of each; rotations: of the cells, group by group."""
     dim, at = rotations.shape[1], 0
-    turned = np.empty(blocks.shape, np.float32)
+    rotated = np.empty(blocks.shape, np.float32)
     for group in range(len(first) - 1):
         own = rotations[first[group] : first[group + 1]]
-        # What is turned alike is turned at once, all j of all cells. In 2D the third of every three products is with 0.
+        # The rotations are repeated for all j of all cells. In 2D the third of every three products is zero.
         size, last = dim * len(own), dim - 1
         R = np.zeros((dim, 3, dim, len(own)), np.float32)
         for c in range(len(own)):
@@ -208,12 +258,12 @@ def _to_world(first: IntArray, felt: IntArray, blocks: Singles, rotations: Singl
                 for a in range(dim):
                     R[i, a, :, c] = own[c, i, a]
         by_axis = R.reshape(dim, 3, size)
-        end = at + felt[group] * dim * dim * size
-        B = blocks[at:end].reshape(felt[group], dim, dim, size)
-        result = turned[at:end].reshape(felt[group], dim, dim, size)
+        end = at + n_rows[group] * dim * dim * size
+        B = blocks[at:end].reshape(n_rows[group], dim, dim, size)
+        result = rotated[at:end].reshape(n_rows[group], dim, dim, size)
         at = end
         left = np.empty((dim, dim, size), np.float32)
-        for r in range(felt[group]):
+        for r in range(n_rows[group]):
             for b in range(dim):
                 x, y, z = B[r, b, 0], B[r, b, 1], B[r, b, last]
                 for i in range(dim):
@@ -226,13 +276,18 @@ def _to_world(first: IntArray, felt: IntArray, blocks: Singles, rotations: Singl
                     into, x, y, z = result[r, b, i], left[0, i], left[1, i], left[last, i]
                     for k in range(size):
                         into[k] = by_x[k] * x[k] + by_y[k] * y[k] + by_z[k] * z[k]
-    return turned
+    return rotated
 
 
-@summing
+def _dense_along(B: Floats, columns: IntArray, along: Array) -> tuple[IntArray, Array]:
+    to = np.flatnonzero(along[columns].any(axis=0))
+    return to, np.einsum("kn,ksm->nsm", along[np.ix_(columns, to)], B)
+
+
+@summing(reference=_dense_along)
 def _along(B: Floats, columns: IntArray, along: Array) -> tuple[IntArray, Singles]:
-    """Along which directions (n,) B T is not zero, and B T (n, s, m) of B (k, s, m): T (k, n) is of the rows `columns`
-    of all directions, (n_rows*dim, N), which are zero for the most part."""
+    """The directions (n,) for which B T is not zero, and B T (n, s, m) of B (k, s, m). T (k, n) are the rows `columns`
+    of all directions `along` (n_rows*dim, N), which are mostly zero."""
     to = np.empty(along.shape[1], np.int64)
     n = 0
     for direction in range(along.shape[1]):
@@ -254,7 +309,7 @@ def _along(B: Floats, columns: IntArray, along: Array) -> tuple[IntArray, Single
     return to, result.reshape(n, B.shape[1], B.shape[2])
 
 
-@summing
+@summing(reference=lambda A, B: np.einsum("ijm,njm->nim", A, B))
 def _weighted(A: Singles, B: Singles) -> Singles:
     """A_c B_c (n, s, m) of A (s, s, m) and B (n, s, m)."""
     result = np.zeros(B.shape, np.float32)
@@ -262,7 +317,7 @@ def _weighted(A: Singles, B: Singles) -> Singles:
     for n in range(len(B)):
         for i in range(s):
             into = result[n, i]
-            # Three at a time, for memory to be read less often.
+            # Three at a time, to read memory less often.
             for j in range(0, s - 2, 3):
                 x, y, z = B[n, j], B[n, j + 1], B[n, j + 2]
                 by_x, by_y, by_z = A[i, j], A[i, j + 1], A[i, j + 2]
@@ -275,7 +330,12 @@ def _weighted(A: Singles, B: Singles) -> Singles:
     return result
 
 
-@compiled
+def _added(total: Array, to: IntArray, block: Singles) -> Array:
+    select = np.eye(len(total))[to]
+    return total + select.T @ block @ select
+
+
+@compiled(reference=_added)
 def _add(total: Array, to: IntArray, block: Singles) -> None:
     for i in range(len(to)):
         row = total[to[i]]

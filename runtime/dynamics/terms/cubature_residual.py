@@ -1,13 +1,13 @@
-"""What the cubature of a body in its internal equilibrium misses at rest, region by region.
+"""Cubature residual stiffness: the stiffness of a statically condensed body at rest that its cubature misses.
 
-In a region r that has turned by R_r, with z = (d, R_r^T g) and the strain d = R_r^T rows - rest as seen from there,
+In a region r with rotation R_r, with z = (d, R_r^T g) and the strain d = R_r^T rows - rest in the frame of the region,
 
     E = sum_r 1/2 z^T M_r z,    M_r = V^T K_r V - sum_c w_c B_c^T A_c B_c,
 
-with V = (U + L, w) what z moves every node by, K_r the stiffness at rest of all cells of the region, and c those of
-the cubature among them. Far regions of a body turn against each other, and no single d is small everywhere; but a
-stiffness that knows the near handles only needs no more than that these turn alike. Frames that a region does not feel
-are stood in for (`handle_sparsity.py`).
+with V = (U + L, w) the displacements of the nodes by z, K_r the stiffness at rest of all cells of the region, and c the
+cubature cells among them. Far regions of a body rotate relative to each other, so no single d is small everywhere; but
+a stiffness between near handles only requires that these rotate alike. Frames far from a region are lumped
+(`handle_sparsity.py`).
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.body.cubature import elastic_cells
-from runtime.body.handle_sparsity import HandleSparsity
-from runtime.compiled import summing
-from runtime.elasticity.reduced_elasticity import ReducedElasticity
-from runtime.mechanics.body_regions import BodyRegions
-from runtime.mechanics.null_space_compliance import rest_stiffness
-from runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.cubature import elastic_cells
+from softprint.runtime.body.handle_sparsity import HandleSparsity
+from softprint.runtime.compiled import summing
+from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
+from softprint.runtime.mechanics.body_regions import BodyRegions
+from softprint.runtime.mechanics.null_space_compliance import rest_stiffness
+from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 Floats = NDArray[np.floating[Any]]
 
 
 class Expansion(NamedTuple):
-    """E = value + slope . change + 1/2 change . stiffness . change, of a change (n_rows*dim,) of the rows."""
+    """E = value + slope . change + 1/2 change . stiffness . change, for a change (n_rows*dim,) of the rows."""
 
     value: float
     slope: Array
@@ -39,22 +39,23 @@ class Expansion(NamedTuple):
 
 
 class CubatureResidual:
-    """The M_r of a body. internal: of all its nodes; by_unknowns: B (m, dim*dim, n_rows*dim + dim) of the cells of the
-    cubature, unturned."""
+    """The M_r of a body. condensation: of all its nodes; by_unknowns: B (m, dim*dim, n_rows*dim + dim) of the cells
+    of the cubature, without rotation."""
 
     def __init__(
         self,
         body: ReducedBody,
-        internal: StaticCondensation,
+        condensation: StaticCondensation,
         elasticity: ReducedElasticity,
         by_unknowns: Array,
     ) -> None:
-        self._internal = internal
-        regions, near = BodyRegions(body, internal), HandleSparsity(body)
-        self._turning = regions.turning
-        n_rows, dim = internal.rest_rows.shape
-        moved = np.concatenate([_spread(body) + internal.unturned(), internal.weight[:, :, None]], axis=2)
-        # Not of the cells inside frames: these turn by finite angles, which are no strain.
+        self._condensation = condensation
+        regions, sparsity = BodyRegions(body, condensation), HandleSparsity(body)
+        self._corotation = regions.corotation
+        n_rows, dim = condensation.rest_rows.shape
+        jacobian = _spread(body) + condensation.unrotated_jacobian()
+        moved = np.concatenate([jacobian, condensation.weight[:, :, None]], axis=2)
+        # Without the cells inside frames, which rotate by finite angles without strain.
         elastic = elastic_cells(body.mesh, body.handles)
         places = body.mesh.cell_centroids
         of_elastic, of_cubature = regions.of(places[elastic]), regions.of(places[body.cubature.cells])
@@ -69,22 +70,22 @@ class CubatureResidual:
             stretched = np.tile(np.eye(dim), (len(nodes), 1)) * body.mesh.points[nodes].reshape(-1, 1)
             unit = float((stretched * (K @ stretched)).sum() / dim)
             whole = V.T @ (K @ V)
-            felt = near.felt_by(whole[: n_rows * dim, : n_rows * dim], unit)
-            missed = near.stood_in(whole - at_rest(elasticity.take(own), B), felt)
-            missed = near.stood_in(missed.T, felt).reshape(n_rows + 1, dim, n_rows + 1, dim)
-            kept = near.rows(felt)
+            near = sparsity.near_part(whole[: n_rows * dim, : n_rows * dim], unit)
+            residual = sparsity.lumped(whole - at_rest(elasticity.take(own), B), near)
+            residual = sparsity.lumped(residual.T, near).reshape(n_rows + 1, dim, n_rows + 1, dim)
+            kept = sparsity.rows(near)
             rows.append(kept)
             kept = np.append(kept, n_rows)
-            blocks.append(missed[kept][:, :, kept].transpose(0, 1, 3, 2).ravel())
-        # In single precision: it is the memory that takes the time.
-        self._missed, self._rows = np.concatenate(blocks).astype(np.float32), np.concatenate(rows)
+            blocks.append(residual[kept][:, :, kept].transpose(0, 1, 3, 2).ravel())
+        # In single precision, as memory bandwidth limits the speed.
+        self._blocks, self._rows = np.concatenate(blocks).astype(np.float32), np.concatenate(rows)
         self._first = np.cumsum([0, *(len(kept) for kept in rows)])
 
-    def about(self, turn: Array) -> Expansion:
-        """E about the turn (n_rows, dim), which is held."""
-        internal, rotations = self._internal, self._turning.rotations(turn)
-        seen = internal.centred(turn), internal.at_rest, internal.gravity
-        return Expansion(*_about(self._missed, self._first, self._rows, *seen, rotations))
+    def about(self, frame_rows: Array) -> Expansion:
+        """E about the frame rows (n_rows, dim), with their rotations fixed."""
+        own, rotations = self._condensation, self._corotation.rotations(frame_rows)
+        unknowns = own.centred(frame_rows), own.centred_rest_rows, own.gravity
+        return Expansion(*_about(self._blocks, self._first, self._rows, *unknowns, rotations))
 
 
 def at_rest(elasticity: ReducedElasticity, B: Array) -> Array:
@@ -110,18 +111,18 @@ def _spread(body: ReducedBody) -> Array:
 
 @summing
 def _about(
-    missed: Floats,
+    blocks: Floats,
     first: IntArray,
     rows: IntArray,
-    turn: Array,
+    frame_rows: Array,
     rest: Array,
     gravity: Array,
     rotations: Array,
 ) -> tuple[float, Array, Array]:
-    """1/2 z^T M z, R M z and R M R^T by the handle rows, summed over the regions. Of region r, which feels the rows
-    first[r] to first[r + 1] of `rows`, M (k + 1, dim, dim, k + 1) is over (row, axis, axis of the other row, other
-    row), gravity the last of both."""
-    n_rows, dim = turn.shape
+    """1/2 z^T M z, R M z and R M R^T by the handle rows, summed over the regions. Region r depends on the rows first[r]
+    to first[r + 1] of `rows`; its M (k + 1, dim, dim, k + 1) is over (row, axis, axis of the other row, other row),
+    with gravity as the last row of both. blocks: M of all regions, flat."""
+    n_rows, dim = frame_rows.shape
     value, slope, total = 0.0, np.zeros((n_rows, dim)), np.zeros((n_rows, dim, n_rows, dim))
     at = 0
     for region in range(len(rotations)):
@@ -131,14 +132,14 @@ def _about(
         for b in range(dim):
             for a in range(dim):
                 for s in range(k):
-                    z[b, s] += turn[own[s], a] * R[a, b]
+                    z[b, s] += frame_rows[own[s], a] * R[a, b]
                 z[b, k] += gravity[a] * R[a, b]
             for s in range(k):
                 z[b, s] -= rest[own[s], b]
         size = dim * dim * (k + 1)
-        M = missed[at : at + (k + 1) * size].reshape(k + 1, dim, dim, k + 1)
+        M = blocks[at : at + (k + 1) * size].reshape(k + 1, dim, dim, k + 1)
         at += (k + 1) * size
-        # In 2D the third of every three products is with zero.
+        # In 2D the third of every three products is zero.
         left, last = np.empty((dim, k + 1)), dim - 1
         across = np.zeros((dim, 3))
         across[:, :dim] = R
@@ -155,7 +156,7 @@ def _about(
                         slope[own[r], i] += R[i, a] * force
             if r == k:
                 continue
-            # M is symmetric: of every two blocks one is turned.
+            # M is symmetric: only one of every two blocks is rotated.
             for i in range(dim):
                 u, v, w = across[i]
                 for b in range(dim):

@@ -3,80 +3,110 @@
     E = sum_c w_c Psi(F_c),    F_c = D_c rows + sum_a u_a (x) G_ca,    B = dF/drows,
     gradient = sum_c w_c B^T P,    Hessian = sum_c w_c B^T A B.
 
-The term in d2u/drows2 is left out of the Hessian (thesis 5.4); the gradient is exact.
+The term in d2u/drows2 is neglected in the Hessian (thesis 5.4); the gradient is exact.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
 import numpy as np
 
-from runtime.arrays import Array, RowHessian, known_hessian
-from runtime.body.body import ReducedBody
-from runtime.dynamics.corrected_points import CorrectedPoints
-from runtime.elasticity.reduced_elasticity import ReducedElasticity
-from runtime.learned.correction import CorrectionField
+from softprint.runtime.arrays import Array, RowHessian, known_hessian
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.dynamics.corrected_points import CorrectedPoints
+from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
+from softprint.runtime.lazy import lazy
+from softprint.runtime.learned.correction import CorrectionField
+
+
+class ElasticEvaluation(Protocol):
+    """The elastic energy at one state."""
+
+    @property
+    def energy(self) -> float:
+        """[J]."""
+        ...
+
+    def linearise(self, field: CorrectionField | None) -> tuple[Array, RowHessian]:
+        """Gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; field: displacements by
+        field corrections with their Jacobians."""
+        ...
+
+
+class ElasticInFrame(Protocol):
+    """The elastic energy of a body in the corotated frame of one step."""
+
+    def evaluate(self, rows: Array, displacement: Array | None) -> ElasticEvaluation:
+        """The energy at handle rows (n_rows, dim), with displacements u (n, dim) [m] of the `CorrectedPoints`."""
+        ...
 
 
 class Elastic(Protocol):
-    """The elastic energy of a body; displacements and fields are those of the watched points, turn
-    (n_rows, dim) is where an internal response is turned (`corotation.py`)."""
+    """The elastic energy of a body."""
 
-    def energy(self, rows: Array, turn: Array, displacement: Array | None) -> float:
-        """E [J]; displacement: u (n, dim) [m]."""
-        ...
-
-    def linearise(
-        self, rows: Array, turn: Array, field: CorrectionField | None
-    ) -> tuple[float, Array, RowHessian]:
-        """Energy [J], gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows."""
+    def in_frame(self, frame_rows: Array) -> ElasticInFrame:
+        """The energy with the rotations of frame rows (n_rows, dim), see `corotation.py`."""
         ...
 
     @property
     def products(self) -> int:
-        """Multiplications that the Hessian takes."""
+        """The number of multiplications for the Hessian."""
         ...
 
 
 class ElasticEnergy:
-    """Of U rows and the corrections at the watched points. There is nothing to turn."""
+    """The energy at U rows and the corrections. It is the same in every frame."""
 
     def __init__(self, body: ReducedBody, points: CorrectedPoints) -> None:
-        self._points = points
-        self._elasticity = watched_elasticity(body, points)
-        self._basis_derivative = self._elasticity.basis_derivative()
-        m, n_rows, dim = self._elasticity.basis_gradient.shape
+        self.points = points
+        self.elasticity = watched_elasticity(body, points)
+        self.basis_derivative = self.elasticity.basis_derivative()
+        m, n_rows, dim = self.elasticity.basis_gradient.shape
         self.products = m * dim**2 * (n_rows * dim) ** 2
 
-    def energy(self, rows: Array, turn: Array, displacement: Array | None) -> float:
+    def in_frame(self, frame_rows: Array) -> ElasticEnergy:
         """See `Elastic`."""
-        return self._elasticity.energy(self._gradients(rows, displacement))
+        return self
 
-    def linearise(
-        self, rows: Array, turn: Array, field: CorrectionField | None
-    ) -> tuple[float, Array, RowHessian]:
-        """See `Elastic`."""
-        F = self._gradients(rows, self._points.scatter(field))
-        energy = self._elasticity.energy(F)
+    def evaluate(self, rows: Array, displacement: Array | None) -> CellElasticity:
+        """See `ElasticInFrame`."""
+        F = self.elasticity.deformation_gradients(rows)
+        if displacement is not None:
+            F = F + self.elasticity.correction_gradients(displacement)
+        return CellElasticity(self, F)
+
+
+@dataclass(frozen=True, eq=False)
+class CellElasticity:
+    """An `ElasticEvaluation` of cells with deformation gradients F (m, dim, dim)."""
+
+    term: ElasticEnergy
+    F: Array
+
+    @lazy
+    def energy(self) -> float:
+        """See `ElasticEvaluation`."""
+        return self.term.elasticity.energy(self.F)
+
+    def linearise(self, field: CorrectionField | None) -> tuple[Array, RowHessian]:
+        """See `ElasticEvaluation`."""
+        elasticity, F = self.term.elasticity, self.F
         if field is None:
-            gradient, second = self._elasticity.gradient(F), partial(self._elasticity.hessian, F)
+            gradient, second = elasticity.gradient(F), partial(elasticity.hessian, F)
         else:
-            B = with_field(self._basis_derivative, self._elasticity, self._points, field)
-            gradient = self._elasticity.general_gradient(F, B)
-            second = partial(self._elasticity.general_hessian, F, B)
-        return energy, gradient, lambda along=None: known_hessian(second())(along)
-
-    def _gradients(self, rows: Array, displacement: Array | None) -> Array:
-        F = self._elasticity.deformation_gradients(rows)
-        return F if displacement is None else F + self._elasticity.correction_gradients(displacement)
+            B = with_field(self.term.basis_derivative, elasticity, self.term.points, field)
+            gradient = elasticity.general_gradient(F, B)
+            second = partial(elasticity.general_hessian, F, B)
+        return gradient, lambda along=None: known_hessian(second())(along)
 
 
 def watched_elasticity(body: ReducedBody, points: CorrectedPoints) -> ReducedElasticity:
-    """The body's cubature. Its corners count among the watched points: nothing here has the length of the mesh."""
-    return replace(ReducedElasticity.of(body), corners=points.corners)
+    """The cubature of the body with its corners numbered in `CorrectedPoints`, so that no array has the length of the
+    mesh."""
+    return replace(body.reduced_elasticity, corners=points.corners)
 
 
 def with_field(

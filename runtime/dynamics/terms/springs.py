@@ -1,4 +1,4 @@
-"""Springs that pull handles to targets: how a user, a hand or a robot takes hold of the body.
+"""Springs that pull handles to targets: the grip of a user, a hand or a robot on the body.
 
 A point handle, or the pivot of a frame or another point of it, at p is pulled to its target by
 E = k/2 |p - target|^2; the orientation R of a frame by E = k_r/4 |R - R_target|_F^2 = k_r (1 - cos(angle between
@@ -13,18 +13,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.body.handles import Handles
-from runtime.colliders.path import KeyframedPath, KeyframedPaths
-from runtime.compiled import summing
-from runtime.errors import SoftprintError
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.handles import Handles
+from softprint.runtime.colliders.path import KeyframedPath, KeyframedPaths
+from softprint.runtime.compiled import summing
+from softprint.runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True, eq=False)
 class HandleSpring:
-    """handle: a point by number or a frame by name; stiffness k [N/m]; target: a path whose position pulls
-    the point (or the frame's anchor) [m, world]; rotation_stiffness k_r [N m/rad], frames only: the path's
-    rotation pulls too. anchor: (dim,) the point of the rest body by which a frame is pulled [m]; None: its pivot."""
+    """handle: a point by number or a frame by name; stiffness k [N/m]; target: a path; the point (or the frame's
+    anchor) is pulled to its position [m, world]; rotation_stiffness k_r [N m/rad], frames only: the frame is also
+    pulled to its rotation. anchor: (dim,) the point of the rest body at which a frame is pulled [m]; None: its
+    pivot."""
 
     handle: int | str
     stiffness: float
@@ -37,7 +38,7 @@ class HandleSpring:
             raise SoftprintError(f"the spring on handle {self.handle!r} has a negative stiffness")
         if self.rotation_stiffness and not isinstance(self.handle, str):
             raise SoftprintError(
-                f"the spring on point handle {self.handle} cannot turn it: only frames have a rotation"
+                f"the spring on point handle {self.handle} has a rotation stiffness, but only frames have a rotation"
             )
 
 
@@ -70,27 +71,29 @@ class Springs:
         self._dim, n_rows = handles.dim, handles.n_rows
         self._targets = KeyframedPaths([spring.target for spring in springs])
         self._matrix = np.zeros((n_rows, n_rows))
-        # Of every spring the weights of the rows in what it pulls at, times its stiffness; and of the rows of R^T.
-        self._pulled = np.zeros((len(springs), n_rows))
-        self._turned = np.zeros((len(springs), handles.dim, n_rows))
+        # For every spring, the weights of the rows in the position that it pulls, times its stiffness; and those of the
+        # rows in R^T.
+        self._position_weights = np.zeros((len(springs), n_rows))
+        self._rotation_weights = np.zeros((len(springs), handles.dim, n_rows))
         for number, spring in enumerate(springs):
             rows, weights = handles.rows_of(spring.handle), _position_weights(handles, spring)
-            self._pulled[number, rows] = spring.stiffness * weights
+            self._position_weights[number, rows] = spring.stiffness * weights
             self._matrix[rows, rows] += spring.stiffness * np.outer(weights, weights)
             if spring.rotation_stiffness:
-                turned, by_turn = np.arange(rows.start, rows.stop - 1), 0.5 * spring.rotation_stiffness
-                self._matrix[turned, turned] += by_turn
-                self._turned[number, np.arange(handles.dim), turned] = by_turn
+                linear, half = np.arange(rows.start, rows.stop - 1), 0.5 * spring.rotation_stiffness
+                self._matrix[linear, linear] += half
+                self._rotation_weights[number, np.arange(handles.dim), linear] = half
         self._stiffness = np.array([spring.stiffness for spring in springs])
         self._constant = 0.25 * self._dim * sum(spring.rotation_stiffness for spring in springs)
 
     def form(self, time: float) -> QuadraticForm:
-        """With their targets at ``time`` [s]."""
+        """The energy with their targets at ``time`` [s]."""
         dim = self._dim
-        turns, targets = self._targets.poses(time)
-        turns, targets = turns.reshape(-1, dim, dim), targets.reshape(-1, dim)
-        linear = self._pulled.T @ targets
-        linear += self._turned.reshape(-1, len(linear)).T @ turns.transpose(0, 2, 1).reshape(-1, dim)
+        rotations, targets = self._targets.poses(time)
+        rotations, targets = rotations.reshape(-1, dim, dim), targets.reshape(-1, dim)
+        linear = self._position_weights.T @ targets
+        by_rotation = self._rotation_weights.reshape(-1, len(linear))
+        linear += by_rotation.T @ rotations.transpose(0, 2, 1).reshape(-1, dim)
         constant = self._constant + 0.5 * float(self._stiffness @ (targets**2).sum(axis=1))
         return QuadraticForm(self._matrix, linear, constant)
 

@@ -1,9 +1,9 @@
-"""The weight of a body: of U rows, and of the internal response that hangs on it.
+"""The weight of a body at U rows and the displacement u of static condensation.
 
     E(rows) = -sum_i m_i g . (U rows + u)_i,    u_i = R [L_i (R^T rows - rest) + w_i R^T g],
 
-linear in the rows while the turn is held; R is that of the region of the body where i is (`body_regions.py`). Without
-the second part the body would not hang where it balances: u gives way to gravity, and what it gives way by does work.
+linear in the rows while the rotations R are fixed, one for each region of the body (`body_regions.py`). Without the
+second part the equilibrium under gravity would be wrong: u depends on gravity, and gravity does work along u.
 """
 
 from __future__ import annotations
@@ -14,55 +14,49 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from runtime.arrays import Array, same
-from runtime.body.body import ReducedBody
-from runtime.compiled import summing
-from runtime.mechanics.body_regions import BodyRegions
-from runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.compiled import summing
+from softprint.runtime.mechanics.body_regions import BodyRegions
+from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 
 class Weight:
-    """gravity: (dim,) [m/s^2]; internal: of all nodes of the body, None where U rows is all there is."""
+    """gravity: (dim,) [m/s^2]; condensation: of all nodes of the body, None without static condensation."""
 
-    def __init__(self, body: ReducedBody, gravity: Array, internal: StaticCondensation | None) -> None:
+    def __init__(self, body: ReducedBody, gravity: Array, condensation: StaticCondensation | None) -> None:
         self._linear = np.outer(body.basis.T @ body.node_mass, gravity)
-        self._internal = internal
-        self._last: tuple[Array, tuple[Array, float]] | None = None
-        if internal is not None:
-            regions = BodyRegions(body, internal)
-            self._turning = regions.turning
+        self._condensation = condensation
+        if condensation is not None:
+            regions = BodyRegions(body, condensation)
+            self._corotation = regions.corotation
             # Summed over the nodes of a region: (n, dim, n_rows, dim) and (n, dim, dim).
             shares = sp.csr_matrix(
                 (body.node_mass, (regions.of_nodes, np.arange(body.n_nodes))),
                 shape=(regions.count, body.n_nodes),
             )
-            self._modes = _summed(shares, internal.modes)
-            self._hanging = _summed(shares, internal.weight)
+            self._modes = _summed(shares, condensation.modes)
+            self._by_gravity = _summed(shares, condensation.weight)
 
-    def form(self, turn: Array) -> tuple[Array, float]:
-        """The force F (n_rows, dim) [N] and c [J] of E = c - tr(F^T rows); turn: (n_rows, dim), see `corotation.py`.
-        That of the last turn is kept."""
-        if self._internal is None:
+    def form(self, frame_rows: Array) -> tuple[Array, float]:
+        """The force F (n_rows, dim) [N] and c [J] of E = c - tr(F^T rows), with the rotations of frame rows (n_rows,
+        dim), see `corotation.py`."""
+        own = self._condensation
+        if own is None:
             return self._linear, 0.0
-        if self._last is None or not same(self._last[0], turn):
-            self._last = turn.copy(), self._hangs(self._internal, turn)
-        return self._last[1]
-
-    def _hangs(self, internal: StaticCondensation, turn: Array) -> tuple[Array, float]:
-        """`form`, with an internal response."""
-        rotations = self._turning.rotations(turn)
-        force, constant = _hanging(
-            self._modes, self._hanging, internal.gravity, internal.rest_rows, rotations
+        rotations = self._corotation.rotations(frame_rows)
+        force, constant = _condensed_weight(
+            self._modes, self._by_gravity, own.gravity, own.rest_rows, rotations
         )
         return self._linear + force, constant
 
 
 @summing
-def _hanging(
+def _condensed_weight(
     modes: Array, weight: Array, gravity: Array, rest: Array, rotations: Array
 ) -> tuple[Array, float]:
-    """sum_n h L_n R^T (n_rows, dim) and sum_n h L_n : rest - h w_n h with h = R^T g, over the regions n: L (n, dim,
-    n_rows, dim), w (n, dim, dim)."""
+    """sum_n h L_n R^T (n_rows, dim) and sum_n h L_n : rest - h w_n h with h = R^T g, over the regions n; modes: L (n,
+    dim, n_rows, dim); weight: w (n, dim, dim)."""
     n_rows, dim = rest.shape
     total, constant = np.zeros((n_rows, dim)), 0.0
     for n in range(len(modes)):
@@ -86,5 +80,5 @@ def _hanging(
 
 
 def _summed(shares: sp.csr_matrix, values: NDArray[np.floating[Any]]) -> Array:
-    """Over the nodes (n_nodes, ...), by their shares (n, n_nodes) in regions."""
+    """Values (n_nodes, ...) summed over the nodes, with weights `shares` (n, n_nodes) in regions."""
     return np.asarray(shares @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])

@@ -1,1 +1,1 @@
-"""Ours: a network that corrects the contact forces of linear mechanics, for any collider."""
+"""Softprint's own form: a network that corrects the contact forces of linear mechanics, for any collider."""

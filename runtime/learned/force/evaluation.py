@@ -1,5 +1,5 @@
-"""The load model of `model.py` for one contact, in numpy: some tens of rows, where what counts is the number of
-operations and not their size. Between a step's other work each of torch's costs several times one of numpy's.
+"""The force model of `model.py` for one contact, in numpy. With some tens of rows the overhead per operation dominates,
+and within a step that of torch is several times that of numpy.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from runtime.learned.force.confidence import ConfidenceEvaluation
-from runtime.learned.force.contact_state import ContactState
-from runtime.learned.force.model import SATURATION, ForceModel
+from softprint.runtime.learned.force.confidence import ConfidenceEvaluation
+from softprint.runtime.learned.force.contact_state import ContactState
+from softprint.runtime.learned.force.model import SATURATION, ForceModel
 
 Floats = NDArray[np.floating[Any]]
 
@@ -25,12 +25,12 @@ _ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
 
 
 class ForceEvaluation:
-    """phi(loads) of a model on the CPU. Its parameters are shared, not copied."""
+    """phi of a `ForceModel` on the CPU. Its parameters are shared, not copied."""
 
     def __init__(self, model: ForceModel) -> None:
         network = model.network
         self._fade, self._scale = model.fade, float(model.traction_scale)
-        self._trust = ConfidenceEvaluation(model.trust)
+        self._confidence = ConfidenceEvaluation(model.confidence)
         self._mean, self._spread = _shared(model.local_mean), _shared(model.local_scale)
         self._depth_mean, self._depth_spread = float(model.depth_mean), float(model.depth_scale)
         assert network.shared is not None  # the depth of the contact
@@ -41,17 +41,17 @@ class ForceEvaluation:
 
     @property
     def dtype(self) -> np.dtype[np.floating[Any]]:
-        """Of the model."""
+        """The type of the model."""
         return self._mean.dtype
 
-    def loads(self, contact: ContactState) -> Floats:
-        """phi (m, dim) [N], as `ForceModel`, in the precision of the model."""
-        kind, load, depth = self.dtype, contact.load, contact.depth
+    def forces(self, contact: ContactState) -> Floats:
+        """phi (m, dim) [N] as of `ForceModel`, in the precision of the model."""
+        kind, force, depth = self.dtype, contact.force, contact.depth
         z = (contact.inputs.astype(kind) - self._mean) / self._spread
         y = self._network(_saturated(z), depth)
         traction = (y[:, None, 1:] @ contact.lever)[:, 0]
-        correction = self._fade.value(depth) * (load * y[:, :1] + self._scale * traction)
-        phi = load + self._trust.of(z, load, correction) * correction
+        correction = self._fade.value(depth) * (force * y[:, :1] + self._scale * traction)
+        phi = force + self._confidence.of(z, force, correction) * correction
         return np.asarray(phi.astype(kind))
 
     def _network(self, local: Floats, depth: float) -> Floats:
@@ -65,7 +65,7 @@ class ForceEvaluation:
 
 
 def _saturated(z: Any) -> Any:
-    """`load_model.saturated`."""
+    """See `model.saturated`."""
     return SATURATION * np.tanh(z / SATURATION)
 
 

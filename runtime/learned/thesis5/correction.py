@@ -9,17 +9,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.body.material_points import MaterialPoints
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.learned.contact_patch import ContactProbe, Patch
-from runtime.learned.correction import CorrectionField, Potential, require_body
-from runtime.learned.point_states import PointStates, PointTensors
-from runtime.learned.reach import Reach
-from runtime.learned.thesis5.model import ContactCentricModel
-from runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.learned.contact_patch import ContactProbe, Patch
+from softprint.runtime.learned.correction import CorrectionField, require_body
+from softprint.runtime.learned.point_states import PointStates, PointTensors
+from softprint.runtime.learned.reach import Reach
+from softprint.runtime.learned.thesis5.model import ContactCentricModel
 
 
 class ContactCentricCorrection:
@@ -29,8 +28,6 @@ class ContactCentricCorrection:
     """
 
     support: float = np.inf
-    potential: Potential | None = None
-    internal: StaticCondensation | None = None
 
     def __init__(self, name: str, model: ContactCentricModel, body: ReducedBody, collider: Collider) -> None:
         require_body(name, model.dim, model.n_rows, body)
@@ -45,7 +42,7 @@ class ContactCentricCorrection:
 
 @dataclass(frozen=True, eq=False)
 class _Contact:
-    """What one evaluation needs: the patch, and the states of the active points."""
+    """The data of one evaluation: the patch, and the states of the active points."""
 
     patch: Patch
     index: IntArray
@@ -63,7 +60,7 @@ class BoundContactCentric:
         self._basis, self._reach = points.basis, Reach(points, reach)
         self._points = PointTensors.of(points, self._model.output_scale)
 
-    def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
+    def displacement(self, rows: Array, pose: RigidPose) -> Array:
         """u (n, dim) [m] in the world frame."""
         displacement = np.zeros((len(self._basis), self._model.dim))
         contact = self._contact(rows, pose)
@@ -75,7 +72,7 @@ class BoundContactCentric:
         return displacement
 
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
-        """u and du/drows of the points within reach; none where the reduced body does not touch."""
+        """u and du/drows of the points within reach; an empty field where the reduced body does not touch."""
         contact = self._contact(rows, pose)
         if contact is None:
             return CorrectionField.empty(self._model.dim, self._model.n_rows)

@@ -1,8 +1,7 @@
-"""What the network is told about a point: two encodings of the relative configuration, with their
-derivatives.
+"""The network inputs of a point: two encodings of the relative configuration, with their derivatives.
 
-An encoding turns the state of points into local inputs, and pulls a Jacobian dy/d(inputs) back to the
-collider rows T^-1 q by the chain rule, written out by hand.
+An encoding converts the state of points to local inputs, and pulls a Jacobian dy/d(inputs) back to the handle rows by
+the chain rule, written out by hand.
 """
 
 from __future__ import annotations
@@ -12,8 +11,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from runtime.learned.deformed_normal import deformed_normal, deformed_normal_derivative
-from runtime.learned.point_states import PointStates
+from softprint.runtime.learned.deformed_normal import deformed_normal, deformed_normal_derivative
+from softprint.runtime.learned.point_states import PointStates
 
 
 class Encoding(Protocol):
@@ -52,11 +51,10 @@ class WeightedRows:
 
 
 class LocalGeometry:
-    """Where the collider is, as the material point sees it: what decides a contact wherever on the body it
-    happens.
+    """The position of the collider relative to the material point, which determines a contact anywhere on the body.
 
-    Inputs: z, signed distance and its gradient there, F, the carried outward normal of the nearest surface
-    point, the rest distance to that surface, and the rest position (for what differs from place to place:
+    Inputs: z, signed distance and its gradient there, F, the deformed outward normal of the nearest surface
+    point, the rest distance to that surface, and the rest position (for properties that vary over the body:
     thickness, handles).
     """
 
@@ -88,7 +86,7 @@ class LocalGeometry:
         _, normal_slope = deformed_normal_derivative(state.F, state.points.surface_normal)
         to_z = to_z + to_sdf * state.slope[:, None, :] + to_slope @ state.curvature
         to_F = to_F + to_normal @ normal_slope.reshape(n, dim, dim * dim)
-        # Columns per point: d/dz_b, then d/dF_bj for each j; they meet the basis values and its gradient.
+        # Columns per point: d/dz_b, multiplied by the basis, then d/dF_bj for each j, by the gradient of the basis.
         by_row = torch.cat([to_z[..., None], to_F.reshape(n, n_out, dim, dim)], dim=-1)
         by_row = torch.einsum("nobk,cb->nock", by_row, rotation).reshape(n, n_out * dim, 1 + dim)
         basis = torch.cat([state.points.basis[..., None], state.points.basis_gradient], dim=-1)

@@ -4,30 +4,30 @@ inference.
     r = s phi(D) N(a, b),        u = R r        (thesis eqs. 5.2 to 5.4; r in collider space)
 
 with local inputs a of a point, shared inputs b of the contact (both normalised), s [m] the output scale and D
-the depth of the contact patch. The fade phi takes the field to zero as contact opens, see `fade.py`.
+the depth of the contact patch. The fade phi reduces the field to zero as contact opens, see `fade.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from runtime.learned.contact_patch import n_shared_inputs
-from runtime.learned.fade import Fade
-from runtime.learned.network import Mlp, spread
-from runtime.learned.point_states import PointStates
-from runtime.learned.thesis5.inputs import ENCODINGS
+from softprint.runtime.learned.contact_patch import n_shared_inputs
+from softprint.runtime.learned.fade import Fade
+from softprint.runtime.learned.form import LearnedModel, ModelOptions
+from softprint.runtime.learned.network import Mlp, spread
+from softprint.runtime.learned.point_states import PointStates
+from softprint.runtime.learned.thesis5.inputs import ENCODINGS
 
 
 @dataclass(frozen=True)
-class ContactCentricOptions:
-    """Architecture of a contact model; kept in the header of its file.
+class ContactCentricOptions(ModelOptions):
+    """Architecture of a contact model; stored in the header of its file.
 
-    encoding: local inputs, see `inputs.py`; patch_inputs: give the network the shared inputs of the contact
+    encoding: local inputs, see `inputs.py`; patch_inputs: whether the network also has the shared inputs of the contact
     patch; widths: neurons of each hidden layer; fade, fade_depth [m]: see the module.
     """
 
@@ -38,19 +38,12 @@ class ContactCentricOptions:
     fade: Literal["saturating", "proportional"]
     fade_depth: float
 
-    def to_json(self) -> dict[str, Any]:
-        """As plain values for a file's header."""
-        return asdict(self)
 
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> ContactCentricOptions:
-        """From the values of :meth:`to_json`; TypeError or KeyError where they are not such."""
-        return cls(**{**values, "widths": tuple(values["widths"])})
-
-
-class ContactCentricModel(nn.Module):
+class ContactCentricModel(LearnedModel):
     """r(a, b, D) for bodies with n_rows handle rows in dim dimensions. Buffers hold the normalisation."""
 
+    form: ClassVar[str] = "thesis5"
+    options: ContactCentricOptions
     local_mean: Tensor
     local_scale: Tensor
     shared_mean: Tensor
@@ -106,7 +99,7 @@ class ContactCentricModel(nn.Module):
         y = self.network.derivatives(local, self.shared_inputs(shared), rotation)
         factor = self.output_scale * self.fade.value(depth)
         jacobian = self.encoding.pull_back(state, y.local * (factor / self.local_scale), rotation)
-        # What all points share: the slope of the fade along dD, and the network's shared inputs.
+        # Terms through the shared inputs: the slope of the fade along dD, and the network's own.
         by_depth = (self.output_scale * self.fade.slope(depth)) * y.value
         if self.options.patch_inputs:
             to_shared = y.shared * (factor / self.shared_scale)

@@ -6,39 +6,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
-from runtime.body.body import ReducedBody
-from runtime.body.material_points import MaterialPoints
-from runtime.colliders.collider import Collider
-from runtime.colliders.pose import RigidPose
-from runtime.errors import SoftprintError
-from runtime.learned.contact_patch import ContactProbe, Patch
-from runtime.learned.correction import CorrectionField, Potential, require_body
-from runtime.learned.reach import Reach
-from runtime.learned.thesis6.descriptors import (
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.contact_patch import ContactProbe, Patch
+from softprint.runtime.learned.correction import CorrectionField, require_body
+from softprint.runtime.learned.reach import Reach
+from softprint.runtime.learned.thesis6.descriptors import (
     Geometry,
     GridGeometry,
     MovingFrames,
     biased_frames,
     moving_frames,
 )
-from runtime.learned.thesis6.descriptors.attenuation import attenuation, attenuation_slope
-from runtime.learned.thesis6.descriptors.smoothed_gradient import unit_normal, unit_normal_slope
-from runtime.learned.thesis6.descriptors.steadiness import steadiness, steadiness_slope
-from runtime.learned.thesis6.model import DescriptorModel, inputs_in_frame, relative_rows
-from runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.learned.thesis6.descriptors.attenuation import attenuation, attenuation_slope
+from softprint.runtime.learned.thesis6.descriptors.smoothed_gradient import unit_normal, unit_normal_slope
+from softprint.runtime.learned.thesis6.descriptors.steadiness import steadiness, steadiness_slope
+from softprint.runtime.learned.thesis6.inputs import inputs_in_frame, relative_rows
+from softprint.runtime.learned.thesis6.model import DescriptorModel
 
 
 class DescriptorCorrection:
     """u(X) = T R r (thesis eq. 6.1). Zero unless some surface sample of the reduced body penetrates, at points whose
-    reduced position is farther than d from the collider, and where there is no telling the normal.
+    reduced position is farther than d from the collider, and where the normal is undefined.
 
-    geometry: where descriptors come from, by default grids around the collider, computed here. The model may be
+    geometry: the source of the descriptors, by default grids around the collider, computed here. The model may be
     float32, as trained, or float64 (`model.double()`), for finite differences.
     """
-
-    potential: Potential | None = None
-    internal: StaticCondensation | None = None
 
     def __init__(
         self,
@@ -67,7 +64,7 @@ class DescriptorCorrection:
 
 @dataclass(frozen=True, eq=False)
 class _Contact:
-    """What one evaluation needs: the patch, the collider rows, and the active points in collider coordinates."""
+    """The data of one evaluation: the patch, the collider rows, and the active points in collider coordinates."""
 
     patch: Patch
     rows: Array
@@ -86,7 +83,7 @@ class BoundDescriptorCorrection:
         self._reach = Reach(points, np.minimum(reach, correction.support))
         self._radius = correction.support
 
-    def displacement(self, rows: Array, pose: RigidPose, turn: Array | None = None) -> Array:
+    def displacement(self, rows: Array, pose: RigidPose) -> Array:
         """u (n, dim) [m] in the world frame."""
         displacement = np.zeros((len(self._basis), self._model.dim))
         contact = self._contact(rows, pose)
@@ -98,8 +95,8 @@ class BoundDescriptorCorrection:
         return displacement
 
     def predict(self, z: Array, relative: Array) -> Array:
-        """b R r (n, dim) [m] at points z (n, dim), in collider coordinates and before it is attenuated; relative: see
-        `relative_rows`."""
+        """b R r (n, dim) [m] at points z (n, dim), in collider coordinates and before attenuation with distance;
+        relative: see `relative_rows`."""
         u, gradient = np.zeros_like(z), self._geometry.smoothed(z)
         for frames in biased_frames(unit_normal(gradient)):
             at, R = frames.at, frames.rotation
@@ -109,7 +106,8 @@ class BoundDescriptorCorrection:
         return u * steadiness(gradient)[:, None]
 
     def linearise(self, rows: Array, pose: RigidPose) -> CorrectionField:
-        """u and du/drows of the points within d and within reach; none where the reduced body does not touch."""
+        """u and du/drows of the points within d and within reach; an empty field where the reduced body does not
+        touch."""
         contact = self._contact(rows, pose)
         if contact is None or not len(contact.index):
             return CorrectionField.empty(self._model.dim, self._model.n_rows)
@@ -135,7 +133,7 @@ class BoundDescriptorCorrection:
         to_z = a[:, None, None] * to_z + u[:, :, None] * slope[:, None, :]
         u *= a[:, None]
         jacobian = a[:, None, None, None] * to_rows + to_z[:, :, None, :] * basis[:, None, :, None]
-        # To the world: u turns with the pose, and d(collider rows) = d(world rows) R.
+        # To the world: u rotates with the pose, and d(collider rows) = d(world rows) R.
         u = pose.rotate(u)
         jacobian = pose.rotation @ (jacobian @ pose.rotation.T).reshape(len(z), self._model.dim, -1)
         fade, depth = self._model.fade, contact.patch.depth
@@ -154,12 +152,12 @@ class BoundDescriptorCorrection:
         phi, phi_slope = descriptor.derivatives(self._geometry, z, R, R_slope)
         r, to_inputs = self._model.derivatives(inputs_in_frame(phi, relative, R))
         to_phi = to_inputs[:, :, : len(descriptor)]
-        to_turned = to_inputs[:, :, len(descriptor) :].reshape(n, dim, -1, dim)
-        # The turned rows are y_ra = U_r v_rb R_ba with v = rows - affine z: dy/dz = U_r (v_rb dR_ba/dz - affine R_ca).
-        moment = to_turned.transpose(0, 1, 3, 2).reshape(n, dim * dim, -1) @ relative  # (n, i.a, b)
-        turning = R_slope.transpose(0, 2, 1, 3).reshape(n, dim * dim, dim)  # (n, a.b, c)
-        weighted = to_turned * basis[:, None, :, None]
-        r_slope = to_phi @ phi_slope + moment.reshape(n, dim, dim * dim) @ turning
+        to_rotated = to_inputs[:, :, len(descriptor) :].reshape(n, dim, -1, dim)
+        # The rotated rows are y_ra = U_r v_rb R_ba with v = rows - affine z: dy/dz = U_r (v_rb dR_ba/dz - affine R_ca).
+        moment = to_rotated.transpose(0, 1, 3, 2).reshape(n, dim * dim, -1) @ relative  # (n, i.a, b)
+        rotation_slope = R_slope.transpose(0, 2, 1, 3).reshape(n, dim * dim, dim)  # (n, a.b, c)
+        weighted = to_rotated * basis[:, None, :, None]
+        r_slope = to_phi @ phi_slope + moment.reshape(n, dim, dim * dim) @ rotation_slope
         r_slope -= (self._affine @ weighted) @ R.transpose(0, 2, 1)
         u = np.einsum("nab,nb->na", R, r)
         to_z = np.einsum("nabc,nb->nac", R_slope, r) + R @ r_slope

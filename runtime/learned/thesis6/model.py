@@ -3,31 +3,30 @@
     r = s N(phi, W(X) R^-1 T^-1 (q - x)),        u = a(phi_0) b(g) D^2 / (D^2 + D_0^2) T R r   (thesis eqs. 6.1 and 6.5)
 
 with W = diag(U(X)); of frames, x is subtracted from the translation row alone. s [m] is the output scale, a the
-attenuation at distance d, b that where the smoothed gradient g tells no normal, and the factor of the depth D of the
-contact takes the field to zero as contact opens: a network that knows the neighbourhood of one point cannot tell
-whether the body is touched anywhere (see `fade.py`).
+attenuation at distance d, and b that where the smoothed gradient g defines no normal. The factor with the depth D of
+the contact reduces the field to zero as contact opens: the local inputs of one point do not show whether the body is
+touched anywhere (see `fade.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import ClassVar, Literal
 
-import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from runtime.arrays import Array
-from runtime.learned.fade import Fade
-from runtime.learned.network import Mlp, spread
-from runtime.learned.thesis6.descriptors import LocalDescriptor
-from runtime.learned.thesis6.descriptors.local_descriptor import Samples
+from softprint.runtime.arrays import Array
+from softprint.runtime.learned.fade import Fade
+from softprint.runtime.learned.form import LearnedModel, ModelOptions
+from softprint.runtime.learned.network import Mlp, spread
+from softprint.runtime.learned.thesis6.descriptors import LocalDescriptor
+from softprint.runtime.learned.thesis6.descriptors.local_descriptor import Samples
 
 
 @dataclass(frozen=True)
-class DescriptorModelOptions:
-    """Architecture of a descriptor model; kept in the header of its file.
+class DescriptorModelOptions(ModelOptions):
+    """Architecture of a descriptor model; stored in the header of its file.
 
     widths: neurons of each hidden layer; radius: d [m]; sets: of differences in the smoothed gradient, 0 for the raw
     gradient; samples: of the descriptor; fade_depth: D_0 [m].
@@ -40,19 +39,12 @@ class DescriptorModelOptions:
     samples: Samples
     fade_depth: float
 
-    def to_json(self) -> dict[str, Any]:
-        """As plain values for a file's header."""
-        return asdict(self)
 
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> DescriptorModelOptions:
-        """From the values of :meth:`to_json`; TypeError or KeyError where they are not such."""
-        return cls(**{**values, "widths": tuple(values["widths"])})
-
-
-class DescriptorModel(nn.Module):
+class DescriptorModel(LearnedModel):
     """r for bodies with n_rows handle rows in dim dimensions. Buffers hold the normalisation of the inputs, and s."""
 
+    form: ClassVar[str] = "thesis6"
+    options: DescriptorModelOptions
     mean: Tensor
     scale: Tensor
     output_scale: Tensor
@@ -92,19 +84,3 @@ class DescriptorModel(nn.Module):
         found = self.network.derivatives(normalised, normalised[0, :0], torch.eye(self.dim).to(self.mean))
         r, jacobian = self.output_scale * found.value, found.local * (self.output_scale / self.scale)
         return r.double().numpy(), jacobian.double().numpy()
-
-
-def relative_rows(basis: Array, rows: Array, affine_part: Array, z: Array) -> Array:
-    """W(X) T^-1 (q - x) (n, n_rows, dim) [m] in collider coordinates.
-
-    basis: U (n, n_rows); rows: T^-1 q (n_rows, dim); affine_part: (n_rows,), see `Handles.affine_part`; z (n, dim).
-    """
-    relative = rows - affine_part[:, None] * z[:, None, :]
-    relative *= basis[:, :, None]
-    return np.asarray(relative)
-
-
-def inputs_in_frame(descriptor: Array, relative: Array, rotation: Array) -> Array:
-    """What the network is told (n, n_inputs): descriptor (n, m), and relative rows (n, n_rows, dim) turned into the
-    frames R (n, dim, dim)."""
-    return np.concatenate([descriptor, (relative @ rotation).reshape(len(descriptor), -1)], axis=1)

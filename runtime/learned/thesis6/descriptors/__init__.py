@@ -1,17 +1,17 @@
-"""What the neighbourhood of a point looks like: local collider descriptors (thesis 6.2), in collider coordinates."""
+"""Local collider descriptors: the neighbourhood of a point (thesis 6.2), in collider coordinates."""
 
-from runtime.learned.thesis6.descriptors.ball_rule import ball_rule, sample_pattern
-from runtime.learned.thesis6.descriptors.contact_frame import (
+from softprint.runtime.learned.thesis6.descriptors.ball_rule import ball_rule, sample_pattern
+from softprint.runtime.learned.thesis6.descriptors.contact_frame import (
     Frames,
     MovingFrames,
     biased_frames,
     moving_frames,
     random_frames,
 )
-from runtime.learned.thesis6.descriptors.geometry import DirectGeometry, Geometry, GridGeometry
-from runtime.learned.thesis6.descriptors.local_descriptor import LocalDescriptor
-from runtime.learned.thesis6.descriptors.radius import handle_spacing
-from runtime.learned.thesis6.descriptors.smoothed_gradient import SmoothedGradient
+from softprint.runtime.learned.thesis6.descriptors.geometry import DirectGeometry, Geometry, GridGeometry
+from softprint.runtime.learned.thesis6.descriptors.local_descriptor import LocalDescriptor
+from softprint.runtime.learned.thesis6.descriptors.radius import handle_spacing
+from softprint.runtime.learned.thesis6.descriptors.smoothed_gradient import SmoothedGradient
 
 __all__ = [
     "DirectGeometry",

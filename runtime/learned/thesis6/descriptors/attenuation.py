@@ -1,17 +1,17 @@
-"""How contact deformation is taken to zero at the distance d from the collider, where no descriptor reaches (thesis
-6.2.4):
+"""Attenuation: a factor that reduces contact deformation to zero at the distance d from the collider, the range of the
+descriptor (thesis 6.2.4):
 
     a(phi) = 1 - S((phi / d - h) / (1 - h)),    S(s) = s^2 (3 - 2 s) on [0, 1],
 
-one to the distance h d, zero from d on, C1. What it takes away nothing can learn: with h = 0 it was 10 % of the
-square of the displacement of a jelly under the library's shapes, with h = 1/2 it is 4 %.
+one up to the distance h d, zero from d on, C1. No model can learn what it removes: with h = 0 that is 10 % of the
+squared displacement of a jelly under the library's shapes, with h = 1/2 it is 4 %.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 HOLD = 0.5  # h
 

@@ -4,15 +4,15 @@ A product rule: Gauss's two radii for the weight r^(dim-1), equal weights at eig
 four heights on the sphere; 64 points (Stroud 1971, S3: 7-4), in the plane 16. An even polynomial in r of degree 6 with
 that weight needs two radii, one in cos(theta) four heights, one in the azimuth eight angles.
 
-The polar axis is the first one, which a contact frame turns into the normal: an eighth of a turn about the normal maps
-the pattern onto itself, and no point lies in the plane across it.
+The polar axis is the first one, which a contact frame rotates to the normal: a rotation by 45 degrees about the normal
+maps the pattern onto itself, and no point lies in the plane across it.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 _ANGLES = 2 * np.pi * (np.arange(8) + 0.5) / 8
 

@@ -1,8 +1,8 @@
 """The contact frame R = [n, t1, t2] of a point (thesis 6.2.2), in collider coordinates; in the plane [n, t].
 
-While it learns, a network meets random tangents. At run time they are biased, t1 = n x e / |n x e|, t2 = n x t1, which
-fails where n is along e. No smooth choice of tangents exists on the whole sphere, so two choices are blended: results
-in the frame of e = (1, 0, 0) and in that of (0, 1, 0) are weighted with 1 - w and w,
+In training, tangents are random. At run time they are biased, t1 = n x e / |n x e|, t2 = n x t1, which fails where n is
+along e. No smooth choice of tangents exists on the whole sphere, so two choices are blended: results in the frame of
+e = (1, 0, 0) and in that of (0, 1, 0) are weighted with 1 - w and w,
 
     w = S((c - LOW) / (HIGH - LOW)),    c = n_1^2,    S(s) = 6 s^5 - 15 s^4 + 10 s^3,
 
@@ -15,18 +15,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, IntArray
 
-# Between these squares of the first component of n, the frames of both biases count: 23 % of all normals.
+# Between these squares of the first component of n, the frames of both biases have weight: 23 % of all normals.
 LOW, HIGH = 0.5, 0.9
-_QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # turn, from n to t in the plane
+_QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # rotation by 90 degrees, from n to t in the plane
 
 
 class Frames(NamedTuple):
-    """Frames of m of the points, all of them those of one bias.
+    """Frames of m of the points, with one bias.
 
-    at: (m,) which points; rotation: R (m, dim, dim), its columns n, t1, t2; weight: (m,) w, what results in this
-    frame count; bias: the number of the axis e.
+    at: (m,) which points; rotation: R (m, dim, dim), its columns n, t1, t2; weight: (m,) of results in this frame;
+    bias: the number of the axis e.
     """
 
     at: IntArray
@@ -47,7 +47,7 @@ class MovingFrames(NamedTuple):
 
 
 def biased_frames(normal: Array) -> list[Frames]:
-    """The frames of run time for unit normals (n, dim), the weights of a point summing to one."""
+    """The frames at run time for unit normals (n, dim). The weights of a point sum to one."""
     n, dim = normal.shape
     if dim == 2:
         return [Frames(np.arange(n), _flat(normal), np.ones(n), 0)]
@@ -63,7 +63,7 @@ def biased_frames(normal: Array) -> list[Frames]:
 
 
 def moving_frames(normal: Array, normal_slope: Array) -> list[MovingFrames]:
-    """The same with derivatives, from dn/dz (n, dim, dim)."""
+    """`biased_frames` with derivatives, from dn/dz (n, dim, dim)."""
     dim = normal.shape[1]
     s = _towards_second(normal) if dim == 3 else np.zeros(len(normal))
     steep = 30 * s**2 * (1 - s) ** 2 * 2.0 * normal[:, 0] / (HIGH - LOW)
@@ -81,7 +81,7 @@ def moving_frames(normal: Array, normal_slope: Array) -> list[MovingFrames]:
 
 
 def random_frames(normal: Array, rng: np.random.Generator) -> Array:
-    """R (n, dim, dim) with tangents in any direction about unit normals (n, dim); in 2D there is one choice."""
+    """R (n, dim, dim) with random tangents to unit normals (n, dim); in 2D there is only one choice."""
     n, dim = normal.shape
     if dim == 2:
         return _flat(normal)
@@ -92,7 +92,7 @@ def random_frames(normal: Array, rng: np.random.Generator) -> Array:
 
 
 def _towards_second(normal: Array) -> Array:
-    """s (n,) in [0, 1]: how far the frames have changed from the first bias to the second."""
+    """s (n,) in [0, 1]: the blend from the first bias to the second."""
     return np.clip((normal[:, 0] ** 2 - LOW) / (HIGH - LOW), 0.0, 1.0)
 
 

@@ -1,6 +1,6 @@
-"""What descriptors ask of a collider, and two ways to answer: from its signed distance, or from fields on grids.
+"""The geometry of a collider that descriptors need, from its signed distance directly or from fields on grids.
 
-Both fields that are interpolated, distance and smoothed gradient, are smooth and know of no frame: what is built from
+The interpolated fields, distance and smoothed gradient, are smooth and independent of frames: everything computed from
 them at a point is C2 in the point (thesis 6.3 interpolates deformations, whose slope jumps from cell to cell).
 """
 
@@ -10,18 +10,14 @@ from typing import Protocol
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.colliders.collider import Collider
-from runtime.colliders.spline import SplineGrid
-from runtime.learned.thesis6.descriptors.smoothed_gradient import (
-    SmoothedGradient,
-    unit_normal,
-    unit_normal_slope,
-)
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.spline import SplineGrid
+from softprint.runtime.learned.thesis6.descriptors.smoothed_gradient import SmoothedGradient, unit_normal
 
 # Cells along the largest side of a collider enlarged by d: of the smoothed gradient, which varies over d, and of the
-# distance. Of a torus, d being 0.6 of its size: 7 um and 0.6 degrees RMS from the collider's own, in 2.5 s; with 40 and
-# 96 cells 1 um and 0.4 degrees in 10 s.
+# distance. Errors for a torus, with d 0.6 of its size: 7 um and 0.6 degrees RMS, computed in 2.5 s; with 40 and 96
+# cells 1 um and 0.4 degrees, in 10 s.
 GRADIENT_CELLS, DISTANCE_CELLS = 24, 64
 
 
@@ -40,10 +36,6 @@ class Geometry(Protocol):
         """Smoothed unit normal (n, dim)."""
         return unit_normal(self.smoothed(z))
 
-    def normal_derivatives(self, z: Array) -> tuple[Array, Array]:
-        """Smoothed unit normal (n, dim) and its derivative (n, dim, dim) [1/m]."""
-        return unit_normal_slope(*self.smoothed_derivatives(z))
-
     def distance(self, z: Array) -> Array:
         """Signed distance (n,) [m]."""
         ...
@@ -54,7 +46,7 @@ class Geometry(Protocol):
 
 
 class DirectGeometry(Geometry):
-    """From the collider itself. radius: d [m]; sets: of differences in the smoothed gradient."""
+    """Evaluated from the collider directly. radius: d [m]; sets: of differences in the smoothed gradient."""
 
     def __init__(self, collider: Collider, radius: float, sets: int) -> None:
         self._collider = collider

@@ -1,5 +1,5 @@
-"""The local descriptor of a collider: its signed distance at a pattern of points around, turned with the contact frame
-(thesis eq. 6.4),
+"""The local descriptor of a collider: its signed distance at a pattern of points around a point, rotated with the
+contact frame (thesis eq. 6.4),
 
     phi_i(z) = phi(z + d R w_i).
 """
@@ -10,16 +10,16 @@ from typing import Literal
 
 import numpy as np
 
-from runtime.arrays import Array
-from runtime.learned.thesis6.descriptors.ball_rule import sample_pattern
-from runtime.learned.thesis6.descriptors.geometry import Geometry
+from softprint.runtime.arrays import Array
+from softprint.runtime.learned.thesis6.descriptors.ball_rule import sample_pattern
+from softprint.runtime.learned.thesis6.descriptors.geometry import Geometry
 
 Samples = Literal["all", "half", "one"]
 
 
 class LocalDescriptor:
-    """radius: d [m]; samples: which points of the pattern, "half" being those on the collider's side, w . n <= 0, and
-    "one" the centre (thesis, figure 6.6)."""
+    """radius: d [m]; samples: which points of the pattern, "half" for those on the collider's side, w . n <= 0, and
+    "one" for the centre (thesis, figure 6.6)."""
 
     def __init__(self, dim: int, radius: float, samples: Samples = "all") -> None:
         pattern = sample_pattern(dim)
@@ -40,8 +40,8 @@ class LocalDescriptor:
         values, gradient = geometry.distance_gradient(self._around(z, rotation))
         gradient = gradient.reshape(n, -1, dim)
         # dphi_i/dz_c = phi_,a (delta_ac + d dR_ab/dz_c w_ib)
-        turning = gradient @ slope.reshape(n, dim, dim * dim)  # (n, m, b.c)
-        total = gradient + np.einsum("mb,nmbc->nmc", self._offsets, turning.reshape(n, -1, dim, dim))
+        by_rotation = gradient @ slope.reshape(n, dim, dim * dim)  # (n, m, b.c)
+        total = gradient + np.einsum("mb,nmbc->nmc", self._offsets, by_rotation.reshape(n, -1, dim, dim))
         return values.reshape(n, -1), total
 
     def _around(self, z: Array, rotation: Array) -> Array:

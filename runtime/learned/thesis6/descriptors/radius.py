@@ -1,12 +1,12 @@
-"""The radius d within which a collider counts: what happens on a larger scale is left to the handles (thesis 6.2.1)."""
+"""The radius d of descriptors: deformation on a larger scale is represented by the handles (thesis 6.2.1)."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from runtime.body.body import ReducedBody
-from runtime.errors import SoftprintError
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
 
 
 def handle_spacing(body: ReducedBody) -> float:
@@ -18,8 +18,8 @@ def handle_spacing(body: ReducedBody) -> float:
     places = np.vstack([body.mesh.points[body.handles.points], *pivots])
     if len(places) < 2:
         raise SoftprintError(
-            f"body {body.name!r} has {len(places)} handle(s): a descriptor is as wide as the distance between handles, "
-            "so it needs two or more"
+            f"body {body.name!r} has {len(places)} handle(s): the radius of a descriptor is the distance between "
+            "handles, so it needs two or more"
         )
     distance, _ = cKDTree(places).query(places, k=2)
     return float(distance[:, 1].mean())

@@ -3,8 +3,8 @@ and 6.3).
 
     g(z) = 1/N sum_j sum_b (phi(z + b) - phi(z - b)) / (2 |b|^2) b,      b in the orthogonal vectors B_j
 
-with N fixed sets of dim orthogonal vectors, their directions uniform and their lengths the quantiles of |N(0, d)|. As
-continuous as phi, and exact where phi is linear.
+with N fixed sets of dim orthogonal vectors, their directions uniform and their lengths the quantiles of |N(0, d)|. g is
+as smooth as phi, and exact where phi is linear.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.stats import norm
 
-from runtime.arrays import Array
-from runtime.colliders.collider import Collider, SdfDerivatives
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.collider import Collider, SdfDerivatives
 
-# Points that are worked on at a time, for memory: each asks for the distance at 2 N dim others.
+# Points evaluated at a time, to bound memory: each needs the distance at 2 N dim others.
 CHUNK = 2048
-# The sets are part of the definition of a descriptor: the same for everyone.
+# The sets are part of the definition of a descriptor, so their seed is fixed.
 _SEED = 62
 
 
@@ -40,7 +40,7 @@ class SmoothedGradient:
     def __init__(self, collider: Collider, radius: float, sets: int) -> None:
         self._collider = collider
         self._steps = difference_steps(collider.dim, sets, radius)
-        # b / (2 N |b|^2): what a difference along b counts.
+        # b / (2 N |b|^2): the weight of a difference along b.
         square = np.square(self._steps).sum(axis=1, keepdims=True)
         self._share = self._steps / (2.0 * max(sets, 1) * square)
 
@@ -79,7 +79,7 @@ def _in_chunks(function: Callable[[Array], Array], z: Array) -> Array:
 
 
 def unit_normal(gradient: Array) -> Array:
-    """n = g / |g| (n, dim); the first axis where g vanishes, and nothing counts (`steadiness.py`)."""
+    """n = g / |g| (n, dim); the first axis where g vanishes, where results have no weight (`steadiness.py`)."""
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
     somewhere = np.eye(gradient.shape[1])[0]
     return np.where(length > 0.0, gradient / np.where(length > 0.0, length, 1.0), somewhere)
@@ -88,5 +88,5 @@ def unit_normal(gradient: Array) -> Array:
 def unit_normal_slope(gradient: Array, slope: Array) -> tuple[Array, Array]:
     """n, and dn/dz (n, dim, dim) [1/m] from dg/dz: (I - n n^T) dg/dz / |g|; zero where g vanishes."""
     n, length = unit_normal(gradient), np.linalg.norm(gradient, axis=1)[:, None, None]
-    turned = slope - n[:, :, None] * np.einsum("na,nac->nc", n, slope)[:, None, :]
-    return n, np.where(length > 0.0, turned / np.where(length > 0.0, length, 1.0), 0.0)
+    across = slope - n[:, :, None] * np.einsum("na,nac->nc", n, slope)[:, None, :]
+    return n, np.where(length > 0.0, across / np.where(length > 0.0, length, 1.0), 0.0)

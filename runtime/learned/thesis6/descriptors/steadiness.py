@@ -1,18 +1,19 @@
-"""How contact deformation is taken to zero where the smoothed gradient g vanishes, and with it all notion of a normal:
+"""Steadiness: a factor that reduces contact deformation to zero where the smoothed gradient g vanishes, so that the
+normal is undefined:
 
     b(g) = S(|g| / FAINT),    S(s) = 6 s^5 - 15 s^4 + 10 s^3 on [0, 1], one beyond.
 
-There is such a point inside every collider, and there are some in its notches and between its arms, nearer than
-attenuation reaches. Around it the unit normal takes all directions, and what is built in its frame jumps by its own
-size; b g / |g| is C2. Contacts hardly come there: of 240,000 nodes near the library's shapes, pressed in as deep as the
-truth has them, 2 had |g| < FAINT, with 0.003 % of the square of the displacement that a trained model gives.
+There is such a point inside every collider, and there may be some in notches and between arms, where attenuation with
+distance does not remove them. Around it the unit normal takes all directions, and results in its frame are
+discontinuous; b g / |g| is C2. Contacts hardly reach such points: of 240,000 nodes near the library's shapes, at the
+depths of the truth data, 2 had |g| < FAINT, with 0.003 % of the squared displacement that a trained model predicts.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from runtime.arrays import Array
+from softprint.runtime.arrays import Array
 
 FAINT = 0.1
 

@@ -1,0 +1,144 @@
+"""The result of a contact solve: energy, gradient, Hessian and forces of a body at one state, from one solve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray, RowHessian
+from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
+from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSensitivity
+from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
+from softprint.runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
+from softprint.runtime.contact.solver import contact_solve_kernels as kernels
+from softprint.runtime.contact.solver.contact_nodes import CorotatedNodes
+from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.contact.solver.warm_start import WarmStart
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveNodes:
+    """The k active nodes of one collider. index: (k,) contact nodes; position, normal: (k, dim) deformed position and
+    gradient of the signed distance there, world frame; pressure: p (k,) [N]; penetration: e (k,) > 0 [m]; jacobian:
+    computes d position / d rows (k, dim, n_rows*dim) with the displacement fixed in rest coordinates."""
+
+    index: IntArray
+    position: Array
+    normal: Array
+    pressure: Array
+    penetration: Array
+    jacobian: Callable[[], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactEvaluation:
+    """The contact of a body at handle rows (n_rows, dim) with all colliders of a scene. contact: None where the body
+    touches no collider."""
+
+    nodes: CorotatedNodes
+    rows: Array
+    colliders: tuple[str, ...]
+    contact: LinearisedContact | None
+
+    @property
+    def solved(self) -> SolvedContact | None:
+        """The solved contact as plain data, for the state."""
+        return None if self.contact is None else self.contact.solved
+
+    @property
+    def warm_start(self) -> WarmStart | None:
+        """The warm start for contact solves of nearby states."""
+        return None if self.contact is None else self.contact.start
+
+    @property
+    def converged(self) -> bool:
+        """Whether the contact forces balance."""
+        return self.contact is None or self.contact.solved.solution.converged
+
+    @property
+    def energy(self) -> float:
+        """W [J]."""
+        return 0.0 if self.contact is None else self.contact.solved.solution.energy
+
+    @property
+    def gradient(self) -> Array:
+        """dW/drows (n_rows, dim) [N]."""
+        return np.zeros_like(self.rows) if self._active is None else self._active.gradient
+
+    @property
+    def hessian(self) -> RowHessian | None:
+        """d2W/drows2, computed when called; None where no node is active."""
+        return None if self._active is None else self._active.hessian
+
+    @property
+    def _active(self) -> LinearisedContact | None:
+        """The contact, if any node is active."""
+        contact = self.contact
+        return None if contact is None or not contact.solved.solution.active.size else contact
+
+    def active_nodes(self, name: str) -> ActiveNodes:
+        """The active nodes in contact with one collider."""
+        contact = self._active
+        if contact is None or name not in contact.solved.near:
+            n_rows, dim = self.rows.shape
+            index, vectors, scalars = np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty(0)
+            jacobian = np.empty((0, dim, n_rows * dim))
+            return ActiveNodes(index, vectors, vectors, scalars, scalars, lambda: jacobian)
+        solved, owned = contact.solved, contact.solved.owned_by(name)
+        b = solved.solution.active[owned]
+        position = solved.deformed_position[b]
+        shape = len(solved.active), self.rows.shape[1], self.rows.size
+        return ActiveNodes(
+            solved.index[b],
+            position,
+            solved.solution.normal[b],
+            solved.solution.pressure[b],
+            solved.solution.penetration[b],
+            lambda: contact.position_jacobian.reshape(shape)[owned],
+        )
+
+    def forces(self) -> dict[str, ContactForce]:
+        """The contact force on every collider, without friction."""
+        return {name: self._force(name) for name in self.colliders}
+
+    def _force(self, name: str) -> ContactForce:
+        active = self.active_nodes(name)
+        # A node pushes the collider against the gradient of its signed distance.
+        push = -active.pressure[:, None] * active.normal
+        parts = [SurfaceForces(self.nodes.nodes.mesh_nodes, active.index, active.position, push)]
+        origin = (
+            np.zeros(self.rows.shape[1])
+            if self.solved is None or name not in self.solved.poses
+            else self.solved.poses[name].translation
+        )
+        penetration = float(active.penetration.max(initial=0.0))
+        return ContactForce(*resultant(parts, origin), penetration, len(active.index), parts)
+
+    def couplings(self, centres: Centres) -> tuple[list[Coupling], list[Link]]:
+        """The couplings of freely moving colliders, about their centres of mass, with the body, and with each other
+        through the body."""
+        contact = self._active
+        if contact is None:
+            return [], []
+        owned = {name: contact.solved.owned_by(name) for name in contact.solved.near if name in centres}
+        touched = {
+            name: ColliderSensitivity(contact, centres[name], mine)
+            for name, mine in owned.items()
+            if mine.any()
+        }
+        couplings = [Coupling(name, own.gradient, own.blocks) for name, own in touched.items()]
+        pairs = ((one, other) for one in touched for other in touched if one < other)
+        return couplings, [Link(*pair, partial(touched[pair[0]].link, touched[pair[1]])) for pair in pairs]
+
+    def deformed_positions(self, index: IntArray) -> Array:
+        """Deformed positions y = x + F v (m, dim) [m] of any contact nodes (m,)."""
+        x = self.nodes.positions(self.rows, index)
+        if self.contact is None:
+            return x
+        solved = self.contact.solved
+        v = self.contact.start.compliance.displacement(index, solved.active, solved.rest_force)
+        F = self.nodes.nodes.deformation(self.rows, index)
+        return np.asarray(x + kernels.to_world(F, v))

@@ -1,0 +1,53 @@
+"""The lagged quantities of friction, which stay fixed while the energy of a step is minimised.
+
+Coulomb friction has no potential, so its normal forces, normals and anchors come from an earlier evaluation of contact.
+The step updates them in an outer loop around its minimisation (`runtime/dynamics/step/step_solve.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.contact.friction import LaggedContact
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingNodes:
+    """k active nodes of a condensed contact with one collider: their normal forces, normals and anchors, and their
+    positions as an affine function of the rows: position (k, dim) [m] at rows (n_rows, dim), jacobian (k, dim,
+    n_rows*dim)."""
+
+    lagged: LaggedContact
+    index: IntArray
+    rows: Array
+    position: Array
+    jacobian: Array
+
+    def positions(self, rows: Array) -> Array:
+        """y (k, dim) [m] at other rows, with the contact displacement fixed in rest coordinates."""
+        return self.position + self.jacobian @ (rows - self.rows).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class SlipStart:
+    """The start of a step of length time_step [s], from which slip is measured: the surface samples (s, dim) [m] and
+    the poses; contact_nodes: computes the deformed positions (m, dim) of contact nodes (m,) there."""
+
+    surface: Array
+    poses: Poses
+    time_step: float
+    contact_nodes: Callable[[IntArray], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class LaggedFriction:
+    """Lagged friction by collider: surface, at the surface samples; nodes, at the active nodes of condensed contact;
+    bodies: by pair of colliders, for the surface points of the first inside the second."""
+
+    start: SlipStart
+    surface: Mapping[str, LaggedContact]
+    nodes: Mapping[str, SlidingNodes]
+    bodies: Mapping[tuple[str, str], LaggedContact]

@@ -1,0 +1,1 @@
+"""The contact solve: candidates, the forces that balance a collider and an elastic surface, and its warm start."""

@@ -1,0 +1,140 @@
+"""Contact candidates: the contact nodes near a collider, and their signed distance to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.colliders.collider import Collider, SdfDerivatives
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.elasticity.invariants import cofactor
+from softprint.runtime.lazy import lazy
+
+
+@dataclass(frozen=True, eq=False)
+class PosedCollider:
+    """The signed distance to a collider at a pose."""
+
+    collider: Collider
+    pose: RigidPose
+
+    def __call__(self, x: Array) -> SdfDerivatives:
+        return self.collider.sdf_derivatives_at(x, self.pose)
+
+    def value(self, x: Array) -> Array:
+        """The signed distance (n,) [m] at x (n, dim), without derivatives."""
+        return self.collider.sdf(self.pose.apply_inverse(x))
+
+
+@dataclass(frozen=True, eq=False)
+class NodeDistance:
+    """The signed distance of each of m nodes to the collider that it is in contact with. owner: (m,) number of that
+    collider."""
+
+    colliders: tuple[PosedCollider, ...]
+    owner: IntArray
+
+    def value(self, x: Array) -> Array:
+        """The signed distances (m,) [m] at x (m, dim), without derivatives."""
+        if len(self.colliders) == 1:
+            return self.colliders[0].value(x)
+        found = np.empty(len(x))
+        for mine, collider in zip(self._owned, self.colliders, strict=True):
+            found[mine] = collider.value(x[mine])
+        return found
+
+    def among(self, which: BoolArray) -> NodeDistance:
+        """For some of the nodes (m,)."""
+        return NodeDistance(self.colliders, self.owner[which])
+
+    def __call__(self, x: Array) -> SdfDerivatives:
+        if len(self.colliders) == 1:
+            return self.colliders[0](x)
+        m, dim = x.shape
+        found = SdfDerivatives(np.empty(m), np.empty((m, dim)), np.empty((m, dim, dim)))
+        for mine, collider in zip(self._owned, self.colliders, strict=True):
+            for column, own in zip(found, collider(x[mine]), strict=True):
+                column[mine] = own
+        return found
+
+    @lazy
+    def _owned(self) -> list[IntArray]:
+        """For each collider, its nodes."""
+        return [np.flatnonzero(self.owner == number) for number in range(len(self.colliders))]
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveSet:
+    """The active nodes (k,) of a state, ascending, with their F (k, dim, dim), the gradient of the signed distance
+    there, normal (k, dim), and the largest displacement of any of them [m]."""
+
+    index: IntArray
+    F: Array
+    normal: Array
+    displacement: float
+
+    def take(self, which: BoolArray) -> ActiveSet:
+        """Some of them (k,)."""
+        return ActiveSet(self.index[which], self.F[which], self.normal[which], self.displacement)
+
+    def pushed_in(self, surface_normal: Array) -> BoolArray:
+        """Which of them (k,) the collider pushes into the body, so that it is on the outer side of the surface:
+        cof(F) N . g < 0, with the surface normals at rest N (n_nodes, dim)."""
+        deformed = (cofactor(self.F) @ surface_normal[self.index][..., None])[..., 0]
+        return np.asarray((deformed * self.normal).sum(axis=1) < 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Nodes (n,), ascending, near a collider. distance: (n,) [m] and position: (n, dim) [m], without contact
+    displacement; depth: estimate of their contact displacement [m], usually the depth of the deepest node;
+    may_be_active: (n,) which of them take part in the contact solve."""
+
+    index: IntArray
+    distance: Array
+    position: Array
+    depth: float
+    may_be_active: BoolArray
+
+    def extended(self, index: IntArray, position: Array) -> Candidates:
+        """With other nodes (m,), ascending, that may be active wherever their reduced positions are. Their distance
+        counts as zero."""
+        joined, n = np.concatenate([self.index, index]), len(index)
+        order = np.argsort(joined)
+        return Candidates(
+            joined[order],
+            np.concatenate([self.distance, np.zeros(n)])[order],
+            np.concatenate([self.position, position])[order],
+            self.depth,
+            np.concatenate([self.may_be_active, np.ones(n, dtype=bool)])[order],
+        )
+
+    @property
+    def any_inside(self) -> bool:
+        """Whether any node is inside the collider."""
+        return bool((self.distance < 0.0).any())
+
+    def with_possibly_active(self, more: BoolArray) -> Candidates:
+        """With more nodes (n,) that may be active."""
+        return replace(self, may_be_active=self.may_be_active | more)
+
+
+def merge(parts: Sequence[Candidates]) -> tuple[Candidates, IntArray]:
+    """The candidates of several colliders together: every node once, ascending, and its owner, the number of the part
+    in which it is deepest. A node may be active if it may be in any part."""
+    if len(parts) == 1:
+        return parts[0], np.zeros(len(parts[0].index), dtype=np.int64)
+    index = np.concatenate([part.index for part in parts])
+    distance = np.concatenate([part.distance for part in parts])
+    position = np.concatenate([part.position for part in parts])
+    may_be_active = np.concatenate([part.may_be_active for part in parts])
+    owner = np.repeat(np.arange(len(parts)), [len(part.index) for part in parts])
+    order = np.lexsort((distance, index))
+    starts = np.flatnonzero(np.r_[True, np.diff(index[order]) > 0])
+    first = order[starts]
+    anywhere = np.logical_or.reduceat(may_be_active[order], starts)
+    depth = max(part.depth for part in parts)
+    return Candidates(index[first], distance[first], position[first], depth, anywhere), owner[first]

@@ -1,0 +1,174 @@
+"""Compiled kernels for contact nodes near a collider and their derivatives, for some tens of nodes at a time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.compiled import compiled, summing
+
+Floats = NDArray[np.floating[Any]]
+
+
+@compiled
+def near_box(
+    x: Array, rotation: Array, translation: Array, lower: Array, upper: Array, reach: Array
+) -> IntArray:
+    """Which of the points x (n, dim) are within reach (n,) of the box from lower to upper (dim,) of a collider at the
+    pose x = R z + t."""
+    n, dim = x.shape
+    inside = np.empty(n, dtype=np.int64)
+    count = 0
+    for i in range(n):
+        near = True
+        for a in range(dim):
+            z = 0.0
+            for b in range(dim):
+                z += rotation[b, a] * (x[i, b] - translation[b])
+            near = near and lower[a] - reach[i] <= z <= upper[a] + reach[i]
+        inside[count] = i
+        count += near
+    return inside[:count]
+
+
+@compiled
+def places(nodes: IntArray, among: IntArray) -> IntArray:
+    """The positions of nodes (n,) in another list of nodes (m,), both ascending; -1 for nodes not in it."""
+    found, at = np.empty(len(nodes), dtype=np.int64), 0
+    for i in range(len(nodes)):
+        while at < len(among) and among[at] < nodes[i]:
+            at += 1
+        found[i] = at if at < len(among) and among[at] == nodes[i] else -1
+    return found
+
+
+@compiled
+def are_among(nodes: IntArray, others: IntArray) -> BoolArray:
+    """Which of the nodes (n,) are among the others (m,), both ascending."""
+    return places(nodes, others) >= 0
+
+
+@compiled
+def largest_norm(displacement: Array, active: IntArray) -> float:
+    """max |u_j| over the active ones (k,) of the displacements (m, dim); 0 if there are none."""
+    most = 0.0
+    for j in active:
+        square = 0.0
+        for a in range(displacement.shape[1]):
+            square += displacement[j, a] * displacement[j, a]
+        most = max(most, square)
+    return np.sqrt(most)
+
+
+@compiled
+def submatrix(G: Floats, nodes: IntArray, dim: int) -> Floats:
+    """G (n*dim, n*dim) among some of the nodes (n,)."""
+    n = len(nodes)
+    result = np.empty((n * dim, n * dim), G.dtype)
+    for i in range(n):
+        for a in range(dim):
+            row, into = G[nodes[i] * dim + a], result[i * dim + a]
+            for j in range(n):
+                for b in range(dim):
+                    into[j * dim + b] = row[nodes[j] * dim + b]
+    return result
+
+
+@compiled
+def blocks_to_world(F: Array, c: Floats) -> Floats:
+    """F_i c_i (k*dim, n) for c (k*dim, n)."""
+    k, dim, _ = F.shape
+    result = np.zeros(c.shape, c.dtype)
+    for i in range(k):
+        for a in range(dim):
+            into = result[i * dim + a]
+            for b in range(dim):
+                share, row = F[i, a, b], c[i * dim + b]
+                for at in range(len(into)):
+                    into[at] += share * row[at]
+    return result
+
+
+@compiled
+def projected(node: IntArray, w: Array, c: Floats) -> Floats:
+    """w . c (r, n) for directions w (r, dim), each at one of the nodes, and c (k*dim, n)."""
+    r, dim = w.shape
+    result = np.zeros((r, c.shape[1]), c.dtype)
+    for at in range(r):
+        into = result[at]
+        for b in range(dim):
+            share, row = w[at, b], c[node[at] * dim + b]
+            for column in range(len(into)):
+                into[column] += share * row[column]
+    return result
+
+
+@compiled
+def expanded(node: IntArray, w: Array, y: Floats, size: int) -> Floats:
+    """sum w y (size, n) for y (r, n): the transpose of `projected`, size = k*dim."""
+    r, dim = w.shape
+    result = np.zeros((size, y.shape[1]), y.dtype)
+    for at in range(r):
+        for b in range(dim):
+            share, into = w[at, b], result[node[at] * dim + b]
+            for column in range(len(into)):
+                into[column] += share * y[at, column]
+    return result
+
+
+@compiled
+def contact_jacobians(v: Array, force: Array, position: Array, basis_gradient: Array) -> tuple[Array, Array]:
+    """The position Jacobian dx + dF v and the force Jacobian dF^T f, both (n*dim, n_rows*dim), of n nodes.
+
+    v, force: f (n, dim); position: dx (n, dim, n_rows*dim); basis_gradient: dU (n, n_rows, dim), so that dF_aj =
+    sum_r drow_ra dU_rj.
+    """
+    n, n_rows, dim = basis_gradient.shape
+    by_position, by_force = np.empty((n * dim, n_rows * dim)), np.empty((n * dim, n_rows * dim))
+    for i in range(n):
+        for a in range(dim):
+            by_position[i * dim + a] = position[i, a]
+        for r in range(n_rows):
+            along = 0.0
+            for j in range(dim):
+                slope = basis_gradient[i, r, j]
+                along += slope * v[i, j]
+                for b in range(dim):
+                    by_force[i * dim + j, r * dim + b] = slope * force[i, b]
+            for a in range(dim):
+                by_position[i * dim + a, r * dim + a] += along
+    return by_position, by_force
+
+
+@compiled
+def add_basis(basis: Array, index: IntArray, moved: Array) -> None:
+    """Adds U (x) I at some points (m,) to the Jacobian of the static condensation (m, dim, n_rows, dim), in place."""
+    _, dim, n_rows, _ = moved.shape
+    for k, i in enumerate(index):
+        for a in range(dim):
+            for r in range(n_rows):
+                moved[k, a, r, a] += basis[i, r]
+
+
+@summing
+def handle_forces(basis: Array, gradients: Array, index: IntArray, force: Array, v: Array) -> Array:
+    """sum_j (U_j + v_j . grad U_j) (x) f_j (n_rows, dim) of forces f (m, dim) on some of the nodes (m,), whose rest
+    displacements v (m, dim) are fixed; basis U (n, n_rows), gradients (n, dim, n_rows)."""
+    n_rows, dim = basis.shape[1], force.shape[1]
+    total, along = np.zeros((dim, n_rows)), np.empty(n_rows)
+    for j, point in enumerate(index):
+        row = basis[point]
+        for r in range(n_rows):
+            along[r] = row[r]
+        for k in range(dim):
+            slope, share = gradients[point, k], v[j, k]
+            for r in range(n_rows):
+                along[r] += share * slope[r]
+        for a in range(dim):
+            into, share = total[a], force[j, a]
+            for r in range(n_rows):
+                into[r] += share * along[r]
+    return np.ascontiguousarray(total.T)

@@ -1,0 +1,285 @@
+"""Compiled linear systems of the contact solve: one iteration of `ContactProblem`, and the parts of `WoodburyFactor`.
+
+Everything is in rest coordinates: forces phi = F^T f, displacements v = F^-1 u = G phi, normals F^T g. At the active
+nodes the contact stiffness D = S g g^T - p H is decomposed into principal directions, D = sum_c l_c w_c w_c^T. Few of
+them are significant: the one normal to the surface, and others where the collider is curved or the pressure high. With
+V = F^T W,
+
+    (I + G F^T D F)^-1 r = r - G V K^-1 V^T r,    K = L^-1 + V^T G V    (Woodbury 1950),
+
+so that the system is symmetric and has one unknown for each significant direction.
+
+G (m*dim, m*dim) [m/N] is the compliance, in any precision, k (m,) [N/m^2] the stiffness, e (m,) [m] the penetrations,
+s = value (m,), g = gradient (m, dim), H = hessian (m, dim, dim) those of the signed distance at the deformed positions.
+Formulas: `contact_solve.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import summing
+
+Floats = NDArray[np.floating[Any]]
+
+# Principal directions that change a displacement by less than this fraction are left out of the linear system of an
+# iteration. The residual includes all of them, so the solution is not affected.
+_SLIGHT = 0.03
+_SWEEPS = 12
+
+
+@summing
+def product(G: Floats, phi: Array) -> Array:
+    """G phi (n, dim) of forces (m, dim); G (n*dim, m*dim)."""
+    dim = phi.shape[1]
+    flat, result = phi.ravel(), np.empty(len(G))
+    for row in range(len(G)):
+        column, total = G[row], 0.0
+        for at in range(len(flat)):
+            total += column[at] * flat[at]
+        result[row] = total
+    return result.reshape(-1, dim)
+
+
+@summing
+def pulled_back(F: Array, weight: Array, vectors: Array) -> Array:
+    """F^T (weight g) (m, dim) of vectors g (m, dim), with weight (m,)."""
+    m, dim = vectors.shape
+    result = np.empty((m, dim))
+    for j in range(m):
+        for b in range(dim):
+            entry = 0.0
+            for a in range(dim):
+                entry += F[j, a, b] * vectors[j, a]
+            result[j, b] = weight[j] * entry
+    return result
+
+
+@summing
+def to_world(F: Array, v: Array) -> Array:
+    """F v (m, dim)."""
+    m, dim = v.shape
+    result = np.empty((m, dim))
+    for j in range(m):
+        for a in range(dim):
+            entry = 0.0
+            for b in range(dim):
+                entry += F[j, a, b] * v[j, b]
+            result[j, a] = entry
+    return result
+
+
+@summing
+def energy(k: Array, phi: Array, v: Array, penetration: Array) -> float:
+    """E [J] = 1/2 phi . v + sum k max(0, e)^3 / 3 of forces phi and their displacements (m, dim)."""
+    work = penalty = 0.0
+    for j in range(len(k)):
+        for a in range(phi.shape[1]):
+            work += phi[j, a] * v[j, a]
+        e = max(penetration[j], 0.0)
+        penalty += k[j] * e * e * e
+    return 0.5 * work + penalty / 3.0
+
+
+@summing
+def balance(
+    G: Floats, F: Array, k: Array, e: Array, v: Array, value: Array, gradient: Array
+) -> tuple[Array, Array, Array, float]:
+    """Penetrations e (m,), updated to -s at nodes without pressure; pressure p (m,); lag = v - G phi (m, dim); and the
+    residual [m], the largest of |F lag| and, where there is pressure, |e + s|."""
+    m = len(v)
+    e, pressure = e.copy(), np.empty(m)
+    residual = 0.0
+    for j in range(m):
+        if e[j] > 0.0:
+            residual = max(residual, abs(e[j] + value[j]))
+        else:
+            e[j] = -value[j]
+        pressure[j] = k[j] * max(e[j], 0.0) ** 2
+    lag = v - product(G, pulled_back(F, pressure, gradient))
+    # A diverged node makes all of them nan, for which every comparison is false.
+    if not np.isfinite(lag.sum()):
+        return e, pressure, lag, np.inf
+    return e, pressure, lag, max(residual, np.abs(to_world(F, lag)).max())
+
+
+@summing
+def _diagonalise(A: Array, W: Array) -> None:
+    """Jacobi's method, in place: the diagonal of the symmetric A (dim, dim) becomes its eigenvalues, the columns of W
+    the eigenvectors."""
+    dim = len(A)
+    for a in range(dim):
+        for b in range(dim):
+            W[a, b] = 1.0 if a == b else 0.0
+    for _ in range(_SWEEPS):
+        off_diagonal = diagonal = 0.0
+        for a in range(dim):
+            diagonal += A[a, a] ** 2
+            for b in range(a):
+                off_diagonal += A[a, b] ** 2
+        if off_diagonal <= 1e-30 * diagonal:
+            break
+        for a in range(dim):
+            for b in range(a):
+                if A[a, b] == 0.0:
+                    continue
+                half = 0.5 * (A[b, b] - A[a, a]) / A[a, b]
+                t = (1.0 if half >= 0.0 else -1.0) / (abs(half) + np.sqrt(half * half + 1.0))
+                c = 1.0 / np.sqrt(t * t + 1.0)
+                s = t * c
+                for i in range(dim):
+                    x, y = A[i, a], A[i, b]
+                    A[i, a], A[i, b] = c * x - s * y, s * x + c * y
+                for i in range(dim):
+                    x, y = A[a, i], A[b, i]
+                    A[a, i], A[b, i] = c * x - s * y, s * x + c * y
+                    x, y = W[i, a], W[i, b]
+                    W[i, a], W[i, b] = c * x - s * y, s * x + c * y
+
+
+@summing
+def stiffness_directions(
+    G: Floats,
+    F: Array,
+    active: IntArray,
+    k: Array,
+    e: Array,
+    pressure: Array,
+    gradient: Array,
+    hessian: Array,
+    least: float,
+) -> tuple[IntArray, Array, Array, Array]:
+    """The principal directions of D at the nodes `active` (n,) with |l| v . G_jj v > least: the node (r,) of each,
+    numbered as in G, its stiffness l (r,) [N/m], w and v = F^T w (r, dim)."""
+    n, dim = len(active), gradient.shape[1]
+    node, stiff = np.empty(n * dim, dtype=np.int64), np.empty(n * dim)
+    w, v = np.empty((n * dim, dim)), np.empty((n * dim, dim))
+    D, W, r = np.empty((dim, dim)), np.empty((dim, dim)), 0
+    for j in active:
+        S = 2.0 * k[j] * e[j]
+        for a in range(dim):
+            for b in range(dim):
+                # The Hessian of an interpolated distance is symmetric only up to rounding.
+                curved = 0.5 * (hessian[j, a, b] + hessian[j, b, a])
+                D[a, b] = S * gradient[j, a] * gradient[j, b] - pressure[j] * curved
+        _diagonalise(D, W)
+        for c in range(dim):
+            for b in range(dim):
+                v[r, b] = 0.0
+                for a in range(dim):
+                    v[r, b] += F[j, a, b] * W[a, c]
+            compliance = 0.0
+            for a in range(dim):
+                for b in range(dim):
+                    compliance += v[r, a] * G[j * dim + a, j * dim + b] * v[r, b]
+            if abs(D[c, c]) * compliance > least:
+                node[r], stiff[r] = j, D[c, c]
+                for a in range(dim):
+                    w[r, a] = W[a, c]
+                r += 1
+    return node[:r], stiff[:r], w[:r], v[:r]
+
+
+@summing
+def woodbury_system(G: Floats, node: IntArray, stiff: Array, v: Array) -> tuple[Floats, Floats]:
+    """V^T G (r, m*dim) and K = L^-1 + V^T G V (r, r), in the precision of v."""
+    r, dim = v.shape
+    displacements, K = np.zeros((r, G.shape[1]), v.dtype), np.empty((r, r), v.dtype)
+    for c in range(r):
+        row = displacements[c]
+        for a in range(dim):
+            column, share = G[node[c] * dim + a], v[c, a]
+            for at in range(len(row)):
+                row[at] += share * column[at]
+        for d in range(c + 1):
+            entry = row[node[d] * dim] * v[d, 0]
+            for b in range(1, dim):
+                entry += row[node[d] * dim + b] * v[d, b]
+            K[c, d] = K[d, c] = entry
+        K[c, c] += 1.0 / stiff[c]
+    return displacements, K
+
+
+@summing
+def _woodbury_forces(G: Floats, node: IntArray, stiff: Array, v: Floats, right: Array) -> Array:
+    """F^T D F dv (m, dim) where (I + G F^T D F) dv = right (m, dim), with D given by its directions `node`, l and v,
+    solved in the precision of v."""
+    r, dim = v.shape
+    reaction = np.zeros(right.shape)
+    if r == 0:
+        return reaction
+    K = woodbury_system(G, node, stiff, v)[1]
+    along = np.zeros(r, v.dtype)
+    for c in range(r):
+        for a in range(dim):
+            along[c] += v[c, a] * right[node[c], a]
+    y = np.linalg.solve(K, along)
+    for c in range(r):
+        for a in range(dim):
+            reaction[node[c], a] += v[c, a] * y[c]
+    return reaction
+
+
+@summing
+def newton_step(
+    G: Floats,
+    F: Array,
+    k: Array,
+    e: Array,
+    pressure: Array,
+    v: Array,
+    lag: Array,
+    value: Array,
+    gradient: Array,
+    hessian: Array,
+) -> tuple[Array, Array]:
+    """One Newton step: the next v and e. With n = F^T g, linearising in both unknowns gives dv = -lag + G (S n de + p
+    F^T H F dv) and de = -(e + s) - n . dv, so
+
+        (I + G F^T D F) dv = -lag - G S n (e + s)    at the active nodes.
+
+    Raises numpy.linalg.LinAlgError where a node is about to slide off a tip.
+    """
+    m, dim = v.shape
+    active = np.flatnonzero(e > 0.0)
+    pushed = np.zeros(m)
+    for j in active:
+        pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j])
+    right = -lag - product(G, pulled_back(F, pushed, gradient))
+    node, stiff, _, v_c = stiffness_directions(G, F, active, k, e, pressure, gradient, hessian, _SLIGHT)
+    # In the precision of G, usually single: the next iteration corrects the rounding error of this one.
+    dv = right - product(G, _woodbury_forces(G, node, stiff, v_c.astype(G.dtype), right))
+    moved, e = to_world(F, dv), e.copy()
+    for j in active:
+        e[j] = -value[j]
+        for a in range(dim):
+            e[j] -= gradient[j, a] * moved[j, a]
+    return v + dv, e
+
+
+@summing
+def descent_direction(
+    G: Floats,
+    F: Array,
+    k: Array,
+    e: Array,
+    pressure: Array,
+    phi: Array,
+    balanced: Array,
+    lag: Array,
+    gradient: Array,
+    hessian: Array,
+) -> tuple[Array, Array, float]:
+    """Newton's step on E(phi): a change of the forces phi (m, dim), the displacements that it causes (m, dim), and the
+    slope of the energy along it. balanced: (m, dim) the contact forces at the displacements of phi."""
+    active = np.flatnonzero(e > 0.0)
+    node, stiff, _, v = stiffness_directions(G, F, active, k, e, pressure, gradient, hessian, _SLIGHT)
+    reaction = _woodbury_forces(G, node, stiff, v.astype(G.dtype), -lag)
+    change = balanced - phi - reaction
+    # The displacements of exactly this change, whatever its precision.
+    along = -lag - product(G, reaction)
+    return change, along, np.sum((phi - balanced) * along)

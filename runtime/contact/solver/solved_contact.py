@@ -1,0 +1,82 @@
+"""A solved contact as plain data: a state stores it from step to step, and deformed positions are drawn from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.contact.solver import contact_solve_kernels as kernels
+from softprint.runtime.contact.solver.candidates import ActiveSet
+from softprint.runtime.contact.solver.contact_solve import ContactSolution
+from softprint.runtime.lazy import lazy
+
+
+@dataclass(frozen=True, eq=False)
+class NearNodes:
+    """Contact nodes (n,), ascending, near a collider at a pose, and their positions without contact displacement (n,
+    dim) [m]."""
+
+    pose: RigidPose
+    index: IntArray
+    position: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedContact:
+    """The contact of a body at handle rows (n_rows, dim) with the colliders that it touches, by name.
+
+    frame_rows: (n_rows, dim) of the corotated frame; poses: of these colliders; near: the nodes near each of them;
+    index: (m,), ascending, the nodes that took part in the contact solve; owner: (m,) number of the collider of each;
+    position: x (m, dim) [m] and F (m, dim, dim) of these nodes; depth: estimate of the contact displacement [m];
+    solution: of these nodes.
+    """
+
+    rows: Array
+    frame_rows: Array
+    poses: Poses
+    near: Mapping[str, NearNodes]
+    index: IntArray
+    owner: IntArray
+    position: Array
+    F: Array
+    depth: float
+    solution: ContactSolution
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the colliders, in the numbering of `owner`."""
+        return tuple(self.near)
+
+    @lazy
+    def active(self) -> IntArray:
+        """(k,) the contact nodes that carry pressure."""
+        return self.index[self.solution.active]
+
+    @lazy
+    def deformed_position(self) -> Array:
+        """Deformed positions y (m, dim) [m]."""
+        return np.asarray(self.position + self.solution.displacement)
+
+    @lazy
+    def rest_force(self) -> Array:
+        """F^T f (k, dim) [N] on the active nodes."""
+        b, solution = self.solution.active, self.solution
+        return kernels.pulled_back(self.F[b], solution.pressure[b], solution.normal[b])
+
+    def owned_by(self, name: str) -> BoolArray:
+        """(k,) which of the active nodes touch the collider."""
+        if name not in self.near:
+            return np.zeros(len(self.active), dtype=bool)
+        return np.equal(self.owner[self.solution.active], self.names.index(name))
+
+    def active_set(self, name: str) -> ActiveSet | None:
+        """The active set of one collider, for the next solve; None where the body does not touch it."""
+        if name not in self.near:
+            return None
+        b, solution = self.solution.active, self.solution
+        everything = ActiveSet(self.active, self.F[b], solution.normal[b], solution.largest_displacement)
+        return everything if len(self.near) == 1 else everything.take(self.owned_by(name))

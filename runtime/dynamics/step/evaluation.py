@@ -1,0 +1,94 @@
+"""A body evaluated at one state: corrections, elasticity and contact, each computed once, at its first use.
+
+Friction is not included, so that updating friction does not evaluate any of them again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from softprint.runtime.arrays import Array, RowHessian
+from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.solver.warm_start import WarmStart
+from softprint.runtime.dynamics.state import Configuration
+from softprint.runtime.dynamics.step.frame import CorotatedFrame
+from softprint.runtime.dynamics.terms.elastic import ElasticEvaluation
+from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
+from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEvaluation
+from softprint.runtime.dynamics.timings import Timings
+from softprint.runtime.lazy import lazy
+from softprint.runtime.learned.correction import CorrectionField
+
+
+@dataclass(eq=False)
+class BodyEvaluation:
+    """The body at a configuration in the frame of a step. warm_start: of the contact solve; kept_hessian: elastic, from
+    a nearby state; after a call of `elastic_hessian`, the one that it used."""
+
+    frame: CorotatedFrame
+    at: Configuration
+    warm_start: WarmStart | None
+    kept_hessian: KeptHessian | None
+    timings: Timings = field(repr=False)
+
+    def near(self, at: Configuration) -> BodyEvaluation:
+        """The body at another configuration, with the warm start from this one."""
+        contact: ContactEvaluation | None = self.__dict__.get("contact")
+        start = self.warm_start if contact is None else contact.warm_start
+        other = BodyEvaluation(self.frame, at, start, self.kept_hessian, self.timings)
+        if at.rows is self.at.rows and not self.frame.terms.points.corrected:
+            # A change of poses alone changes neither positions nor elasticity.
+            other.__dict__ |= {k: self.__dict__[k] for k in ("positions", "elastic") if k in self.__dict__}
+        return other
+
+    @lazy
+    def field(self) -> CorrectionField | None:
+        """Displacements by field corrections with their Jacobians."""
+        points = self.frame.terms.points
+        return points.linearise(*self.at, self.timings.correction)
+
+    @lazy
+    def displacement(self) -> Array | None:
+        """Displacements by field corrections (n, dim) [m]."""
+        points = self.frame.terms.points
+        if "field" in self.__dict__:
+            return points.scatter(self.field)
+        return points.displacement(*self.at, self.timings.correction)
+
+    @lazy
+    def positions(self) -> Array:
+        """(s, dim) [m] of the surface samples."""
+        displacement = self.displacement
+        with self.timings.positions:
+            return self.frame.surface.positions(self.at.rows, displacement)
+
+    @lazy
+    def elastic(self) -> ElasticEvaluation:
+        """Elasticity."""
+        displacement = self.displacement
+        with self.timings.elastic:
+            return self.frame.elastic.evaluate(self.at.rows, displacement)
+
+    @lazy
+    def surface(self) -> SurfaceContactEvaluation:
+        """Penalty contact at the surface samples."""
+        return self.frame.surface.evaluate(self.positions, self.at.poses)
+
+    @lazy
+    def contact(self) -> ContactEvaluation | None:
+        """Condensed contact; None where no collider uses it."""
+        condensed, nodes = self.frame.terms.condensed, self.frame.contact_nodes
+        if condensed is None or nodes is None:
+            return None
+        with self.timings.contact:
+            return condensed.evaluate(nodes, *self.at, self.warm_start)
+
+    def elastic_hessian(self, compute: RowHessian, along: Array | None) -> Array:
+        """The elastic Hessian, see `RowHessian`: the kept one while the strain has changed little, otherwise that of
+        `compute`."""
+        reuse = self.frame.terms.reuse
+        # With a field correction B changes from state to state.
+        if reuse is None or self.field is not None:
+            return compute(along)
+        self.kept_hessian = reuse.hessian(self.at.rows, along, compute, self.kept_hessian)
+        return self.kept_hessian.hessian

@@ -1,0 +1,67 @@
+"""The corotated frame of a step: mechanics at rest, rotated by the rotations of the body at the start of the step.
+
+It is made once, from the handle rows at which the step starts. In it the positions of nodes are affine in the handle
+rows, so that every derivative within the step is exact. Its parts are computed at their first use.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.condensed.condensed_friction import CondensedFriction
+from softprint.runtime.contact.solver.contact_nodes import CorotatedNodes
+from softprint.runtime.dynamics.corrected_points import CorrectedPoints
+from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticInFrame
+from softprint.runtime.dynamics.terms.kept_elastic_hessian import HessianReuse
+from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy, SurfaceInFrame
+from softprint.runtime.dynamics.terms.weight import Weight
+from softprint.runtime.lazy import lazy
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTerms:
+    """The terms of the energy of a body, besides inertia and springs. condensed, condensed_friction: None without
+    condensed contact; reuse: None where the elastic Hessian is computed in every iteration."""
+
+    points: CorrectedPoints
+    weight: Weight
+    elastic: Elastic
+    reuse: HessianReuse | None
+    surface: SurfaceContactEnergy
+    condensed: CondensedContact | None
+    condensed_friction: CondensedFriction | None
+
+    def in_frame(self, frame_rows: Array) -> CorotatedFrame:
+        """See `CorotatedFrame`."""
+        return CorotatedFrame(self, frame_rows)
+
+
+@dataclass(frozen=True, eq=False)
+class CorotatedFrame:
+    """The terms of a body in the frame of handle rows (n_rows, dim)."""
+
+    terms: BodyTerms
+    rows: Array
+
+    @lazy
+    def weight(self) -> tuple[Array, float]:
+        """See `Weight.form`."""
+        return self.terms.weight.form(self.rows)
+
+    @lazy
+    def elastic(self) -> ElasticInFrame:
+        """Elasticity."""
+        return self.terms.elastic.in_frame(self.rows)
+
+    @lazy
+    def surface(self) -> SurfaceInFrame:
+        """The surface samples."""
+        return self.terms.surface.in_frame(self.rows)
+
+    @lazy
+    def contact_nodes(self) -> CorotatedNodes | None:
+        """The nodes of condensed contact."""
+        condensed = self.terms.condensed
+        return None if condensed is None else condensed.in_frame(self.rows)

@@ -1,0 +1,65 @@
+"""Corrections evaluated state by state, outside of dynamics: for reports, benchmarks and training."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.learned.correction import ContactCorrection, Correction
+
+
+class StaticCorrection:
+    """A correction at nodes (n,) of a body, all by default. Solved contacts are arguments and results."""
+
+    def __init__(self, correction: Correction, body: ReducedBody, nodes: IntArray | None = None) -> None:
+        points = body.node_points(nodes)
+        self._name, self._shape = correction.collider, points.rest.shape
+        if isinstance(correction, ContactCorrection):
+            colliders = {correction.collider: correction.shape}
+            self._contact: CondensedContact | None = CondensedContact.of(
+                body, correction.mechanics, colliders, correction.stiffness, correction.band
+            )
+            self._bound = correction.bind(points, self._contact, correction.collider)
+        else:
+            self._contact, self._field = None, correction.bind(points)
+        condensation = (
+            correction.mechanics.condensation if isinstance(correction, ContactCorrection) else None
+        )
+        self._condensation = condensation if condensation is None or nodes is None else condensation.at(nodes)
+
+    def solve(self, rows: Array, pose: RigidPose, near: SolvedContact | None) -> SolvedContact | None:
+        """The contact at handle rows (n_rows, dim). near: warm start, a solved contact nearby. None for a field
+        correction, or without contact."""
+        if self._contact is None:
+            return None
+        nodes, start = self._contact.in_frame(rows), self._contact.resume(near)
+        return self._contact.evaluate(nodes, rows, {self._name: pose}, start).solved
+
+    def displacement(self, rows: Array, pose: RigidPose, near: SolvedContact | None = None) -> Array:
+        """u (n, dim) [m] by contact, in the world frame; near: see `solve`."""
+        return self.displacement_of(self.solve(rows, pose, near), rows, pose)
+
+    def displacement_of(self, solved: SolvedContact | None, rows: Array, pose: RigidPose) -> Array:
+        """u (n, dim) [m] from a contact that `solve` returned there."""
+        if self._contact is None:
+            return self._field.displacement(rows, pose)
+        return np.zeros(self._shape) if solved is None else self._bound.displacement(solved)
+
+    def displacement_along(self, rows: Array, poses: Sequence[RigidPose]) -> Array:
+        """u (n, dim) [m] at the last of several poses, with the contact followed along them from no contact."""
+        near = None
+        for pose in poses[:-1]:
+            near = self.solve(rows, pose, near)
+        return self.displacement(rows, poses[-1], near)
+
+    def condensed_displacement(self, rows: Array) -> Array:
+        """(n, dim) [m] by static condensation, without contact; zero for a correction without static condensation."""
+        if self._condensation is None:
+            return np.zeros(self._shape)
+        return self._condensation.corotated(rows).displacement(rows)

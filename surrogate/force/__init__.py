@@ -1,0 +1,1 @@
+"""Learned contact forces: training data, loss and task."""

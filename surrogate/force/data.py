@@ -1,0 +1,115 @@
+"""Training data of learned contact forces: the samples of a truth file at their contact nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+from torch.nn.utils.rnn import pad_sequence
+
+from softprint.runtime.arrays import IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.force.contact_state import ContactStateProbe
+from softprint.runtime.learned.force.model import ForceModelOptions
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.truth.truth_file import TruthData
+from softprint.surrogate.force.loss import ForceMetric
+from softprint.surrogate.touching import touching_samples
+
+
+@dataclass(frozen=True, eq=False)
+class ForceData:
+    """s samples, padded to the largest number m of contact nodes. local: (s, m, n_local); depth: (s,); force:
+    (s, m, dim); lever: (s, m, DIRECTIONS, dim); index: (s, m) into the contact nodes of the body;
+    present: (s, m) 1 at contact nodes, 0 in the padding; h: (s, m, dim) and squared: (s,), the h and c of `loss.py`
+    with the edge term; volume_h, volume_squared: the same without it."""
+
+    local: Tensor
+    depth: Tensor
+    force: Tensor
+    lever: Tensor
+    index: Tensor
+    present: Tensor
+    h: Tensor
+    squared: Tensor
+    volume_h: Tensor
+    volume_squared: Tensor
+
+    def __len__(self) -> int:
+        return len(self.depth)
+
+    def to(self, device: torch.device) -> ForceData:
+        """The same data on a device."""
+        return ForceData(*(getattr(self, name).to(device) for name in ForceData.__dataclass_fields__))
+
+
+def read_force_data(
+    truth: TruthData,
+    body: ReducedBody,
+    collider: Collider,
+    mechanics: BodyMechanics,
+    options: ForceModelOptions,
+    metric: ForceMetric,
+    samples: IntArray,
+    progress: Callable[[int], None] | None = None,
+) -> ForceData:
+    """The given rows of a truth file. Samples in which the reduced body has no contact are dropped."""
+    probe = ContactStateProbe(body, collider, mechanics, options.stiffness, options.band)
+    gradient = body.node_points().basis_gradient
+    state = -1
+    columns: list[tuple[Tensor, ...]] = []
+    for sample, rows, _pose, contact in touching_samples(truth, samples, probe, progress):
+        if truth.sample_state[sample] != state:
+            state = truth.sample_state[sample]
+            to_rest = np.linalg.inv(rows.T @ gradient)
+        u = truth.displacement(sample).astype(np.float64)
+        w = (to_rest @ u[..., None])[..., 0]
+        h, squared, volume_h, volume_squared = metric.of_field(w, contact.index)
+        columns.append(
+            (
+                torch.from_numpy(contact.inputs).float(),
+                torch.tensor(contact.depth),
+                torch.from_numpy(contact.force).float(),
+                torch.from_numpy(contact.lever).float(),
+                torch.from_numpy(contact.index),
+                torch.ones(len(contact.index)),
+                torch.from_numpy(h).float(),
+                torch.tensor(squared),
+                torch.from_numpy(volume_h).float(),
+                torch.tensor(volume_squared),
+            )
+        )
+    if not columns:
+        raise SoftprintError(
+            f"{truth.path}: in none of the {len(samples)} requested samples does the reduced body touch the collider"
+        )
+    names = list(ForceData.__dataclass_fields__)
+    whole = {"depth", "squared", "volume_squared"}
+    stacked = (
+        torch.stack(column).float() if name in whole else pad_sequence(list(column), batch_first=True)
+        for name, column in zip(names, zip(*columns, strict=True), strict=True)
+    )
+    return ForceData(*stacked)
+
+
+def join_force_data(parts: Sequence[ForceData]) -> ForceData:
+    """Concatenate the samples of all parts, padded to the largest number of contact nodes."""
+    most = max(part.index.shape[1] for part in parts)
+    joined = {
+        field.name: torch.cat([_padded(getattr(part, field.name), most) for part in parts])
+        for field in fields(ForceData)
+    }
+    return ForceData(**joined)
+
+
+def _padded(column: Tensor, most: int) -> Tensor:
+    """Pad the node axis (the second) with zeros; columns with one value per sample are returned unchanged."""
+    if column.ndim < 2:
+        return column
+    return pad(column, (0, 0) * (column.ndim - 2) + (0, most - column.shape[1]))

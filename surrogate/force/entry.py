@@ -1,0 +1,71 @@
+"""Registry entry for training learned contact forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from softprint.runtime.arrays import IntArray
+from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.learned.force.entry import options
+from softprint.runtime.learned.force.model import ForceModelOptions
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.surrogate.force.data import ForceData, join_force_data, read_force_data
+from softprint.surrogate.force.loss import ForceMetric
+from softprint.surrogate.force.task import ForceTask
+from softprint.surrogate.form import TrainingForm
+from softprint.surrogate.training_data import TrainingData
+
+
+def task(data: TrainingData, spec: ModelSpec) -> ForceTask:
+    """The training task of a [[training.models]] table."""
+    own = options(spec, data.body, data.context.experiment.contact.stiffness)
+    # Networks on the same mechanics share their data.
+    key = ("force", spec.contact_nodes, spec.static_condensation, own.band, own.stiffness)
+    training, validation = data.once(key, lambda: _read(data, spec, own))
+    return ForceTask(own, metric(data, spec), training, validation, data.body.n_rows)
+
+
+def metric(data: TrainingData, spec: ModelSpec) -> ForceMetric:
+    """The error norm; one for each number of contact nodes."""
+    return data.once(
+        ("force metric", spec.contact_nodes),
+        lambda: ForceMetric(data.body, mechanics(data, spec).surface_compliance, data.spec.edge_weight),
+    )
+
+
+def mechanics(data: TrainingData, spec: ModelSpec) -> BodyMechanics:
+    """The body mechanics with the options of a [[training.models]] table."""
+    _, found = data.mechanics.get(spec.contact_nodes)
+    return found if spec.static_condensation else found._replace(condensation=None)
+
+
+def force_data(
+    data: TrainingData,
+    spec: ModelSpec,
+    options: ForceModelOptions,
+    samples: IntArray,
+    progress: Callable[[int], None] | None = None,
+) -> ForceData:
+    """Some rows of the truth file, with any mix of colliders."""
+    own, measured_in = mechanics(data, spec), metric(data, spec)
+    return join_force_data(
+        [
+            read_force_data(data.truth, data.body, collider, own, options, measured_in, part, progress)
+            for collider, part in data.by_collider(samples)
+        ]
+    )
+
+
+def _read(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) -> tuple[ForceData, ForceData]:
+    """Training and validation data."""
+    metric(data, spec)  # before the progress bar below, because it may show its own
+    train, held_out = data.split.train, data.held_out
+    with data.context.progress(len(train) + len(held_out), "sample", "reading contact forces") as bar:
+        training, validation = (
+            force_data(data, spec, options, samples, bar.update).to(data.device)
+            for samples in (train, held_out)
+        )
+    return training, validation
+
+
+TRAINING = TrainingForm(settings=lambda training: training, task=task)

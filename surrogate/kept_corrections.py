@@ -1,0 +1,69 @@
+"""Which corrections in a run directory are up to date, identified by their training recipe."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from softprint import runtime
+from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.run_mechanics import RunMechanics
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import Experiment, ModelSpec
+from softprint.runtime.io.files import content_hash, sources_hash
+from softprint.runtime.learned.correction_file import CorrectionHeader, read_header
+from softprint.runtime.learned.form import find_form
+from softprint.runtime.scenes.playing import correction_path
+
+log = logging.getLogger(__name__)
+
+
+def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str) -> dict[str, object]:
+    """Everything that determines the result of training."""
+    training = experiment.training.model_dump(mode="json", exclude={"models", "device"})
+    return {
+        "truth": truth_hash,
+        "model": spec.model_dump(mode="json"),
+        "stiffness": experiment.contact.stiffness,
+        "gravity": list(experiment.dynamics.gravity),
+        "settings": {**training, "seed": experiment.seed},
+    }
+
+
+def is_trained(context: Context, spec: ModelSpec, truth_hash: str, mechanics: RunMechanics) -> bool:
+    """Whether the correction exists with this recipe and the mechanics of the run directory."""
+    path = correction_path(context.out_dir, spec.name)
+    header = kept_header(path, recipe_of(context.experiment, spec, truth_hash))
+    if header is None:
+        return False
+    if (
+        find_form(spec.form).needs_mechanics
+        and header.mechanics_hash != mechanics.get(spec.contact_nodes)[0].content_hash
+    ):
+        log.warning("%s was trained with different body mechanics; training it again", path)
+        return False
+    return True
+
+
+def kept_header(path: Path, recipe: dict[str, object]) -> CorrectionHeader | None:
+    """The header of a correction with this recipe; None if there is none."""
+    if not path.is_file():
+        return None
+    try:
+        header = read_header(path)
+    except SoftprintError as error:
+        log.warning("%s; training it again", error)
+        return None
+    if {key: header.training.get(key) for key in recipe} != recipe:
+        return None
+    if header.training.get("program") != program_hash():
+        log.warning(
+            "%s is kept, but was trained by another version of the program: --no-resume trains it again", path
+        )
+    return header
+
+
+def program_hash() -> str:
+    """A hash of the sources that take part in training: with other sources, the same recipe may give other weights."""
+    folders = {"runtime": Path(runtime.__file__).parent, "surrogate": Path(__file__).parent}
+    return content_hash({name: sources_hash(folder) for name, folder in folders.items()})

@@ -1,0 +1,53 @@
+"""What `train.py` needs from a kind of model: initial weights, a loss on a batch of samples, the error on held-out
+states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from softprint.runtime.learned.form import ModelT
+from softprint.surrogate.held_out_error import HeldOutError
+
+# Number of samples used to measure the normalisation of inputs and outputs.
+NORMALISATION_SAMPLES = 512
+
+
+class LearningTask(Protocol[ModelT]):
+    """A model to train on samples 0 .. n_samples - 1."""
+
+    @property
+    def n_samples(self) -> int: ...
+    @property
+    def device(self) -> torch.device: ...
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What defines the task, as plain values: a checkpoint with a different identity is not resumed."""
+        ...
+
+    def fresh_model(self, seed: int) -> ModelT: ...
+    def loss(self, model: ModelT, index: Tensor) -> Tensor:
+        """Loss on samples `index` (b,), dimensionless."""
+        ...
+
+    def held_out_error(self, model: ModelT) -> HeldOutError: ...
+    def finish(self, model: ModelT) -> None:
+        """Set what a trained model needs besides its weights."""
+        ...
+
+
+def seeded(make: Callable[[], ModelT], seed: int) -> ModelT:
+    """A model with initial weights drawn from `seed`; torch's global generator is not changed."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return make()
+
+
+def some_samples(count: int, seed: int, device: torch.device) -> Tensor:
+    """Indices of at most NORMALISATION_SAMPLES of `count` samples, drawn from the seed."""
+    chosen = np.random.default_rng(seed).permutation(count)[:NORMALISATION_SAMPLES]
+    return torch.from_numpy(chosen).to(device)

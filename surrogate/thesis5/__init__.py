@@ -1,0 +1,1 @@
+"""The contact-centric displacement field of thesis chapter 5: training data, loss and task."""

@@ -1,0 +1,330 @@
+"""The compiled kernels of the contact solve and of its nodes, and the linear systems made of them, against the same in
+numpy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softprint.runtime.contact.solver import contact_node_kernels as node_kernels
+from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
+from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
+from softprint.runtime.contact.solver.woodbury import WoodburyFactor
+
+M = 9
+N_ROWS = 7
+# The same sums of float64 in another order; of some ten terms of random sign.
+RTOL, ATOL = 1e-11, 1e-12
+
+
+def same(found, expected):
+    """Up to the order of sums, relative to the largest entry."""
+    np.testing.assert_allclose(found, expected, rtol=RTOL, atol=ATOL * np.abs(expected).max(initial=0.0))
+
+
+@pytest.fixture(params=[2, 3])
+def dim(request):
+    return request.param
+
+
+@pytest.fixture
+def pressed(dim):
+    """A problem and something like its solution: some nodes bear pressure, the distance is curved any way it likes."""
+    rng = np.random.default_rng(dim)
+    root = rng.normal(size=(M * dim, M * dim)) / np.sqrt(M * dim)
+    G = 1e-3 * (root @ root.T + 0.1 * np.eye(M * dim))
+    F = np.eye(dim) + 0.2 * rng.normal(size=(M, dim, dim))
+    normal = rng.normal(size=(M, dim))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    curvature = 10.0 * rng.normal(size=(M, dim, dim))
+    curvature += curvature.transpose(0, 2, 1)
+    k, penetration = np.full(M, 5e5), 1e-2 * rng.uniform(-1, 1, M)
+    pressure = k * np.maximum(penetration, 0.0) ** 2
+    v = 1e-3 * rng.normal(size=(M, dim))
+    problem = ContactProblem(G, F, k, rng.normal(size=(M, dim)), 1e-2, lambda x: None)
+    u = np.einsum("jab,jb->ja", F, v)
+    return problem, ContactSolution(penetration, normal, curvature, pressure, v, u, 1.0, True, 1, 0.0)
+
+
+def dense(problem, solution):
+    """G_w = F G F^T and D (k*dim, k*dim) among the active nodes."""
+    b, dim = solution.active, problem.position.shape[1]
+    F, D = (np.zeros((len(b), dim, len(b), dim)) for _ in range(2))
+    for at, j in enumerate(b):
+        F[at, :, at], D[at, :, at] = problem.F[j], contact_stiffness(problem, solution)[j]
+    size = len(b) * dim
+    F, D = F.reshape(size, size), D.reshape(size, size)
+    rows = (b[:, None] * dim + np.arange(dim)).ravel()
+    return F @ problem.compliance[np.ix_(rows, rows)] @ F.T, D
+
+
+def contact_stiffness(problem, solution):
+    """D_j = 2 k e g g^T - p H (m, dim, dim)."""
+    along = np.einsum("ja,jb->jab", solution.normal, solution.normal)
+    stiffness = 2.0 * problem.stiffness * solution.penetration
+    return stiffness[:, None, None] * along - solution.pressure[:, None, None] * solution.curvature
+
+
+def test_the_factor_is_the_inverse_of_the_dense_matrix(pressed):
+    problem, solution = pressed
+    factor = WoodburyFactor(problem.compliance, problem.F, problem.stiffness, solution)
+    G, D = dense(problem, solution)
+    c = np.random.default_rng(1).normal(size=(len(G), 4))
+    relaxed = np.linalg.solve(np.eye(len(G)) + G @ D, c)
+    # Directions of a share below 1e-9 are left out, of systems with condition numbers of a hundred.
+    np.testing.assert_allclose(factor.relaxed(c), relaxed, atol=1e-6 * np.abs(relaxed).max())
+    np.testing.assert_allclose(
+        factor.effective_stiffness(c), D @ relaxed, atol=1e-6 * np.abs(D @ relaxed).max()
+    )
+    energy = c.T @ D @ relaxed
+    np.testing.assert_allclose(factor.stiffness_form(c), energy, atol=1e-6 * np.abs(energy).max())
+    np.testing.assert_allclose(
+        factor.to_world(factor.rest_displacement(factor.to_rest(c))), G @ c, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_a_newton_step_solves_the_linearised_balance(pressed, kind):
+    problem, solution = pressed
+    G, k, (m, dim) = problem.compliance.astype(kind), problem.stiffness, problem.position.shape
+    e, pressure, v = solution.penetration, solution.pressure, solution.rest_displacement
+    value, lag = -e + 1e-4, 1e-4 * np.random.default_rng(2).normal(size=(m, dim))
+    at = value, solution.normal, solution.curvature
+    found, penetration = solve_kernels.newton_step(G, problem.F, k, e, pressure, v, lag, *at)
+    # What is left of dv + lag - G (S n de + p F^T H F dv), n = F^T g, e having changed by de.
+    b, dv = solution.active, found - v
+    moved = np.einsum("jab,jb->ja", problem.F, dv)
+    de = -(e + value) - (at[1] * moved).sum(axis=1)
+    np.testing.assert_allclose(penetration[b], (e + de)[b], atol=1e-12)
+    force = np.zeros((m, dim))
+    force[b] = (2 * k * e * de)[b, None] * at[1][b]
+    force[b] += pressure[b, None] * np.einsum("jab,jb->ja", at[2][b], moved[b])
+    rest_force = np.einsum("jab,ja->jb", problem.F, force)
+    missed = dv + lag - (G.astype(float) @ rest_force.ravel()).reshape(m, dim)
+    # Directions that change less than that share are left out of the system.
+    assert np.abs(missed).max() < solve_kernels._SLIGHT * np.abs(dv).max()
+
+
+def test_descent_direction_is_the_newton_step_of_the_energy(pressed, dim):
+    """With D cut off at the nodes without pressure, dphi = balanced - phi - F^T D (I + G_w D)^-1 F (-lag)."""
+    problem, solution = pressed
+    rng, active = np.random.default_rng(4), solution.active
+    phi, lag = rng.normal(size=(M, dim)), 1e-4 * rng.normal(size=(M, dim))
+    balanced = solve_kernels.pulled_back(problem.F, solution.pressure, solution.normal)
+    change, along, slope = solve_kernels.descent_direction(
+        problem.compliance,
+        problem.F,
+        problem.stiffness,
+        solution.penetration,
+        solution.pressure,
+        phi,
+        balanced,
+        lag,
+        solution.normal,
+        np.zeros_like(solution.curvature),  # D >= 0, of one direction a node
+    )
+    flat = replace(solution, curvature=np.zeros_like(solution.curvature))
+    G, D = dense(problem, flat)
+    world = np.einsum("jab,jb->ja", problem.F, -lag)[active].ravel()
+    force = (D @ np.linalg.solve(np.eye(len(G)) + G @ D, world)).reshape(-1, dim)
+    reacting = np.zeros((M, dim))
+    reacting[active] = np.einsum("jab,ja->jb", problem.F[active], force)
+    expected = balanced - phi - reacting
+    moved = -lag - (problem.compliance @ reacting.ravel()).reshape(M, dim)
+    # Directions that change what they meet by less than that share are left out of the system.
+    np.testing.assert_allclose(change, expected, atol=solve_kernels._SLIGHT * np.abs(expected).max())
+    np.testing.assert_allclose(along, moved, atol=solve_kernels._SLIGHT * np.abs(moved).max())
+    assert slope == pytest.approx(np.vdot(phi - balanced, along), rel=RTOL)
+
+
+def test_stiffness_directions_make_up_the_contact_stiffness(pressed):
+    problem, solution = pressed
+    node, stiff, w, v = solve_kernels.stiffness_directions(
+        problem.compliance,
+        problem.F,
+        solution.active,
+        problem.stiffness,
+        solution.penetration,
+        solution.pressure,
+        solution.normal,
+        solution.curvature,
+        1e-12,
+    )
+    for j, D in enumerate(contact_stiffness(problem, solution)):
+        mine = node == j
+        if j not in solution.active:
+            assert not mine.any()
+            continue
+        found = np.einsum("c,ca,cb->ab", stiff[mine], w[mine], w[mine])
+        np.testing.assert_allclose(found, D, atol=1e-9 * np.abs(D).max())
+    np.testing.assert_allclose(v, np.einsum("rab,ra->rb", problem.F[node], w), atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_woodbury_system(pressed, dim, kind):
+    """V^T G and L^-1 + V^T G V of some directions, two of them at one node."""
+    rng = np.random.default_rng(5)
+    node = np.array([0, 3, 3, M - 1])
+    stiff, v = rng.normal(size=4) * 1e4, rng.normal(size=(4, dim)).astype(kind)
+    G = pressed[0].compliance.astype(kind)
+    given, K = solve_kernels.woodbury_system(G, node, stiff, v)
+    V = np.zeros((M, dim, 4))
+    V[node, :, np.arange(4)] = v
+    V = V.reshape(M * dim, 4)
+    expected = np.diag(1.0 / stiff) + V.T @ G @ V
+    eps = 20 * np.finfo(kind).eps  # sums of some ten terms
+    assert given.dtype == K.dtype == kind
+    np.testing.assert_allclose(given, V.T @ G, rtol=0, atol=eps * np.abs(V.T @ G).max())
+    np.testing.assert_allclose(K, expected, rtol=0, atol=eps * np.abs(expected).max())
+
+
+def test_balance(pressed, dim):
+    """e of nodes without pressure follows the distance; p = k e^2, lag = v - G F^T p g, and the largest of |F lag| and
+    |e + s|."""
+    problem, solution = pressed
+    F, k, v, e = problem.F, problem.stiffness, solution.rest_displacement, solution.penetration
+    value = 1e-2 * np.random.default_rng(6).uniform(-1, 1, M)
+    found = solve_kernels.balance(problem.compliance, F, k, e, v, value, solution.normal)
+    followed = np.where(e > 0.0, e, -value)
+    pressure = k * np.maximum(followed, 0.0) ** 2
+    phi = np.einsum("j,jab,ja->jb", pressure, F, solution.normal)
+    lag = v - (problem.compliance @ phi.ravel()).reshape(M, dim)
+    residual = max(np.abs(e + value)[e > 0.0].max(), np.abs(np.einsum("jab,jb->ja", F, lag)).max())
+    for own, expected in zip(found, (followed, pressure, lag, residual), strict=True):
+        same(own, expected)
+
+
+def test_balance_of_a_node_at_infinity_is_none(pressed):
+    problem, solution = pressed
+    value = np.full(M, np.nan)
+    state = solution.penetration, solution.rest_displacement, value, value[:, None] * solution.normal
+    residual = solve_kernels.balance(problem.compliance, problem.F, problem.stiffness, *state)[3]
+    assert residual == np.inf
+
+
+def test_products(pressed, dim):
+    problem, solution = pressed
+    v, F, weight = solution.rest_displacement, problem.F, np.arange(1.0, M + 1)
+    wide = np.random.default_rng(7).normal(size=(3 * dim, M * dim))
+    same(solve_kernels.product(problem.compliance, v), (problem.compliance @ v.ravel()).reshape(v.shape))
+    same(solve_kernels.product(wide, v), (wide @ v.ravel()).reshape(3, dim))
+    same(solve_kernels.pulled_back(F, weight, v), np.einsum("j,jab,ja->jb", weight, F, v))
+    same(solve_kernels.to_world(F, v), np.einsum("jab,jb->ja", F, v))
+
+
+def test_energy(pressed):
+    problem, solution = pressed
+    v, e, k = solution.rest_displacement, solution.penetration, problem.stiffness
+    phi = np.random.default_rng(8).normal(size=v.shape)
+    expected = 0.5 * np.vdot(phi, v) + (k * np.maximum(e, 0.0) ** 3).sum() / 3.0
+    assert solve_kernels.energy(k, phi, v, e) == pytest.approx(expected, rel=RTOL)
+
+
+def test_near_box(dim):
+    rng = np.random.default_rng(9)
+    x, reach = rng.normal(size=(200, dim)), rng.uniform(0, 0.3, 200)
+    rotation, translation = np.linalg.qr(rng.normal(size=(dim, dim)))[0], rng.normal(size=dim)
+    lower, upper = -rng.uniform(0.2, 1.0, dim), rng.uniform(0.2, 1.0, dim)
+    z = (x - translation) @ rotation
+    inside = ((z >= lower - reach[:, None]) & (z <= upper + reach[:, None])).all(axis=1)
+    assert 0 < inside.sum() < 200
+    found = node_kernels.near_box(x, rotation, translation, lower, upper, reach)
+    np.testing.assert_array_equal(found, np.flatnonzero(inside))
+
+
+@pytest.mark.parametrize(
+    ("nodes", "among"),
+    [
+        ([1, 4, 6, 9], [0, 1, 2, 6, 7, 9]),
+        ([1, 4], [9, 12]),
+        ([9, 12], [1, 4]),
+        ([], [1, 4]),
+        ([1, 4], []),
+    ],
+)
+def test_places(nodes, among):
+    nodes, among = np.array(nodes, dtype=np.int64), np.array(among, dtype=np.int64)
+    expected = [np.flatnonzero(among == node)[0] if node in among else -1 for node in nodes]
+    np.testing.assert_array_equal(node_kernels.places(nodes, among), expected)
+    np.testing.assert_array_equal(node_kernels.are_among(nodes, among), np.isin(nodes, among))
+
+
+def test_largest_norm(dim):
+    u, active = np.random.default_rng(10).normal(size=(M, dim)), np.array([2, 5, 6])
+    expected = np.linalg.norm(u[active], axis=1).max()
+    assert node_kernels.largest_norm(u, active) == pytest.approx(expected, rel=RTOL)
+    assert node_kernels.largest_norm(u, active[:0]) == 0.0
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_submatrix(dim, kind):
+    G = np.random.default_rng(11).normal(size=(M * dim, M * dim)).astype(kind)
+    nodes = np.array([0, 3, 8])
+    rows = (nodes[:, None] * dim + np.arange(dim)).ravel()
+    found = node_kernels.submatrix(G, nodes, dim)
+    assert found.dtype == kind
+    np.testing.assert_array_equal(found, G[np.ix_(rows, rows)])
+
+
+def test_blocks_to_world(dim):
+    rng = np.random.default_rng(12)
+    F, c = rng.normal(size=(M, dim, dim)), rng.normal(size=(M * dim, 4))
+    expected = np.einsum("iab,ibn->ian", F, c.reshape(M, dim, 4)).reshape(M * dim, 4)
+    same(node_kernels.blocks_to_world(F, c), expected)
+
+
+def test_projected_and_expanded_are_transposes(dim):
+    """W^T c and W y, with the directions w of some nodes as the columns of W, two of them at one node."""
+    rng = np.random.default_rng(13)
+    node, w = np.array([0, 3, 3, M - 1]), rng.normal(size=(4, dim))
+    W = np.zeros((M, dim, 4))
+    W[node, :, np.arange(4)] = w
+    W = W.reshape(M * dim, 4)
+    c, y = rng.normal(size=(M * dim, 5)), rng.normal(size=(4, 5))
+    same(node_kernels.projected(node, w, c), W.T @ c)
+    same(node_kernels.expanded(node, w, y, M * dim), W @ y)
+
+
+@pytest.fixture
+def moving(dim):
+    """v, f (M, dim), dx (M, dim, N_ROWS*dim) and dU (M, N_ROWS, dim) of some nodes."""
+    rng = np.random.default_rng(14)
+    v, f = rng.normal(size=(2, M, dim))
+    return v, f, rng.normal(size=(M, dim, N_ROWS * dim)), rng.normal(size=(M, N_ROWS, dim))
+
+
+def test_contact_jacobians(moving, dim):
+    """dx + dF v and dF^T f with dF_aj = sum_r drow_ra dU_rj."""
+    v, f, position, gradient = moving
+    by_position, by_force = node_kernels.contact_jacobians(v, f, position, gradient)
+    dF_v = np.einsum("irj,ij,ab->iarb", gradient, v, np.eye(dim))
+    dF_f = np.einsum("irj,ib->ijrb", gradient, f)
+    shape = M * dim, N_ROWS * dim
+    same(by_position, position.reshape(shape) + dF_v.reshape(shape))
+    same(by_force, dF_f.reshape(shape))
+
+
+def test_add_basis(dim):
+    rng = np.random.default_rng(15)
+    basis, index = rng.normal(size=(M, N_ROWS)), np.array([1, 4, 5])
+    before = rng.normal(size=(3, dim, N_ROWS, dim))
+    moved = before.copy()
+    node_kernels.add_basis(basis, index, moved)
+    same(moved, before + np.einsum("kr,ab->karb", basis[index], np.eye(dim)))
+
+
+def test_handle_forces(moving, dim):
+    """sum_j (U_j + v_j . grad U_j) (x) f_j, the transpose of the position Jacobian without static condensation."""
+    v, f, _, gradient = moving
+    basis, index = np.random.default_rng(16).normal(size=(M, N_ROWS)), np.array([1, 4, 5])
+    own = v[index], f[index]
+    along = basis[index] + np.einsum("jrk,jk->jr", gradient[index], own[0])
+    gradients = np.ascontiguousarray(gradient.transpose(0, 2, 1))
+    found = node_kernels.handle_forces(basis, gradients, index, own[1], own[0])
+    same(found, np.einsum("jr,ja->ra", along, own[1]))
+    position = np.zeros((len(index), dim, N_ROWS, dim))
+    node_kernels.add_basis(basis, index, position)
+    by_position, _ = node_kernels.contact_jacobians(
+        *own, position.reshape(len(index), dim, -1), gradient[index]
+    )
+    same(found.ravel(), own[1].ravel() @ by_position)

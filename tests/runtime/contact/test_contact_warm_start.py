@@ -1,0 +1,213 @@
+"""Contacts that are followed from state to state: of several equilibria, that which a slow approach from outside comes
+to."""
+
+import numpy as np
+import pytest
+
+from softprint.runtime.colliders import Capsule, KeyframedPath, RigidPose, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
+from softprint.runtime.learned.force.contact_state import ContactMeasurement, ContactStateProbe
+from softprint.runtime.learned.force.correction import ForceCorrection
+from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
+from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+
+TOP, RADIUS, DEPTH = 0.06, 0.004, 0.006
+STIFFNESS, BAND = 1e10, 0.004
+FAR = RigidPose(np.eye(2), np.array([0.0, 1.0]))
+
+
+def lying(depth):
+    """A thin rod pressed flat into the top of the block."""
+    return RigidPose(np.eye(2), np.array([0.003, TOP + RADIUS - depth]))
+
+
+@pytest.fixture(scope="module")
+def rod():
+    return Capsule([-0.02, 0.0], [0.02, 0.0], RADIUS, "rod")
+
+
+@pytest.fixture(scope="module")
+def mechanics(jelly2d_body):
+    return compute_mechanics(jelly2d_body, 400, condensation=False)
+
+
+def followed(contact, rows, along):
+    """The evaluations of the contact at one state of the body with colliders at poses, each started from the last."""
+    nodes, found = contact.in_frame(rows), []
+    for poses in along:
+        found.append(contact.evaluate(nodes, rows, poses, found[-1].warm_start if found else None))
+    return found
+
+
+def heights(solved):
+    """By how much the active nodes are displaced upwards [m]."""
+    return solved.solution.displacement[solved.solution.active, 1]
+
+
+def test_a_thin_rod_that_is_followed_does_not_let_the_surface_through(jelly2d_body, rod, mechanics):
+    """Deeper than its middle, the near way out of it is on the other side; that is where nodes go that are put there at
+    once, and where they are not carried."""
+    probe = ContactStateProbe(jelly2d_body, rod, mechanics, STIFFNESS, BAND)
+    rows = jelly2d_body.rest_rows
+    at_once = heights(probe.solve(rows, lying(DEPTH)))
+    assert DEPTH > RADIUS
+    assert at_once.max() > 0.0
+    near = None
+    for depth in DEPTH * np.arange(1, 8) / 8:
+        near = probe.solve(rows, lying(depth), near)
+    along = heights(probe.solve(rows, lying(DEPTH), near))
+    # Those under the rod are displaced by most of the depth; the last two, by its round ends, aside.
+    assert (np.sort(along)[:-2] < -0.5 * DEPTH).all()
+    np.testing.assert_array_equal(heights(probe.solve(rows, lying(DEPTH))), at_once)
+
+
+@pytest.mark.parametrize("band", [BAND, 0.0])
+def test_what_has_gone_through_a_thin_rod_is_not_let_go(jelly2d_body, rod, mechanics, band):
+    """Pressed in by twice its thickness: without contact displacement, all of the surface under it is beyond it,
+    farther out than candidates are searched for. A linear body's energy goes with the square of the depth, and a bit
+    more while more of the depth is the body's and less the penalty's."""
+    rows = jelly2d_body.rest_rows
+    contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, STIFFNESS, band)
+    into = RADIUS * np.arange(1, 33) / 8
+    # Drawn out slowly enough to be followed, it lets go.
+    out_again = RADIUS * np.arange(31, -2, -1) / 8
+    path = [{"rod": lying(depth)} for depth in (*into, *out_again)]
+    evaluations = followed(contact, rows, path)
+    pressed, out = evaluations[: len(into)], evaluations[-1]
+    assert all(evaluation.converged for evaluation in pressed)
+    nearby = pressed[-1].solved.near["rod"].position
+    assert rod.sdf(lying(4.0 * RADIUS).apply_inverse(nearby)).min() > 1.5 * BAND
+    energies = np.array([evaluation.energy for evaluation in pressed])
+    assert 4.0 < energies[-1] / energies[15] < 5.0
+    # Nowhere does it leap: its second differences are positive and change slowly.
+    bend = np.diff(energies, 2)
+    assert (bend > 0.0).all()
+    assert np.abs(np.diff(bend)).max() < 0.2 * bend.max()
+    assert not out.active_nodes("rod").index.size
+
+
+def test_beside_another_collider_it_is_not_let_go_either(jelly2d_body, rod, mechanics):
+    """A collider that touches nothing changes nothing."""
+    rows = jelly2d_body.rest_rows
+    far = Sphere(0.01, 2, "far")
+    alone = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, STIFFNESS)
+    beside = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod, "far": far}, STIFFNESS)
+    path = [{"rod": lying(depth), "far": FAR} for depth in RADIUS * np.arange(1, 33) / 8]
+    expected, found = (followed(contact, rows, path) for contact in (alone, beside))
+    energies = [evaluation.energy for evaluation in expected]
+    assert min(energies) > 0.0
+    assert [evaluation.energy for evaluation in found] == energies
+    # What is drawn of it, too, knows of all nodes that bear pressure.
+    areas = mechanics.surface_compliance.areas
+    solved = found[-1].solved
+    measured = ContactMeasurement(beside, "rod", rod, areas, BAND).measure(solved)
+    assert set(solved.active) <= set(measured.index)
+    active = np.isin(measured.index, solved.active)
+    np.testing.assert_array_equal(measured.force[active], solved.rest_force)
+
+
+def test_what_comes_in_past_the_middle_stays_on_its_side(jelly2d_body, mechanics):
+    """A tilted rod, thinner than the next step is long, comes to a node that did not bear pressure: the near way out is
+    on the other side, but that is not where the node came from."""
+    thin = Capsule([-0.03, 0.0], [0.03, 0.0], 0.002, "thin")
+    rows = jelly2d_body.rest_rows
+    contact = CondensedContact.of(jelly2d_body, mechanics, {"thin": thin}, STIFFNESS, BAND)
+
+    def tilted(height):
+        return {"thin": RigidPose.from_rotation_vector([0.25], [0.02, TOP + height])}
+
+    path = [tilted(height) for height in (*np.arange(0.0090, 0.0064, -0.0005), 0.0041)]
+    before, after = (evaluation.solved for evaluation in followed(contact, rows, path)[-2:])
+    candidates = np.isin(after.index, before.index) & ~np.isin(after.index, before.active)
+    came, pose = after.index[candidates], path[-1]["thin"]
+    position = contact.in_frame(rows).positions(rows, came)
+    assert came.size == 1
+    assert thin.sdf(pose.apply_inverse(position)) < 0.0 < pose.apply_inverse(position)[0, 1]
+    assert after.solution.normal[after.index == came][0, 1] < 0.0
+    (at_once,) = followed(contact, rows, path[-1:])
+    normal = at_once.solved.solution.normal
+    assert normal[at_once.solved.index == came][0, 1] > 0.0
+
+
+def test_what_is_drawn_out_at_once_lets_go(jelly2d_body, rod, mechanics):
+    """A collider that has leapt away is another contact, and takes nothing along."""
+    contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, STIFFNESS, BAND)
+    path = [{"rod": lying(depth)} for depth in (*RADIUS * np.arange(1, 33) / 8, -0.03)]
+    *pressed, away = followed(contact, jelly2d_body.rest_rows, path)
+    assert all(evaluation.active_nodes("rod").index.size for evaluation in pressed)
+    assert away.solved is None
+
+
+@pytest.mark.parametrize("names", [("rod",), ("rod", "far")], ids=["one collider", "several colliders"])
+def test_a_trial_elsewhere_changes_nothing(jelly2d_body, rod, mechanics, names):
+    """A line search solves from the state that was linearised, wherever its last trial was."""
+    rows = jelly2d_body.rest_rows
+    shapes = {"rod": rod, "far": Sphere(0.01, 2, "far")}
+    contact = CondensedContact.of(jelly2d_body, mechanics, {name: shapes[name] for name in names}, STIFFNESS)
+
+    def poses(depth):
+        return {"rod": lying(depth), "far": FAR}
+
+    last = followed(contact, rows, [poses(depth) for depth in DEPTH * np.arange(1, 9) / 8])[-1]
+
+    def energy(depth, start):
+        return contact.evaluate(contact.in_frame(rows), rows, poses(depth), start).energy
+
+    trial = energy(0.98 * DEPTH, last.warm_start)
+    assert trial == pytest.approx(last.energy, rel=0.05)
+    assert energy(-0.001, last.warm_start) == 0.0
+    assert energy(0.98 * DEPTH, last.warm_start) == trial
+    # The same from the plain data that a state carries.
+    assert energy(0.98 * DEPTH, contact.resume(last.solved)) == trial
+    # At once the rod is let through, at a tenth of the energy.
+    assert energy(0.98 * DEPTH, None) < 0.2 * trial
+
+
+def correction_of(body, rod, mechanics):
+    """An untrained one: its field is that of mechanics."""
+    model = ForceModel(ForceModelOptions((8,), "silu", 1e-3, BAND, STIFFNESS), 2, body.n_rows)
+    return ForceCorrection("mechanics", model, body, rod, mechanics)
+
+
+def test_a_motion_begins_anew(jelly2d_body, rod, mechanics):
+    """The rod begins deep in the block, goes out and comes in again, in balance otherwise than it was at the start.
+    Nothing of one motion is remembered in the next, for what a step starts from is in its state."""
+    path = KeyframedPath([0.0, 0.3, 0.6], [lying(depth).translation for depth in (DEPTH, -0.002, DEPTH)])
+    handles = jelly2d_body.handles
+    held = [*(frame.name for frame in handles.frames), *range(handles.n_points)]
+    simulator = Simulator(
+        jelly2d_body,
+        [PlacedCollider("rod", rod, path, correction=correction_of(jelly2d_body, rod, mechanics))],
+        contact=PenaltyContact(STIFFNESS),
+        mechanics=mechanics,
+        kinematic=[KinematicHandle(handle, None) for handle in held],
+    )
+
+    def motion():
+        results = [simulator.settle()]
+        while len(results) < 37:
+            results.append(simulator.step(results[-1].state))
+        return results
+
+    def forces(results):
+        return np.array([result.contacts["rod"].force for result in results])
+
+    first = motion()
+    assert forces(first)[0, 1] * forces(first)[-1, 1] < 0.0
+    np.testing.assert_array_equal(forces(motion()), forces(first))
+    again = simulator.step(first[-2].state)
+    np.testing.assert_array_equal(forces([again]), forces(first[-1:]))
+
+
+def test_a_static_correction_follows_an_approach_path(jelly2d_body, rod, mechanics):
+    correction = StaticCorrection(correction_of(jelly2d_body, rod, mechanics), jelly2d_body)
+    rows, rest = jelly2d_body.rest_rows, jelly2d_body.mesh.points
+    at_once = correction.displacement(rows, lying(DEPTH))
+    along = correction.displacement_along(rows, [lying(depth) for depth in DEPTH * np.arange(1, 9) / 8])
+    under = np.abs(rest - [0.003, TOP]).max(axis=1) < 0.01
+    top = under & (rest[:, 1] > TOP - 1e-9)
+    assert along[top, 1].max() < -0.5 * DEPTH
+    assert at_once[top, 1].max() > 0.0

@@ -1,0 +1,150 @@
+"""A step is a function of its arguments: states can be replayed, stored, and stepped anywhere, to the same bits."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+from multiprocessing.reduction import ForkingPickler
+
+import numpy as np
+import pytest
+
+from softprint.runtime.colliders import KeyframedPath, Sphere
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
+from softprint.runtime.dynamics.state_file import load_state, save_state
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.force.correction import ForceCorrection
+from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+
+STIFFNESS = 1e10  # N/m^4
+STEPS, BRANCH, BEYOND = 14, 8, 4  # of the motion; where it is taken up again, in contact; for so many steps
+
+
+def simulator_of(body, mechanics, friction):
+    """A block held by its base, into whose top a ball with an (untrained) correction is pressed, and drawn aside."""
+    dim = body.dim
+    above, inside = np.full(dim, 0.01), np.full(dim, 0.01)
+    above[-1], inside[-1], inside[0] = 0.085, 0.074, 0.014
+    ball = Sphere(0.02, dim, "ball")
+    model = ForceModel(ForceModelOptions((4, 4), "silu", 5e-4, 3e-3, STIFFNESS), dim, body.n_rows)
+    correction = ForceCorrection("force", model, body, ball, mechanics)
+    path = KeyframedPath([0.0, 0.2], [above, inside])
+    return Simulator(
+        body,
+        [PlacedCollider("ball", ball, path, correction)],
+        contact=PenaltyContact(STIFFNESS),
+        mechanics=mechanics,
+        friction=friction,
+        gravity=[0.0] * (dim - 1) + [-9.81],
+        kinematic=[KinematicHandle("base")],
+    )
+
+
+def play(simulator, state, steps):
+    """The states after each step."""
+    states = []
+    for _ in range(steps):
+        state = simulator.step(state).state
+        states.append(state)
+    return states
+
+
+@pytest.fixture(params=[None, CoulombFriction(0.4)], ids=["smooth", "rough"])
+def motion(jelly_body, request):
+    """A simulator, and the states of a motion of its body."""
+    mechanics = compute_mechanics(jelly_body, 300, True)
+    simulator = simulator_of(jelly_body, mechanics, request.param)
+    states = play(simulator, simulator.settle().state, STEPS)
+    assert states[BRANCH].contact is not None  # the motion is in contact where it is taken up again
+    return simulator, states
+
+
+def same_bits(one, other):
+    np.testing.assert_array_equal(one.rows, other.rows)
+    np.testing.assert_array_equal(one.rows_velocity, other.rows_velocity)
+
+
+def test_the_same_state_steps_to_the_same_bits_in_any_order(motion):
+    simulator, states = motion
+    order = np.random.default_rng(0).permutation(STEPS - 1)
+    for k in (*order, order[0], order[0]):
+        same_bits(simulator.step(states[k]).state, states[k + 1])
+
+
+def test_simulators_that_share_a_correction_do_not_feel_each_other(motion):
+    first, states = motion
+    second = Simulator(
+        first.body,
+        first.colliders,
+        contact=PenaltyContact(STIFFNESS),
+        mechanics=first.mechanics,
+        friction=first._friction,
+        gravity=first._gravity,
+        kinematic=[KinematicHandle("base")],
+    )
+    state, elsewhere = states[BRANCH], states[2]
+    for k in range(BEYOND):
+        state = first.step(state).state
+        elsewhere = second.step(elsewhere).state  # at another place of the same motion, in between
+        same_bits(state, states[BRANCH + 1 + k])
+        same_bits(elsewhere, states[3 + k])
+
+
+def test_a_stored_state_goes_on_with_the_same_bits(motion, tmp_path):
+    simulator, states = motion
+    save_state(tmp_path / "state.h5", states[BRANCH])
+    loaded = load_state(tmp_path / "state.h5")
+    assert loaded.time == states[BRANCH].time
+    same_bits(play(simulator, loaded, BEYOND)[-1], states[BRANCH + BEYOND])
+    drawn = simulator.surface_positions(loaded)
+    np.testing.assert_array_equal(drawn, simulator.surface_positions(states[BRANCH]))
+
+
+def play_elsewhere(pickled, path, connection):
+    """In another process: goes on from a stored state."""
+    simulator = ForkingPickler.loads(pickled)
+    connection.send(play(simulator, load_state(path), BEYOND)[-1])
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_another_process_goes_on_with_the_same_bits(motion, tmp_path, method):
+    simulator, states = motion
+    save_state(tmp_path / "state.h5", states[BRANCH])
+    context = multiprocessing.get_context(method)
+    ours, theirs = context.Pipe()
+    arguments = bytes(ForkingPickler.dumps(simulator)), tmp_path / "state.h5", theirs
+    process = context.Process(target=play_elsewhere, args=arguments)
+    process.start()
+    theirs.close()
+    reached = ours.recv()
+    process.join()
+    same_bits(reached, states[BRANCH + BEYOND])
+
+
+def test_threads_that_share_a_simulator_come_to_the_same_bits(motion):
+    simulator, states = motion
+    reached = {}
+
+    def run(first):
+        reached[first] = play(simulator, states[first], BEYOND)[-1]
+
+    threads = [threading.Thread(target=run, args=(first,)) for first in (2, 5, BRANCH)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for first, state in reached.items():
+        same_bits(state, states[first + BEYOND])
+
+
+def test_a_file_that_is_no_state_is_refused_in_one_sentence(motion, tmp_path):
+    _, states = motion
+    with pytest.raises(SoftprintError, match="there is no such state file"):
+        load_state(tmp_path / "missing.h5")
+    path = tmp_path / "state.h5"
+    save_state(path, states[0])
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(SoftprintError, match=r"state\.h5"):
+        load_state(path)

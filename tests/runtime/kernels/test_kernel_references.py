@@ -1,0 +1,422 @@
+"""Every compiled kernel against the reference beside it, on random numbers in 2D and 3D."""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from softprint.runtime.compiled import REFERENCES
+from softprint.runtime.mechanics.static_condensation_kernels import SparseModes
+from tests.kernel_files import KERNEL_FILES
+
+for _file in KERNEL_FILES:
+    importlib.import_module(_file)
+
+M, ROWS = 7, 5  # points, handle rows
+# Sums of some hundred products of numbers of order one, in the precision of the kernel.
+SINGLE, DOUBLE = 1e-5, 1e-11
+ONLY_3D = {
+    "softprint.runtime.body.rotations._polar_3d",
+    "softprint.runtime.colliders.path._along",
+    "softprint.runtime.colliders.path._all_along",
+    "softprint.runtime.colliders.sweep_kernels._squared_distance",
+}
+ONLY_2D = {"softprint.runtime.body.rotations._polar_2d"}
+
+
+def rotations(rng, dim, n=None):
+    if dim == 3:
+        return Rotation.random(n, random_state=int(rng.integers(1000))).as_matrix()
+    angle = rng.uniform(0, 6, () if n is None else n)
+    return np.moveaxis(
+        np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), [0, 1], [-2, -1]
+    )
+
+
+def near_identity(rng, dim):
+    return np.eye(dim) + 0.2 * rng.normal(size=(M, dim, dim))
+
+
+def symmetric(rng, dim):
+    A = rng.normal(size=(M, dim, dim))
+    return A + A.transpose(0, 2, 1)
+
+
+def spins(dim):
+    return dim * (dim - 1) // 2
+
+
+def some(rng, n=M):
+    """Indices (4,), one of them twice."""
+    return np.append(rng.permutation(n)[:3], 1).astype(np.int64)
+
+
+def frames(rng, dim):
+    return np.concatenate([rotations(rng, dim, M), rng.normal(size=(M, 1, dim))], axis=1)
+
+
+def generators(dim):
+    if dim == 2:
+        return np.array([[[0.0, -1.0], [1.0, 0.0]]])
+    return np.array(
+        [
+            [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
+            [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+            [[0, -1, 0], [1, 0, 0], [0, 0, 0.0]],
+        ]
+    )
+
+
+def normals(rng, dim):
+    n = rng.normal(size=(M, dim))
+    return n / np.linalg.norm(n, axis=1, keepdims=True)
+
+
+def cones(rng, dim):
+    p, angle = 4, rng.uniform(-0.3, 0.3, 4)
+    axis = rng.normal(size=(p, dim))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    return (
+        0.5 * rng.normal(size=(p, dim)),
+        axis,
+        rng.uniform(0.5, 1, p),
+        rng.uniform(0.4, 0.6, p),
+        np.sin(angle),
+        np.cos(angle),
+    )
+
+
+def grid(rng, dim):
+    """Origin, spacing, last cell, strides and coefficients of a grid of 4 x 5 (x 6) cells."""
+    cells = np.array([4, 5, 6][:dim])
+    shape = cells + 3
+    strides = np.append(np.cumprod(shape[:0:-1])[::-1], 1).astype(np.int64)
+    return rng.normal(size=dim), 0.5, cells - 1.0, strides, rng.normal(size=np.prod(shape))
+
+
+def inside(rng, dim, lattice, n=M):
+    origin, spacing, last, *_ = lattice
+    return origin + spacing * rng.uniform(0.0, last + 1.0, (n, dim))
+
+
+def spline_within(rng, dim):
+    lattice = grid(rng, dim)
+    R, t, z = rotations(rng, dim), rng.normal(size=dim), inside(rng, dim, lattice)
+    return R, t, z.min(axis=0) - 1e-9, z.max(axis=0) + 1e-9, z @ R.T + t, *lattice
+
+
+def spline_closer(rng, dim):
+    *lattice, c = grid(rng, dim)
+    R, t, z = rotations(rng, dim), rng.normal(size=dim), inside(rng, dim, lattice, 40)
+    upper = z.max(axis=0) - 0.2
+    return z @ R.T + t, R, t, z.min(axis=0) + 0.2, upper, 0.0, *lattice, np.full(len(c), -np.inf), c
+
+
+def pieces(rng, dim, n=()):
+    times = np.cumsum(rng.uniform(0.1, 1.0, 5))
+    return times, rng.normal(size=(*n, 4, 4, 3)), rng.normal(size=(*n, 4, 3))
+
+
+def sparse_modes(rng, dim):
+    sets, of = [[0, 2, 3], [1, 2, 3, 4]], rng.integers(0, 2, M)
+    counts = np.array([len(own) for own in sets])
+    first = np.concatenate([[0], np.cumsum(dim**2 * counts[of])])
+    start = np.concatenate([[0], np.cumsum(counts)])
+    return SparseModes(rng.normal(size=first[-1]), first, of, start, np.concatenate(sets).astype(np.int64))
+
+
+def sparse(rng, rows, columns):
+    """Row starts, columns and entries, three a row."""
+    at = np.sort(np.argsort(rng.random((rows, columns)), axis=1)[:, :3], axis=1)
+    return (
+        np.arange(0, 3 * rows + 1, 3, dtype=np.int32),
+        at.ravel().astype(np.int32),
+        rng.normal(size=3 * rows),
+    )
+
+
+def compliance(rng, dim):
+    n, anchors, index = 6, 3, some(rng)
+    _, columns, _ = sparse(
+        rng, M, n * dim
+    )  # the rows of one contact node have their entries in the same columns
+    near = (
+        np.arange(0, 3 * M * dim + 1, 3, dtype=np.int32),
+        np.repeat(columns.reshape(M, 1, 3), dim, axis=1).ravel(),
+        rng.normal(size=3 * M * dim).astype(np.float32),
+    )
+    operator = rng.normal(size=(anchors, dim, n * dim)).astype(np.float32)
+    return index, rng.normal(size=(len(index), dim)), operator, sparse(rng, M, anchors), near
+
+
+def cell_groups(rng, dim):
+    """Cells, where each group's begin, columns, where each group's begin; and blocks in single precision."""
+    felt = [np.array([0, 2]), np.array([1, 3, 4])]
+    columns = [(own[:, None] * dim + np.arange(dim)).ravel() for own in felt]
+    counts = np.array([3, M - 3])
+    size = sum(len(own) * dim**2 * m for own, m in zip(columns, counts))
+    layout = (
+        rng.permutation(M),
+        np.array([0, 3, M]),
+        np.concatenate(columns),
+        np.array([0, len(columns[0]), len(columns[0]) + len(columns[1])]),
+    )
+    return layout, np.array([2, 3]), rng.normal(size=size).astype(np.float32)
+
+
+def group_of_cells(rng, dim):
+    layout, _, blocks = cell_groups(rng, dim)
+    return *layout, blocks
+
+
+def turned_groups(rng, dim):
+    layout, felt, blocks = cell_groups(rng, dim)
+    return layout[1], felt, blocks, rotations(rng, dim, M).astype(np.float32)
+
+
+def sparse_along(rng, dim):
+    columns, along = np.array([0, 1, 4, 5]), rng.normal(size=(ROWS * dim, 6))
+    along[rng.random(along.shape) < 0.7] = 0.0
+    return rng.normal(size=(4, dim**2, M)).astype(np.float32), columns, along
+
+
+def smooth_parts(rng, dim):
+    one, other = ((rng.normal(size=M), rng.normal(size=(M, dim)), symmetric(rng, dim)) for _ in range(2))
+    return *one, *other, 1.5
+
+
+def penalty(rng, dim):
+    return (
+        rng.uniform(1, 2, M),
+        rng.normal(size=M),
+        rng.normal(size=(M, dim)),
+        symmetric(rng, dim),
+        rotations(rng, dim),
+    )
+
+
+def ball(rng, dim):
+    lower, upper = -rng.uniform(0.5, 1, dim), rng.uniform(0.5, 1, dim)
+    return rotations(rng, dim), rng.normal(size=dim), lower, upper, 2 * rng.normal(size=dim), 1.0
+
+
+#: The arguments of every kernel, of a generator of random numbers and the dimension.
+INPUTS = {
+    "body.rotations": {
+        "_exponential": lambda rng, dim: (rng.normal(size=spins(dim)),),
+        "rotated_by": lambda rng, dim: (rotations(rng, dim, M), rng.normal(size=(M, spins(dim)))),
+        "moved_frames": lambda rng, dim: (
+            frames(rng, dim),
+            rng.normal(size=(M, dim)),
+            rng.normal(size=(M, dim + spins(dim))),
+        ),
+        "frame_tangents": lambda rng, dim: (frames(rng, dim), rng.normal(size=(M, dim)), generators(dim)),
+        "frame_slopes": lambda rng, dim: (
+            frames(rng, dim),
+            rng.normal(size=(M, dim)),
+            rng.normal(size=(M, dim + 1, dim)),
+            generators(dim),
+        ),
+        "_polar_2d": lambda rng, dim: (near_identity(rng, dim), np.zeros((M, dim, dim))),
+        "_polar_3d": lambda rng, dim: (near_identity(rng, dim), np.zeros((M, dim, dim))),
+    },
+    "colliders.combine": {"_smooth_minimum": smooth_parts},
+    "colliders.cone_kernels": {"values": lambda rng, dim: (rng.normal(size=(M, dim)), cones(rng, dim), 0.2)},
+    "colliders.path": {
+        "_along": lambda rng, dim: (*pieces(rng, dim), rng.uniform(0, 3)),
+        "_all_along": lambda rng, dim: (
+            *pieces(rng, dim, (M,)),
+            rotations(rng, dim, 5 * M).reshape(M, 5, 3, 3),
+            rng.uniform(0, 3),
+        ),
+    },
+    "colliders.pose_kernels": {
+        "rotated": lambda rng, dim: (rng.normal(size=(M, dim)), symmetric(rng, dim), rotations(rng, dim))
+    },
+    "colliders.spline_kernels": {
+        "values": lambda rng, dim: (inside(rng, dim, lattice := grid(rng, dim)), *lattice, np.full(M, 9.0)),
+        "gradients": lambda rng, dim: (
+            inside(rng, dim, lattice := grid(rng, dim)),
+            *lattice,
+            np.full(M, 9.0),
+            np.full((M, dim), 9.0),
+        ),
+        "derivatives": lambda rng, dim: (
+            inside(rng, dim, lattice := grid(rng, dim)),
+            *lattice,
+            np.full(M, 9.0),
+            np.full((M, dim), 9.0),
+            np.full((M, dim, dim), 9.0),
+        ),
+        "derivatives_within": spline_within,
+        "closer": spline_closer,
+    },
+    "colliders.sweep_kernels": {
+        "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
+    },
+    "contact.point_kernels": {
+        "penalty": penalty,
+        "friction": lambda rng, dim: (
+            rng.normal(size=(M, dim)),
+            rng.normal(size=(M, dim)),
+            normals(rng, dim),
+            rng.uniform(1, 2, M),
+            1.0,
+        ),
+    },
+    "dynamics.terms.cell_group_blocks": {
+        "_times": lambda rng, dim: (*group_of_cells(rng, dim), rng.normal(size=ROWS * dim), dim),
+        "_gathered": lambda rng, dim: (*group_of_cells(rng, dim), rng.normal(size=(M, dim, dim)), ROWS * dim),
+        "_seen": lambda rng, dim: (
+            *group_of_cells(rng, dim),
+            rotations(rng, dim, M),
+            rng.normal(size=(ROWS, dim)),
+        ),
+        "_to_world": turned_groups,
+        "_along": sparse_along,
+        "_weighted": lambda rng, dim: (
+            rng.normal(size=(dim**2, dim**2, M)).astype(np.float32),
+            rng.normal(size=(6, dim**2, M)).astype(np.float32),
+        ),
+        "_add": lambda rng, dim: (
+            rng.normal(size=(9, 9)),
+            rng.permutation(9)[:4],
+            rng.normal(size=(4, 4)).astype(np.float32),
+        ),
+    },
+    "elasticity.invariants": {
+        name: lambda rng, dim: (near_identity(rng, dim),)
+        for name in ("first_invariant", "determinant", "cofactor")
+    },
+    "elasticity.materials.stable_neo_hookean": {
+        "_energy_and_stress": lambda rng, dim: (
+            F := near_identity(rng, dim),
+            np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1),
+            *rng.uniform(1, 2, (2, M)),
+        ),
+    },
+    "elasticity.tangent_kernel": {
+        "isotropic_tangent": lambda rng, dim: (
+            near_identity(rng, dim),
+            near_identity(rng, dim),
+            *rng.normal(size=(4, M)),
+        ),
+    },
+    "linalg.row_products": {
+        "placed_some": lambda rng, dim: (rng.normal(size=(M, ROWS)), rng.normal(size=(ROWS, dim)), some(rng)),
+        "placed": lambda rng, dim: (rng.normal(size=(M, ROWS)), rng.normal(size=(ROWS, dim))),
+        "deformed_some": lambda rng, dim: (
+            rng.normal(size=(M, dim, ROWS)),
+            rng.normal(size=(ROWS, dim)),
+            some(rng),
+        ),
+        "deformed": lambda rng, dim: (rng.normal(size=(M, dim, ROWS)), rng.normal(size=(ROWS, dim))),
+    },
+    "linalg.sparse_directions": {
+        "times_directions": lambda rng, dim: (
+            rng.normal(size=(4, ROWS)),
+            rng.normal(size=(ROWS, 6)) * (rng.random((ROWS, 6)) < 0.4),
+        ),
+        "between_directions": lambda rng, dim: (
+            rng.normal(size=(ROWS, ROWS)),
+            rng.normal(size=(ROWS, 6)) * (rng.random((ROWS, 6)) < 0.4),
+        ),
+    },
+    "mechanics.static_condensation_kernels": {
+        "displacement": lambda rng, dim: (
+            sparse_modes(rng, dim),
+            rng.normal(size=(M, dim, dim)),
+            some(rng),
+            *rng.normal(size=(2, ROWS, dim)),
+            rng.normal(size=dim),
+            rotations(rng, dim, M),
+        ),
+        "derivative": lambda rng, dim: (
+            sparse_modes(rng, dim),
+            some(rng),
+            *rng.normal(size=(2, ROWS)),
+            rotations(rng, dim, M),
+        ),
+        "pulled_back": lambda rng, dim: (
+            sparse_modes(rng, dim),
+            some(rng),
+            *rng.normal(size=(2, ROWS)),
+            rotations(rng, dim, M),
+            rng.normal(size=(4, dim)),
+        ),
+    },
+    "mechanics.surface_compliance_kernels": {
+        "apply": compliance,
+        "gathered": lambda rng, dim: (rng.normal(size=(M, M, dim, dim)).astype(np.float32), some(rng)),
+        "displacement": lambda rng, dim: (
+            rng.normal(size=(M, M, dim, dim)).astype(np.float32),
+            some(rng),
+            some(rng),
+            rng.normal(size=(4, dim)),
+        ),
+        "to_world": lambda rng, dim: (
+            rng.normal(size=(M, dim)),
+            rng.normal(size=(M, dim, ROWS)),
+            rng.normal(size=(ROWS, dim)),
+        ),
+    },
+    "rigid.kernels": {
+        "point_motion": lambda rng, dim: (rng.normal(size=(M, dim)),),
+        "own_curvature": lambda rng, dim: tuple(rng.normal(size=(2, M, dim))),
+        "own_body_derivatives": lambda rng, dim: (*rng.normal(size=(2, M, dim)), symmetric(rng, dim)),
+        "touched_body_derivatives": lambda rng, dim: (*rng.normal(size=(2, M, dim)), symmetric(rng, dim)),
+        "between": lambda rng, dim: (rng.normal(size=(M, dim)), rng.normal(size=(M, dim, dim + spins(dim)))),
+        "ball_meets": ball,
+    },
+}
+CASES = {
+    f"softprint.runtime.{module}.{name}": make
+    for module, kernels in INPUTS.items()
+    for name, make in kernels.items()
+}
+
+
+def copied(value):
+    if isinstance(value, np.ndarray):
+        return np.ascontiguousarray(value).copy()
+    if isinstance(value, SparseModes):
+        return SparseModes(*map(copied, value))
+    return tuple(map(copied, value)) if isinstance(value, tuple) else value
+
+
+def as_list(result):
+    if result is None:
+        return []
+    return list(result) if isinstance(result, tuple) else [result]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_kernel_is_its_reference(name, dim):
+    if (dim == 2 and name in ONLY_3D) or (dim == 3 and name in ONLY_2D):
+        return
+    kernel, reference = REFERENCES[name]
+    for seed in range(3):
+        arguments = copied(CASES[name](np.random.default_rng(seed), dim))
+        before = copied(arguments)
+        expected = as_list(reference(*copied(arguments)))
+        found = as_list(kernel(*arguments))
+        # What a kernel writes into its arguments comes after what it returns.
+        found += [
+            after
+            for after, old in zip(arguments, before)
+            if isinstance(after, np.ndarray) and not np.array_equal(after, old)
+        ]
+        assert len(found) == len(expected)
+        for mine, theirs in zip(found, expected):
+            single = any(isinstance(a, np.ndarray) and a.dtype == np.float32 for a in (*arguments, mine))
+            scale = max(float(np.max(np.abs(theirs), initial=0.0)), 1e-3)
+            assert np.shape(mine) == np.shape(theirs)
+            np.testing.assert_allclose(mine, theirs, rtol=0, atol=(SINGLE if single else DOUBLE) * scale)
+
+
+def test_every_reference_is_tested():
+    of_these_files = {name for name in REFERENCES if name.rpartition(".")[0] in KERNEL_FILES}
+    assert of_these_files == set(CASES)

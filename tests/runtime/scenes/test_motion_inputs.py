@@ -1,0 +1,46 @@
+"""The inputs of a motion: a change of a file that its scene uses makes it a different motion."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from softprint.runtime.experiment import load_experiment
+from softprint.runtime.scenes.scene import find_scene
+from softprint.runtime.scenes.simulate import inputs_hash
+from tests.toy_experiment import write_experiment
+
+MOTION = "frame,time,x,y,z,rx,ry,rz\nbase,0,0,0,{},0,0,0\n"
+BODY = SimpleNamespace(
+    content_hash="the body",
+    cubature=SimpleNamespace(weights=np.ones(1), cells=np.zeros(1, dtype=np.int64)),
+    surface=SimpleNamespace(nodes=np.zeros(1, dtype=np.int64)),
+)
+
+
+def test_motions_depend_on_the_files_of_their_scene(tmp_path):
+    (tmp_path / "motion.csv").write_text("frame,time,x,y,z,rx,ry,rz\nbase,0,0,0,0,0,0,0\n")
+    parts = "[{shape='mesh', file='ball.stl'}, {shape='sphere', radius=0.01}]"
+    experiment = load_experiment(
+        write_experiment(tmp_path, 3),
+        [
+            f"colliders=[{{name='ball', shape='union', blend=0.001, parts={parts}}}]",
+            "scenes.held_out.tracking={file='motion.csv', stiffness=1.0, rotation_stiffness=1.0}",
+        ],
+    )
+    scene = find_scene(experiment, "held_out")
+    other = scene.model_copy(update={"tracking": None})
+
+    def digest(of=scene) -> str:
+        return inputs_hash(experiment, BODY, of, tmp_path, "bare")
+
+    before, untracked = digest(), digest(other)
+    assert digest() == before
+    (tmp_path / "motion.csv").write_text("frame,time,x,y,z,rx,ry,rz\nbase,0,0,0,0.01,0,0,0\n")
+    assert digest() != before
+    assert digest(other) == untracked
+    before = digest()
+    (tmp_path / "ball.stl").write_bytes((tmp_path / "ball.stl").read_bytes() + b"\0")
+    assert digest() != before
+    assert digest(other) != untracked

@@ -1,0 +1,321 @@
+"""Every figure of README.md and docs/results.md, with the commands that regenerate it.
+
+    python -m tools.figures [NAME ...] [--list] [--again] [--ranks 2]
+
+Runs what is missing or out of date, all of it or the figures named and what they need: hours in all. What the commands
+of a figure print goes to runs/figures/NAME.txt, which is there only if they all succeeded; pictures go where the
+documentation shows them. A figure is out of date when an experiment file, a mesh or a script that its commands name is
+newer than that file, or a figure that it needs was made after it. So a run that was stopped continues where it was. The
+code of the packages is not compared: after a change of it, --again runs the figures anew, without what `softprint`
+itself keeps in the run directories (remove those for new reference solutions and trainings).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import TextIO
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+RECORDS = Path("runs") / "figures"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """commands: run one after the other in the repository; pages: where the numbers or the picture are shown; needs:
+    names of figures to make before; pictures: files that the commands write."""
+
+    commands: tuple[str, ...]
+    pages: tuple[str, ...]
+    needs: tuple[str, ...] = ()
+    pictures: tuple[str, ...] = ()
+
+
+README, RESULTS = "README.md", "docs/results.md"
+ANY, DESCRIPTOR = "docs/any_collider.md", "docs/thesis_descriptor_model.md"
+_BODIES = "examples/{jelly3d,ball,finger,hand}.toml"
+_SMALL = "examples/jelly_library_small.toml"
+_MODELS = "--model full --model bare --model mechanics --model ours"
+
+
+def _library(name: str, options: str = "") -> Figure:
+    """Table 6.1 of one body."""
+    experiment = f"examples/{name}.toml"
+    commands = (
+        f"softprint generate {experiment}{options}",
+        f"softprint train {experiment}{options}",
+        f"softprint simulate {experiment}{options}",
+        f"softprint report {experiment}{options}",
+    )
+    return Figure(commands, (RESULTS,))
+
+
+def _motions(experiment: str, scene: str, needs: str, run: str) -> Figure:
+    """One line of the table of where it fails."""
+    motions = " ".join(f"runs/{run}/motions/{scene}_{model}.h5" for model in ("full", "ours", "bare"))
+    out = "" if run == experiment else f" --out runs/{run}"
+    commands = (
+        f"softprint simulate examples/{experiment}.toml{out} {_MODELS}",
+        f"softprint report examples/{experiment}.toml{out}",
+        f"python -m benchmarks.motions_alone {motions}",
+    )
+    return Figure(commands, (RESULTS,), (needs,))
+
+
+#: In an order in which each comes after what it needs.
+FIGURES: Mapping[str, Figure] = {
+    "demo": Figure(("make demo",), (README, RESULTS), pictures=("runs/jelly3d_small/report.html",)),
+    "motion_strip": Figure(
+        ("python tools/motion_strip.py examples/jelly3d_small.toml",),
+        (README, RESULTS),
+        ("demo",),
+        pictures=("docs/motion_strip.png",),
+    ),
+    "demo_2d": Figure(("make demo EXPERIMENT=examples/jelly2d.toml",), (RESULTS,)),
+    "collider_library": Figure(
+        ("python meshes/library_sheet.py docs/collider_library.png",),
+        (README, RESULTS),
+        pictures=("docs/collider_library.png",),
+    ),
+    "drop": Figure(
+        (
+            "softprint body examples/falling3d_small.toml",
+            "softprint simulate examples/falling3d_small.toml --model bare",
+            "softprint inspect runs/falling3d_small/motions/drop_bare.h5 --frame 30 --png docs/drop.png",
+        ),
+        (README, RESULTS),
+        pictures=("docs/drop.png",),
+    ),
+    "verify": Figure(("softprint verify",), (RESULTS,)),
+    "speed": Figure((f"python -m benchmarks.bodies_speed {_BODIES} --cores 2",), (README, RESULTS)),
+    "speed_one_core": Figure((f"python -m benchmarks.bodies_speed {_BODIES} --no-full",), (RESULTS,)),
+    "first_step": Figure(("python -m benchmarks.first_step",), (RESULTS,)),
+    "truth_scale": Figure(("python -m benchmarks.truth_scale",), (RESULTS,)),
+    "cubature": Figure(("python -m benchmarks.cubature",), ("docs/method.md",)),
+    "near_colliders": Figure(
+        ("python -m reproduction.near_colliders runs/jelly3d_small/body.h5",), ("docs/method.md",), ("demo",)
+    ),
+    "ranks_per_solve": Figure(
+        ("python -m benchmarks.ranks_per_solve --sizes 15000 60000 500000 --ranks 1 2 4",),
+        ("docs/large_runs.md",),
+    ),
+    "jelly_library_small": Figure(
+        (
+            f"softprint generate {_SMALL}",
+            f"softprint train {_SMALL}",
+            f"softprint simulate {_SMALL} --model full --model bare --model ours --model thesis6",
+            f"softprint report {_SMALL}",
+        ),
+        (ANY, RESULTS),
+    ),
+    "hat": Figure(
+        (
+            f"softprint simulate examples/hat_small.toml --out runs/jelly_library_small {_MODELS}",
+            "python -m reproduction.limit_case examples/hat_small.toml --out runs/jelly_library_small --frames 8 "
+            "--picture docs/hat.png",
+        ),
+        (README, RESULTS, ANY),
+        ("jelly_library_small",),
+        ("docs/hat.png",),
+    ),
+    "how_much_truth": Figure(
+        (
+            f"python -m reproduction.how_much_truth {_SMALL} --steps 800 --seeds 2 "
+            "--plot docs/how_much_truth.png",
+        ),
+        (README, RESULTS, "docs/training_data.md"),
+        ("jelly_library_small",),
+        ("docs/how_much_truth.png",),
+    ),
+    "inputs": Figure(
+        (f"python -m reproduction.force_inputs_ablation {_SMALL} --every 6 --steps 400 --seeds 1",),
+        (ANY,),
+        ("jelly_library_small",),
+    ),
+    "thesis6_ablation": Figure(
+        (f"python -m reproduction.thesis6_ablation {_SMALL} --steps 1000 --seeds 3",),
+        (RESULTS, DESCRIPTOR),
+        ("jelly_library_small",),
+    ),
+    "descriptor_ways": Figure(
+        (f"python -m reproduction.descriptor_ways {_SMALL} --colliders caltrop star_fruit burr --steps 40",),
+        (RESULTS, DESCRIPTOR),
+        ("jelly_library_small",),
+    ),
+    "thesis6_figures": Figure(
+        (f"python -m reproduction.thesis6_figures {_SMALL} --steps 20 --plot docs/thesis6_figures.png",),
+        (README, RESULTS, DESCRIPTOR),
+        ("thesis6_ablation", "descriptor_ways"),
+        ("docs/thesis6_figures.png",),
+    ),
+    "jelly_library": _library("jelly_library", " --set sampling.places=6 --set sampling.test_places=3"),
+    "ball": _library("ball"),
+    "finger": _library("finger"),
+    "hand": _library("hand"),
+    "table_6_1": Figure(
+        ("softprint gather runs/jelly_library runs/ball runs/finger runs/hand",),
+        (RESULTS,),
+        ("jelly_library", "ball", "finger", "hand"),
+    ),
+    "motions_jelly": _motions("jelly_library", "held_out", "jelly_library", "jelly_library"),
+    "motions_ball": _motions("ball", "bars", "ball", "ball"),
+    "motions_finger": _motions("finger", "read", "finger", "finger"),
+    "motions_hand": _motions("hand", "explore", "hand", "hand"),
+    "motions_hat": _motions("hat_small", "hat", "hat", "jelly_library_small"),
+}
+
+
+def named_files(command: str, root: Path) -> set[Path]:
+    """Experiment files that a command names, meshes that they name, and scripts and modules of this repository: what
+    its output depends on besides the packages. Braces are expanded as the shell does."""
+    found: set[Path] = set()
+    for word in command.split():
+        for path in _expanded(word.rpartition("=")[2]):
+            if path.startswith("examples/") and path.endswith(".toml"):
+                text = (root / path).read_text(encoding="utf-8")
+                found |= {root / path}
+                found |= {root / "meshes" / file for file in re.findall(r'"\.\./meshes/([\w.]+)"', text)}
+            elif path.endswith(".py"):
+                found.add(root / path)
+            elif re.fullmatch(r"(benchmarks|reproduction)\.\w+", path):
+                found.add(root / (path.replace(".", "/") + ".py"))
+    return found
+
+
+def _expanded(word: str) -> list[str]:
+    parts = [part.split(",") for part in re.split(r"[{}]", word)] if "{" in word else [[word]]
+    return ["".join(chosen) for chosen in product(*parts)]
+
+
+class Records:
+    """What has been made, as files in runs/figures of a repository."""
+
+    def __init__(self, root: Path, figures: Mapping[str, Figure] = FIGURES) -> None:
+        self.root, self.figures = root, figures
+
+    def path(self, name: str) -> Path:
+        """Of what the commands of a figure printed."""
+        return self.root / RECORDS / f"{name}.txt"
+
+    def state(self, name: str) -> str:
+        """made, missing or out of date."""
+        figure, path = self.figures[name], self.path(name)
+        pictures = [self.root / picture for picture in figure.pictures]
+        if not path.is_file() or not all(picture.is_file() for picture in pictures):
+            return "missing"
+        sources = set().union(*(named_files(command, self.root) for command in figure.commands))
+        sources |= {self.path(needed) for needed in figure.needs}
+        made = path.stat().st_mtime_ns
+        newer = any(source.is_file() and source.stat().st_mtime_ns > made for source in sources)
+        stale = any(self.state(needed) != "made" for needed in figure.needs)
+        return "out of date" if newer or stale else "made"
+
+    def with_needs(self, names: Sequence[str]) -> list[str]:
+        """These figures and all that they need, each after what it needs."""
+        wanted = set(names)
+        for name in reversed(list(self.figures)):
+            if name in wanted:
+                wanted |= set(self.figures[name].needs)
+        return [name for name in self.figures if name in wanted]
+
+    def make(self, name: str, ranks: int) -> bool:
+        """Run the commands of a figure; whether all of them succeeded."""
+        path = self.path(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(".partial")
+        began = time.monotonic()
+        with partial.open("w", encoding="utf-8") as record:
+            record.write(f"version {_version(self.root)}\n")
+            for command in self.figures[name].commands:
+                record.write(f"\n$ {command}\n")
+                record.flush()
+                if not self._run(shell_line(command, ranks), record):
+                    print(f"{name}: `{command}` failed; what it printed is in {partial}", file=sys.stderr)
+                    return False
+            record.write(f"\n{time.monotonic() - began:.0f} s\n")
+        partial.replace(path)
+        return True
+
+    def _run(self, line: str, record: TextIO) -> bool:
+        environment = {
+            **os.environ,
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}",
+            "PYTHONPATH": str(self.root),
+        }
+        if hasattr(os, "geteuid") and os.geteuid() == 0:  # Open MPI wants to be told twice
+            environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+        with subprocess.Popen(
+            ["bash", "-c", line],
+            cwd=self.root,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        ) as process:
+            assert process.stdout is not None
+            for printed in process.stdout:
+                print(printed, end="", flush=True)
+                record.write(printed)
+        return process.returncode == 0
+
+
+def shell_line(command: str, ranks: int) -> str:
+    """The command as it is run: reference solutions on several ranks, training with a thread for each core."""
+    if command.startswith("softprint generate") and ranks > 1:
+        return f"mpirun --oversubscribe -n {ranks} {command}"
+    if command.startswith("softprint train"):
+        return f"OMP_NUM_THREADS={os.cpu_count()} {command}"
+    return command
+
+
+def _version(root: Path) -> str:
+    """The commit, with + if files differ from it."""
+    described = subprocess.run(
+        ["git", "describe", "--always", "--dirty=+"], cwd=root, capture_output=True, text=True, check=False
+    )
+    return described.stdout.strip() or "unknown"
+
+
+def main(words: Sequence[str] | None = None, records: Records | None = None) -> int:
+    """Make what is asked for; 1 if a command failed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="figures to make (default: all)")
+    parser.add_argument("--list", action="store_true", help="say what there is, and what of it is made")
+    parser.add_argument("--again", action="store_true", help="make them anew, but not what they need")
+    parser.add_argument("--ranks", type=int, default=2, help="of `softprint generate` (default: 2)")
+    options = parser.parse_args(words)
+    records = records or Records(REPOSITORY)
+    unknown = [name for name in options.names if name not in records.figures]
+    if unknown:
+        parser.error(f"no figure {unknown[0]!r}; there are {', '.join(records.figures)}")
+    asked = options.names or list(records.figures)
+    if options.list:
+        for name in asked:
+            figure = records.figures[name]
+            print(f"{name}: {records.state(name)}; {', '.join(figure.pages)}")
+            print(*(f"    {command}" for command in figure.commands), sep="\n")
+        return 0
+    failed: set[str] = set()
+    for name in records.with_needs(asked):
+        if failed & set(records.figures[name].needs):
+            failed.add(name)
+            print(f"{name}: left out, for what it needs was not made", file=sys.stderr)
+        elif records.state(name) == "made" and not (options.again and name in asked):
+            print(f"{name}: made, see {records.path(name)}")
+        elif not records.make(name, options.ranks):
+            failed.add(name)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
