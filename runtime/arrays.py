@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-# A Hessian for whoever asks: where forces are found to balance, nobody does.
+# A Hessian that is computed when it is called: an iteration that finds the forces in balance needs none.
 Hessian = Callable[[], Array]
 
 
