@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from softprint.runtime.rigid import free_collider
     from softprint.runtime.scenes.background_drawing import BackgroundDrawing
     from softprint.runtime.scenes.playing import simulate
+    from softprint.runtime.scenes.warm_up import warm_up
     from softprint.runtime.touch import TouchSensor, point_places
-    from softprint.runtime.warm_up import warm_up
 
 _MODULES = {
     "BackgroundDrawing": "scenes.background_drawing",
@@ -82,7 +82,7 @@ _MODULES = {
     "save_mechanics": "mechanics.mechanics_file",
     "save_state": "dynamics.state_file",
     "simulate": "scenes.playing",
-    "warm_up": "warm_up",
+    "warm_up": "scenes.warm_up",
 }
 
 __all__ = [

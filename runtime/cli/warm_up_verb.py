@@ -13,7 +13,7 @@ from softprint.runtime.cli.verb import Verb
 def run(options: argparse.Namespace, context: Context) -> int:
     """Compile the kernels that are not cached on disk yet: most of a minute on a fresh installation, seconds after
     that."""
-    from softprint.runtime.warm_up import warm_up
+    from softprint.runtime.scenes.warm_up import warm_up
 
     logging.getLogger("softprint").setLevel(logging.WARNING)  # no log lines about the meshes that it makes
 
