@@ -141,7 +141,8 @@ class StepEnergy:
     def lag(self, x: StepPoint, start: SlipStart) -> LaggedFriction:
         """The lagged friction, with the normal forces at x."""
         body, terms = x.body, x.body.frame.terms
-        contact = body.contact
+        # A linearisation follows: field corrections are evaluated once, with their Jacobians.
+        _, contact = body.field, body.contact
         with self.timings.contact:
             nodes = (
                 {}
