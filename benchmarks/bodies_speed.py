@@ -21,10 +21,10 @@ from pathlib import Path
 import torch
 
 from softprint.runtime.body import ReducedBody
-from softprint.runtime.cli.bench_verb import all_or_count
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.run_mechanics import RunMechanics
+from softprint.runtime.cli.verbs.bench_verb import all_or_count
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import ModelSpec
 from softprint.runtime.experiment.experiment import ANY_COLLIDER

@@ -34,9 +34,9 @@ from scipy.optimize import nnls
 from benchmarks.stopwatch import Stopwatch
 from benchmarks.truth_scale import body_of_size
 from benchmarks.truth_speed import DEFAULT, random_approach, recorded_states
-from softprint.fem_truth.constrained import ConstrainedProblem
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.parts.body_part import part_of_body
+from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body_file import load_body
 from softprint.runtime.colliders.build import build_collider

@@ -1,5 +1,5 @@
-"""Two other ways to solve for truth samples, as rivals of `fem_truth.constrained`: the straightforward one, and that of
-the thesis.
+"""Two other ways to solve for truth samples, as rivals of `fem_truth.statics.constrained`: the straightforward
+one, and that of the thesis.
 
 Both are given the same energy, the same tolerances and the same path (each depth starts where the last one ended),
 which is more than either asks for.
@@ -17,8 +17,8 @@ from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 
 from benchmarks.stopwatch import Stopwatch
-from softprint.fem_truth.form_elasticity import FormElasticity
-from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.elasticity.form_elasticity import FormElasticity
+from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
@@ -65,7 +65,7 @@ class Rival:
     def solve(
         self, collider: Collider, pose: RigidPose, x: Array, internal: Array, settings: FullSpaceSettings
     ) -> Outcome:
-        """To the same residual, relative to the contact force, and the same decrement as `fem_truth.newton`."""
+        """To the same residual, relative to the contact force, and the same decrement as `fem_truth.statics.newton`."""
         start, cg_total, converged, iteration = time.process_time(), 0, False, 0
         energy, gradient, scales, hessian = self._evaluate(collider, pose, x, internal)
         while iteration < settings.newton.max_iterations:

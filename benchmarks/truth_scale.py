@@ -22,11 +22,11 @@ import numpy as np
 from benchmarks.stopwatch import Stopwatch
 from benchmarks.truth_rivals import NaiveSolver, Outcome, Rival, ThesisSolver
 from benchmarks.truth_speed import DEFAULT, TIGHT, random_approach, recorded_states
-from softprint.fem_truth.block_kernels import BlockKernels
-from softprint.fem_truth.constrained import CONTACT_SETTINGS, ConstrainedProblem
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.null_space import NullSpace
-from softprint.fem_truth.potentials import SurfaceContact
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.energy.surface_contact import SurfaceContact
+from softprint.fem_truth.linalg.block_kernels import BlockKernels
+from softprint.fem_truth.linalg.null_space import NullSpace
+from softprint.fem_truth.statics.constrained import CONTACT_SETTINGS, ConstrainedProblem
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.body.body_file import load_body, save_body
@@ -45,7 +45,7 @@ RIVAL_SETTINGS = replace(CONTACT_SETTINGS, newton=replace(CONTACT_SETTINGS.newto
 WAYS = {
     "naive": "DOLFINx assembles, MUMPS factorises the saddle-point matrix in every Newton iteration",
     "thesis": "CG projected onto the null space of U, diagonal preconditioner, matrix assembled in every iteration",
-    "ours": "fem_truth.constrained as it is",
+    "ours": "fem_truth.statics.constrained as it is",
 }
 
 

@@ -23,12 +23,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.stopwatch import Stopwatch
-from softprint.fem_truth.constrained import ConstrainedProblem, Solution
-from softprint.fem_truth.dynamics import FullSpaceSimulator
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.newton import FullSpaceSettings
-from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.fem_truth.sampling.approach import Approach
+from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
+from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.build import build_body
 from softprint.runtime.colliders.build import build_collider

@@ -19,7 +19,7 @@ import trimesh
 from field_grid import Grid
 
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.colliders.repair import closed_surface
+from softprint.runtime.colliders.surface_mesh.repair import closed_surface
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.shapes.solid import Field, ball, blended, box, common, moved, union
 

@@ -20,7 +20,7 @@ import trimesh
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders import Cone
 from softprint.runtime.colliders.combine import SmoothUnion
-from softprint.runtime.colliders.repair import closed_surface
+from softprint.runtime.colliders.surface_mesh.repair import closed_surface
 
 # Direction and reach [m] of each spike of the caltrop.
 SPIKES = (

@@ -21,15 +21,14 @@ from pathlib import Path
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.form import ModelT
 from softprint.runtime.truth.truth_file import load_truth
-from softprint.surrogate.held_out_error import HeldOutError
-from softprint.surrogate.learning_task import LearningTask
+from softprint.surrogate.data.training_data import TrainingData
+from softprint.surrogate.learning_task import HeldOutError, LearningTask
 from softprint.surrogate.registry import TRAININGS, training_settings
 from softprint.surrogate.train import TrainingSettings, train
-from softprint.surrogate.training_data import TrainingData
 
 GEOMETRY = ModelSpec(
     name="x",

@@ -25,19 +25,19 @@ from torch import Tensor
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.confidence import Confidence
 from softprint.runtime.learned.force.entry import options as force_options
 from softprint.runtime.learned.force.inputs import DIRECTIONS
 from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.shapes import names
 from softprint.runtime.truth.truth_file import load_truth
+from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.data import ForceData
 from softprint.surrogate.force.entry import force_data, metric
 from softprint.surrogate.force.task import ForceTask
 from softprint.surrogate.registry import training_settings
 from softprint.surrogate.train import train
-from softprint.surrogate.training_data import TrainingData
 
 # Columns of the inputs, as `contact_inputs` and `inputs_around` lay them out.
 CONTACT, STRAIN, CURVATURE = (*range(11), 27), tuple(range(11, 17)), tuple(range(17, 27))

@@ -22,21 +22,21 @@ from pathlib import Path
 
 import numpy as np
 
-from softprint.fem_truth.report.data_plot import DATA, data_figure
+from softprint.fem_truth.report.drawing.data_plot import DATA, data_figure
 from softprint.runtime.arrays import BoolArray, IntArray
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.force.entry import options as force_options
 from softprint.runtime.shapes import names
 from softprint.runtime.truth.truth_file import TruthData, load_truth
+from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.data import ForceData, join_force_data
 from softprint.surrogate.force.entry import force_data, metric
 from softprint.surrogate.force.task import ForceTask
 from softprint.surrogate.registry import training_settings
 from softprint.surrogate.train import train
-from softprint.surrogate.training_data import TrainingData
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,11 @@ from pathlib import Path
 import numpy as np
 
 from softprint.fem_truth.report.assemble import JudgedScene
-from softprint.fem_truth.report.comparison import error_row, relative_displacement_error
-from softprint.fem_truth.report.held_out import Comparer, SceneComparison
+from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.make import judge_scene
-from softprint.fem_truth.report.motions import distances_over_time
-from softprint.fem_truth.report.renderings import make_renderer
+from softprint.fem_truth.report.measurements.comparison import error_row, relative_displacement_error
+from softprint.fem_truth.report.measurements.held_out import Comparer, SceneComparison
+from softprint.fem_truth.report.measurements.motions import distances_over_time
 from softprint.fem_truth.report.run_files import find_run_files, judged_scenes
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run

@@ -39,7 +39,7 @@ from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders import Sphere
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.correction_file import load_correction, read_header, save_correction
 from softprint.runtime.learned.thesis6.correction import DescriptorCorrection
@@ -49,13 +49,13 @@ from softprint.runtime.learned.thesis6.entry import options as thesis6_options
 from softprint.runtime.learned.thesis6.model import DescriptorModel
 from softprint.runtime.shapes import names, validation_names
 from softprint.runtime.truth.truth_file import TruthData, load_truth
+from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.registry import training_settings
 from softprint.surrogate.thesis6.data import DescriptorData
 from softprint.surrogate.thesis6.entry import descriptors, drawing
 from softprint.surrogate.thesis6.loss import DescriptorLoss
 from softprint.surrogate.thesis6.task import DescriptorTask
 from softprint.surrogate.train import train
-from softprint.surrogate.training_data import TrainingData
 
 THESIS6 = ModelSpec(
     name="thesis6", form="thesis6", hidden=(150, 150, 150, 150, 50, 10), activation="elu", fade_depth=2e-3

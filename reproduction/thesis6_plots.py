@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from softprint.fem_truth.report.thesis6_plots import NEEDED, thesis6_figure
+from softprint.fem_truth.report.drawing.thesis6_plots import NEEDED, thesis6_figure
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from softprint.runtime.inspect.file_head import FileHead
-from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.kind import Kind, Part
 from softprint.runtime.inspect.summary import Summary, byte_size
 from softprint.surrogate.checkpoints import KIND as CHECKPOINT
 from softprint.surrogate.checkpoints import load_checkpoint

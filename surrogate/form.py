@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol
 
-from softprint.runtime.experiment.training_schema import ModelSpec, TrainingSpec
+from softprint.runtime.experiment.schema.training import ModelSpec, TrainingSpec
 from softprint.runtime.learned.form import ModelT
+from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.learning_task import LearningTask
-from softprint.surrogate.training_data import TrainingData
 
 
 class SettingsTable(Protocol):

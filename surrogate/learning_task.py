@@ -4,6 +4,7 @@ states."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,10 +12,27 @@ import torch
 from torch import Tensor
 
 from softprint.runtime.learned.form import ModelT
-from softprint.surrogate.held_out_error import HeldOutError
 
 # Number of samples used to measure the normalisation of inputs and outputs.
 NORMALISATION_SAMPLES = 512
+
+
+@dataclass(frozen=True)
+class HeldOutError:
+    """Errors over a set of samples, relative to the displacement (0: perfect; 1: no better than no correction).
+
+    rms = sqrt(sum w |u_pred - u|^2 / sum w |u|^2) over samples and nodes, w the node volumes; worst: the
+    largest rms of a single sample; samples: number of samples.
+    """
+
+    rms: float
+    worst: float
+    samples: int
+
+    @property
+    def squared(self) -> float:
+        """Mean squared error relative to the mean squared displacement: rms^2."""
+        return self.rms**2
 
 
 class LearningTask(Protocol[ModelT]):

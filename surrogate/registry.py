@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from softprint.runtime.experiment.training_schema import TrainingSpec
+from softprint.runtime.experiment.schema.training import TrainingSpec
 from softprint.runtime.learned.registry import FORMS
 from softprint.surrogate.form import TrainingForm
 from softprint.surrogate.train import TrainingSettings

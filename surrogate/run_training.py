@@ -11,18 +11,18 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.run_mechanics import RunMechanics
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.correction_file import save_correction
 from softprint.runtime.learned.form import ModelT, find_form
 from softprint.runtime.scenes.playing import correction_path
 from softprint.runtime.truth.truth_colliders import require_same_colliders
 from softprint.runtime.truth.truth_file import load_truth
+from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.kept_corrections import is_trained, program_hash, recipe_of
 from softprint.surrogate.learning_task import LearningTask
 from softprint.surrogate.registry import TRAININGS, training_settings
 from softprint.surrogate.train import TrainingResult, TrainingSettings, train
-from softprint.surrogate.training_data import TrainingData
 
 
 def train_models(context: Context, only: str | None) -> None:

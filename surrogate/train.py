@@ -20,8 +20,7 @@ from torch import Tensor
 
 from softprint.runtime.learned.form import ModelT
 from softprint.surrogate.checkpoints import Checkpoint, load_checkpoint, pack, save_checkpoint, unpack
-from softprint.surrogate.held_out_error import HeldOutError
-from softprint.surrogate.learning_task import LearningTask
+from softprint.surrogate.learning_task import HeldOutError, LearningTask
 
 ProgressUpdate = Callable[[int, str], None]
 

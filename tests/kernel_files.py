@@ -20,8 +20,9 @@ _COLLIDERS = "softprint.runtime.colliders."
 WITHOUT_REFERENCE = {
     _COLLIDERS + "cone_kernels.derivatives": "tested against finite differences of `values`, which has one",
     _COLLIDERS
-    + "sweep_kernels.mark_near": "control flow: which nodes are marked is free, but for those near",
-    _COLLIDERS + "sweep_kernels.sweep": "control flow: an order of visits; tested against exact distances",
+    + "surface_mesh.sweep_kernels.mark_near": "control flow: which nodes are marked is free, but for those near",
+    _COLLIDERS
+    + "surface_mesh.sweep_kernels.sweep": "control flow: an order of visits; tested against exact distances",
 }
 
 

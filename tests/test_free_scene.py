@@ -133,7 +133,7 @@ def test_inconsistent_tables_are_refused(experiment_of, ball, words):
 
 def test_full_space_refuses_it(experiment_of, tmp_path):
     pytest.importorskip("dolfinx")
-    from softprint.fem_truth.full_space_model import full_space_model
+    from softprint.fem_truth.dynamics.full_space_model import full_space_model
 
     experiment = experiment_of(START)
     body = build_body(experiment.body, experiment.base_dir)

@@ -17,13 +17,13 @@ import torch
 from softprint.fem_truth.generate.shards import write_shard
 from softprint.runtime.body import save_body
 from softprint.runtime.cli.context import Context
-from softprint.runtime.cli.inspect_verb import VERB
+from softprint.runtime.cli.verbs.inspect_verb import VERB
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.dynamics.state_file import save_state
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.inspect import kinds
+from softprint.runtime.inspect import kind
 from softprint.runtime.inspect.mesh_quality import cell_angles, mean_ratio, mesh_facts
 from softprint.runtime.learned.correction_file import save_correction
 from softprint.runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
@@ -53,7 +53,7 @@ class Announced:
 @pytest.fixture(autouse=True)
 def announced(monkeypatch):
     points = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["entry-points"]
-    monkeypatch.setattr(kinds, "entry_points", lambda group: [Announced(t) for t in points[group].values()])
+    monkeypatch.setattr(kind, "entry_points", lambda group: [Announced(t) for t in points[group].values()])
 
 
 def inspect(file: Path, **given) -> str:

@@ -67,8 +67,8 @@ def test_the_name_is_that_of_the_file_and_valid_in_an_experiment(model):
 
 def test_ufl_has_the_same_materials():
     pytest.importorskip("ufl")
-    from softprint.fem_truth.energy_densities import DENSITIES
-    from softprint.fem_truth.native_elasticity import KERNELS
+    from softprint.fem_truth.elasticity.energy_densities import DENSITIES
+    from softprint.fem_truth.elasticity.native_elasticity import KERNELS
 
     assert set(DENSITIES) == set(MATERIALS)
     assert set(MATERIALS) >= KERNELS
@@ -78,7 +78,7 @@ def test_ufl_has_the_same_materials():
 def test_energy_stress_and_tangent_are_those_of_the_ufl_density(model, dim):
     """On simplices that share no node, so that each has its own deformation gradient."""
     pytest.importorskip("dolfinx")
-    from softprint.fem_truth.form_elasticity import FormElasticity
+    from softprint.fem_truth.elasticity.form_elasticity import FormElasticity
 
     F = stretches(dim, np.random.default_rng(4))
     count, material = len(F), graded(model, len(F))

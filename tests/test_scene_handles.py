@@ -90,7 +90,7 @@ def scene_of(request, tmp_path, dim):
         if request.param == "bare":
             return body, bare_model(experiment, body, scene)
         pytest.importorskip("dolfinx")
-        from softprint.fem_truth.full_space_model import full_space_model
+        from softprint.fem_truth.dynamics.full_space_model import full_space_model
 
         return body, full_space_model(experiment, body, scene, tmp_path)
 

@@ -12,7 +12,7 @@ from softprint.runtime.body.body_file import load_body
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.truth.truth_file import load_truth
-from softprint.surrogate.splits import split_by_shape
+from softprint.surrogate.data.splits import split_by_shape
 from tests.toy_experiment import write_experiment, write_library_experiment
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from softprint import build_collider, load_body, load_experiment
-from softprint.fem_truth.report.renderings import make_renderer
+from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.runtime.scenes.motion_file import Motion, load_motion
 
 NAMES = {"full": "full space", "bare": "reduced\nmodel alone", "ours": "ours", "mechanics": "mechanics"}

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from softprint.fem_truth.constrained import ConstrainedProblem, Solution
 from softprint.fem_truth.generate.shards import Tables
-from softprint.fem_truth.newton import FullSpaceSettings
 from softprint.fem_truth.sampling.approach import Approach, OutOfReach
 from softprint.fem_truth.sampling.contact_path import JUMP_SPEED, ContactPath, PathSample, node_speeds
 from softprint.fem_truth.sampling.contact_plan import (
@@ -22,6 +20,8 @@ from softprint.fem_truth.sampling.contact_plan import (
 )
 from softprint.fem_truth.sampling.depths import noisy_depths
 from softprint.fem_truth.sampling.rotations import random_rotation
+from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
+from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.mesh import Mesh

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mpi4py import MPI
 
-from softprint.fem_truth.constrained import ConstrainedProblem
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.generate.contact_work import ContactWork
 from softprint.fem_truth.generate.farm import (
     Budget,
@@ -31,11 +30,12 @@ from softprint.fem_truth.generate.merge import merge_shards
 from softprint.fem_truth.generate.plan_hash import check_manifest, fingerprint, refuse_changes, write_manifest
 from softprint.fem_truth.generate.shards import is_whole, write_shard
 from softprint.fem_truth.generate.state_stage import Columns, find_states
-from softprint.fem_truth.newton import FullSpaceSettings
 from softprint.fem_truth.parts.body_part import part_of_body
 from softprint.fem_truth.sampling.contact_places import places_by_state
 from softprint.fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactPlan
 from softprint.fem_truth.sampling.rotations import spread_rotations
+from softprint.fem_truth.statics.constrained import ConstrainedProblem
+from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.progress import Progress

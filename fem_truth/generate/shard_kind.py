@@ -10,7 +10,7 @@ import numpy as np
 from softprint.fem_truth.generate.shards import MAGIC, DamagedShard, read_shard
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.inspect.file_head import FileHead
-from softprint.runtime.inspect.kinds import Kind, Part
+from softprint.runtime.inspect.kind import Kind, Part
 from softprint.runtime.inspect.summary import Summary
 from softprint.runtime.truth.truth_schema import STATUS_NAMES
 

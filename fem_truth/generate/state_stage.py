@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softprint.fem_truth.constrained import ConstrainedProblem
 from softprint.fem_truth.generate.farm import Groups, on_first_rank, share_units
 from softprint.fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
 from softprint.fem_truth.sampling.recorded_states import record_scenes, spread_states
+from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 

@@ -13,7 +13,7 @@ import sysconfig
 from functools import cache
 from pathlib import Path
 
-from softprint.fem_truth.form_cache import form_cache
+from softprint.fem_truth.elasticity.form_cache import form_cache
 from softprint.runtime.errors import SoftprintError
 
 _FOLDER = Path(__file__).parent

@@ -9,15 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from softprint.fem_truth.report import figures
-from softprint.fem_truth.report.comparison import ModelFrames, error_table, pool, relative_displacement_error
+from softprint.fem_truth.report.drawing import figures
+from softprint.fem_truth.report.drawing.picture import Picture, Renderer
+from softprint.fem_truth.report.drawing.style import ModelStyle, styles_for
 from softprint.fem_truth.report.headline import headline_cards
-from softprint.fem_truth.report.held_out import Comparer, SceneComparison
-from softprint.fem_truth.report.learning import Learning
 from softprint.fem_truth.report.machine import machine_summary
-from softprint.fem_truth.report.motions import distances_over_time, free_running_row, timing_rows
+from softprint.fem_truth.report.measurements.comparison import (
+    ModelFrames,
+    error_table,
+    pool,
+    relative_displacement_error,
+)
+from softprint.fem_truth.report.measurements.held_out import Comparer, SceneComparison
+from softprint.fem_truth.report.measurements.learning import Learning
+from softprint.fem_truth.report.measurements.motions import distances_over_time, free_running_row, timing_rows
+from softprint.fem_truth.report.measurements.truth_quality import quality_columns, truth_summary
 from softprint.fem_truth.report.page import PageContent, ScenePictures
-from softprint.fem_truth.report.picture import Picture, Renderer
 from softprint.fem_truth.report.report_json import (
     REPORT_VERSION,
     body_summary,
@@ -28,8 +35,6 @@ from softprint.fem_truth.report.report_json import (
 )
 from softprint.fem_truth.report.shapes import ShapeSection
 from softprint.fem_truth.report.showcase import showcase, shown_models
-from softprint.fem_truth.report.style import ModelStyle, styles_for
-from softprint.fem_truth.report.truth_quality import quality_columns, truth_summary
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.experiment import Experiment

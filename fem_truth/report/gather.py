@@ -16,14 +16,14 @@ from typing import Any
 import matplotlib.pyplot as plt
 from markupsafe import Markup
 
-from softprint.fem_truth.report.data_plot import data_figure_of
-from softprint.fem_truth.report.figures import RC, to_svg
-from softprint.fem_truth.report.learning import read_json, read_table
+from softprint.fem_truth.report.drawing.data_plot import data_figure_of
+from softprint.fem_truth.report.drawing.figures import RC, to_svg
+from softprint.fem_truth.report.drawing.picture import Picture
+from softprint.fem_truth.report.drawing.thesis6_plots import thesis6_figure
+from softprint.fem_truth.report.drawing.worst_pictures import worst_pictures
+from softprint.fem_truth.report.measurements.learning import read_json, read_table
 from softprint.fem_truth.report.page import Numbers, look_up, page_style, page_template
-from softprint.fem_truth.report.picture import Picture
 from softprint.fem_truth.report.report_json import REPORT_VERSION, json_text, plain, write_text
-from softprint.fem_truth.report.thesis6_plots import thesis6_figure
-from softprint.fem_truth.report.worst_pictures import worst_pictures
 from softprint.runtime.errors import SoftprintError
 
 

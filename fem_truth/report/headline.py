@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from softprint.fem_truth.report.drawing.style import ModelStyle
 from softprint.fem_truth.report.page import format_number, look_up
-from softprint.fem_truth.report.style import ModelStyle
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softprint.fem_truth.constrained import ConstrainedProblem
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.report.assemble import JudgedScene, ReportInputs, assemble
-from softprint.fem_truth.report.comparison import evenly_spaced
+from softprint.fem_truth.report.drawing.picture import Renderer
+from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.headline import Card, console_lines
-from softprint.fem_truth.report.held_out import Comparer, HeldOutMotion, compare
-from softprint.fem_truth.report.learning import load_learning
+from softprint.fem_truth.report.measurements.comparison import evenly_spaced
+from softprint.fem_truth.report.measurements.held_out import Comparer, HeldOutMotion, compare
+from softprint.fem_truth.report.measurements.learning import load_learning
+from softprint.fem_truth.report.measurements.solves import FrameSolves, SolveStore, solve_frame
 from softprint.fem_truth.report.page import render_page
-from softprint.fem_truth.report.picture import Renderer
-from softprint.fem_truth.report.renderings import make_renderer
 from softprint.fem_truth.report.report_json import json_text, write_text
 from softprint.fem_truth.report.run_files import (
     FULL,
@@ -32,7 +32,7 @@ from softprint.fem_truth.report.run_files import (
     used_paths,
 )
 from softprint.fem_truth.report.shapes import judge_shapes
-from softprint.fem_truth.report.solves import FrameSolves, SolveStore, solve_frame
+from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders.collider import Collider

@@ -13,8 +13,8 @@ from typing import Any
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 
-from softprint.fem_truth.report.picture import Picture
-from softprint.fem_truth.report.style import ModelStyle
+from softprint.fem_truth.report.drawing.picture import Picture
+from softprint.fem_truth.report.drawing.style import ModelStyle
 from softprint.runtime.drawing.colours import ERROR_COLOURS
 
 _THIN_SPACE = "\u202f"

@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softprint import runtime
-from softprint.fem_truth.report.page import ShapeView
-from softprint.fem_truth.report.renderings import make_renderer
-from softprint.fem_truth.report.run_files import RunFiles
-from softprint.fem_truth.report.shape_errors import (
+from softprint.fem_truth.report.drawing.renderings import make_renderer
+from softprint.fem_truth.report.measurements.shape_errors import (
     SampleErrors,
     measure_samples,
     remembered,
@@ -22,6 +20,8 @@ from softprint.fem_truth.report.shape_errors import (
     sides_of,
     worst_sample,
 )
+from softprint.fem_truth.report.page import ShapeView
+from softprint.fem_truth.report.run_files import RunFiles
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from softprint.fem_truth.report.comparison import frames_to_show, node_distances
-from softprint.fem_truth.report.held_out import Comparer, SceneComparison
+from softprint.fem_truth.report.drawing.picture import Picture, Renderer
+from softprint.fem_truth.report.drawing.style import ModelStyle
+from softprint.fem_truth.report.measurements.comparison import frames_to_show, node_distances
+from softprint.fem_truth.report.measurements.held_out import Comparer, SceneComparison
 from softprint.fem_truth.report.page import ShownFrame
-from softprint.fem_truth.report.picture import Picture, Renderer
-from softprint.fem_truth.report.style import ModelStyle
 from softprint.runtime.arrays import Array
 
 

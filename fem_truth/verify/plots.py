@@ -9,11 +9,11 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from softprint.fem_truth.report.figures import RC, to_svg
-from softprint.fem_truth.report.style import INK, paint
+from softprint.fem_truth.report.drawing.figures import RC, to_svg
+from softprint.fem_truth.report.drawing.style import INK, paint
 from softprint.fem_truth.verify.case import Curve
 
-# Okabe and Ito's colours and lighter tints of them for dark pages, as in `fem_truth.report.style`.
+# Okabe and Ito's colours and lighter tints of them for dark pages, as in `fem_truth.report.drawing.style`.
 _COLOURS = (
     ("#d2500a", "#ff8b4d"),
     ("#0072b2", "#56b4e9"),

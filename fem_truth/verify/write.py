@@ -73,6 +73,6 @@ def _footnotes(rows: Sequence[Row]) -> tuple[list[str], list[int]]:
 
 
 def _finite_elements() -> dict[str, str]:
-    from softprint.fem_truth.dolfinx_version import versions
+    from softprint.fem_truth.elasticity.dolfinx_version import versions
 
     return versions()

@@ -8,8 +8,8 @@ import igl
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.colliders.grid import GridCollider
-from softprint.runtime.colliders.mesh_collider import surface_collider
+from softprint.runtime.colliders.sampled.grid import GridCollider
+from softprint.runtime.colliders.surface_mesh.mesh_collider import surface_collider
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.shapes import Shape, find_shape
 

@@ -1,22 +1,22 @@
 """Experiment files (TOML): schema, checks, and reading.
 
-Each `*_schema.py` holds the tables of one section; those of `[[colliders]]` are in `runtime/colliders/kinds/`, those of
-materials are named in `runtime/elasticity/materials/`, the kinds of learned corrections in `runtime/learned/`.
+`schema/` has a module for the tables of each section; those of `[[colliders]]` are in `runtime/colliders/kinds/`,
+those of materials are named in `runtime/elasticity/materials/`, the kinds of learned corrections in `runtime/learned/`.
 """
 
-from softprint.runtime.experiment.body_schema import (
+from softprint.runtime.experiment.experiment import Experiment, ExperimentSpec
+from softprint.runtime.experiment.load import load_experiment
+from softprint.runtime.experiment.schema.body import (
     BodySpec,
     FrameSpec,
     HandlesSpec,
     MaterialRegionSpec,
     MaterialSpec,
 )
-from softprint.runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
-from softprint.runtime.experiment.experiment import Experiment, ExperimentSpec
-from softprint.runtime.experiment.load import load_experiment
-from softprint.runtime.experiment.sampling_schema import SamplingSpec, SolverSpec
-from softprint.runtime.experiment.scene_schema import KeyframeSpec, SceneColliderSpec, SceneSpec, SpringSpec
-from softprint.runtime.experiment.training_schema import ModelSpec, TrainingSpec
+from softprint.runtime.experiment.schema.dynamics import ContactSpec, DynamicsSpec
+from softprint.runtime.experiment.schema.sampling import SamplingSpec, SolverSpec
+from softprint.runtime.experiment.schema.scene import KeyframeSpec, SceneColliderSpec, SceneSpec, SpringSpec
+from softprint.runtime.experiment.schema.training import ModelSpec, TrainingSpec
 
 __all__ = [
     "BodySpec",

@@ -9,7 +9,7 @@ from pathlib import Path
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import LIBRARY, RESERVED, Experiment
 from softprint.runtime.experiment.problems import Problem
-from softprint.runtime.experiment.scene_schema import (
+from softprint.runtime.experiment.schema.scene import (
     KeyframeSpec,
     KinematicEntry,
     KinematicSpec,

@@ -7,14 +7,14 @@ from pathlib import Path
 from pydantic import Field, PrivateAttr
 
 from softprint.runtime.colliders.kinds.registry import ColliderSpec
-from softprint.runtime.experiment.body_schema import BodySpec
-from softprint.runtime.experiment.colliders_schema import LibraryTable
-from softprint.runtime.experiment.dynamics_schema import ContactSpec, DynamicsSpec
-from softprint.runtime.experiment.report_schema import ReportSpec
-from softprint.runtime.experiment.sampling_schema import SamplingSpec
-from softprint.runtime.experiment.scene_schema import SceneSpec
-from softprint.runtime.experiment.section import Name, Section
-from softprint.runtime.experiment.training_schema import TrainingSpec
+from softprint.runtime.experiment.schema.body import BodySpec
+from softprint.runtime.experiment.schema.colliders import LibraryTable
+from softprint.runtime.experiment.schema.dynamics import ContactSpec, DynamicsSpec
+from softprint.runtime.experiment.schema.report import ReportSpec
+from softprint.runtime.experiment.schema.sampling import SamplingSpec
+from softprint.runtime.experiment.schema.scene import SceneSpec
+from softprint.runtime.experiment.schema.section import Name, Section
+from softprint.runtime.experiment.schema.training import TrainingSpec
 from softprint.runtime.shapes import SHAPES, names
 
 LIBRARY = "library"  # collider of sampling and training: all shapes of the library

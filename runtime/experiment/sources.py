@@ -14,7 +14,7 @@ from softprint.runtime.shapes import find_shape
 
 if TYPE_CHECKING:
     from softprint.runtime.experiment.experiment import Experiment
-    from softprint.runtime.experiment.scene_schema import SceneSpec
+    from softprint.runtime.experiment.schema.scene import SceneSpec
 
 
 def collider_files(spec: ColliderTable, base_dir: Path, where: str = "") -> dict[str, str]:

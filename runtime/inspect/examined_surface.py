@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from softprint.runtime.colliders.examine import Examined, examine
-from softprint.runtime.colliders.mesh_collider import read_surface, surface_collider, unit_hint
+from softprint.runtime.colliders.surface_mesh.examine import Examined, examine
+from softprint.runtime.colliders.surface_mesh.mesh_collider import read_surface, surface_collider, unit_hint
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.inspect.summary import Summary
 from softprint.runtime.io.files import atomic_path

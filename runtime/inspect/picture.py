@@ -11,7 +11,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.drawing.draw import draw
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.inspect.kinds import Part, find_kind
+from softprint.runtime.inspect.kind import Part, find_kind
 
 if TYPE_CHECKING:
     from softprint.runtime.colliders.collider import Collider

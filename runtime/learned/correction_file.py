@@ -37,7 +37,7 @@ class CorrectionHeader:
     """The metadata of a correction file.
 
     form: one of `registry.FORMS`; mechanics_hash: content hash of the mechanics that it was trained with, empty for a
-    form without mechanics; held_out_rms: relative error on the held-out states (see `surrogate.held_out_error`);
+    form without mechanics; held_out_rms: relative error on the held-out states (see `surrogate.learning_task`);
     training: settings and results of the training, in any form.
     """
 

@@ -11,7 +11,7 @@ from torch import nn
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.correction import Correction
 from softprint.runtime.learned.registry import FORMS
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics

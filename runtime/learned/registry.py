@@ -12,7 +12,7 @@ kind that is most like it, and name it in `FORMS`. Inside them are
                             loss.py, task.py    what is minimised, a `LearningTask` (`surrogate/learning_task.py`)
                             entry.py       the three joined
 
-Keys of its own in [[training.models]] tables go into `runtime/experiment/training_schema.py`.
+Keys of its own in [[training.models]] tables go into `runtime/experiment/schema/training.py`.
 
 This module imports none of them, since experiment files are checked without torch. `form.find_form` imports them.
 """

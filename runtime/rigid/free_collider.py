@@ -13,9 +13,9 @@ from softprint.runtime.body.farthest_points import farthest_points
 from softprint.runtime.body.rotations import rotation_dofs
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.combine import Placed
-from softprint.runtime.colliders.grid import GridCollider
 from softprint.runtime.colliders.level_set import collider_surface
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh.mesh import facet_vectors
 from softprint.runtime.rigid.flight import RigidMotion

@@ -21,8 +21,8 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.combine import Placed
-from softprint.runtime.colliders.grid import GridCollider
 from softprint.runtime.colliders.level_set import collider_surface
+from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.errors import SoftprintError
 
 # Cells along the longest side of the coarser of the two grids; the finer has twice as many.

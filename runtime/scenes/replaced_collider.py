@@ -13,8 +13,8 @@ from softprint.runtime.colliders.kinds.library import LibrarySpec
 from softprint.runtime.colliders.kinds.mesh import MeshSpec
 from softprint.runtime.colliders.kinds.polygon import PolygonSpec
 from softprint.runtime.colliders.kinds.table import ColliderTable
-from softprint.runtime.colliders.mesh_collider import SUFFIXES, read_surface
-from softprint.runtime.colliders.polygon import load_polygon
+from softprint.runtime.colliders.sampled.polygon import load_polygon
+from softprint.runtime.colliders.surface_mesh.mesh_collider import SUFFIXES, read_surface
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.shapes import SCENE_SHAPES, SHAPES
 

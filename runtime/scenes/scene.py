@@ -27,7 +27,7 @@ from softprint.runtime.rigid import free_collider
 
 if TYPE_CHECKING:
     from softprint.runtime.experiment import Experiment, KeyframeSpec, SceneSpec
-    from softprint.runtime.experiment.scene_schema import KinematicEntry, SceneColliderSpec
+    from softprint.runtime.experiment.schema.scene import KinematicEntry, SceneColliderSpec
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.model import ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.truth.truth_file import TruthData
+from softprint.surrogate.data.touching import touching_samples
 from softprint.surrogate.force.loss import ForceMetric
-from softprint.surrogate.touching import touching_samples
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from softprint.runtime.arrays import IntArray
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.data import ForceData, join_force_data, read_force_data
 from softprint.surrogate.force.loss import ForceMetric
 from softprint.surrogate.force.task import ForceTask
 from softprint.surrogate.form import TrainingForm
-from softprint.surrogate.training_data import TrainingData
 
 
 def task(data: TrainingData, spec: ModelSpec) -> ForceTask:

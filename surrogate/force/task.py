@@ -11,8 +11,7 @@ from softprint.runtime.learned.force.confidence import squared_ratio
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.surrogate.force.data import ForceData
 from softprint.surrogate.force.loss import ForceMetric, quadratic_form
-from softprint.surrogate.held_out_error import HeldOutError
-from softprint.surrogate.learning_task import seeded, some_samples
+from softprint.surrogate.learning_task import HeldOutError, seeded, some_samples
 
 # kappa of `loss.py`. Compared with infinity, the error on validation shapes is the same, and on the shallower half of
 # their samples it is a fifth lower.

@@ -27,7 +27,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.contact_patch import ContactProbe
 from softprint.runtime.learned.point_states import PointStates, PointTensors
 from softprint.runtime.truth.truth_file import TruthData
-from softprint.surrogate.touching import touching_samples
+from softprint.surrogate.data.touching import touching_samples
 
 # Shares of points (nodes, edges) and of pools drawn uniformly; the rest is drawn by the size of the displacement.
 _EVEN_POINTS, _EVEN_POOLS = 0.3, 0.2

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.thesis5.entry import options
+from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.form import TrainingForm
 from softprint.surrogate.thesis5.data import ContactDataset, PoolSize, load_dataset
 from softprint.surrogate.thesis5.task import ContactCentricTask, InputGains
-from softprint.surrogate.training_data import TrainingData
 
 
 def task(data: TrainingData, spec: ModelSpec) -> ContactCentricTask:

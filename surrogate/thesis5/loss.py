@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from softprint.runtime.learned.thesis5.model import ContactCentricModel
-from softprint.surrogate.held_out_error import HeldOutError
+from softprint.surrogate.learning_task import HeldOutError
 from softprint.surrogate.thesis5.data import Batch, ContactDataset
 
 

@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from softprint.runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
-from softprint.surrogate.held_out_error import HeldOutError
-from softprint.surrogate.learning_task import seeded, some_samples
+from softprint.surrogate.learning_task import HeldOutError, seeded, some_samples
 from softprint.surrogate.thesis5.data import ContactDataset
 from softprint.surrogate.thesis5.loss import contact_loss, held_out_error
 

@@ -35,7 +35,7 @@ from softprint.runtime.learned.thesis6.descriptors.steadiness import steadiness
 from softprint.runtime.learned.thesis6.inputs import relative_rows
 from softprint.runtime.learned.thesis6.model import DescriptorModelOptions
 from softprint.runtime.truth.truth_file import TruthData
-from softprint.surrogate.touching import touching_samples
+from softprint.surrogate.data.touching import touching_samples
 
 # Share of the points drawn uniformly from all points of interest.
 _EVEN = 0.3

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from softprint.runtime.arrays import IntArray
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.thesis6.entry import options
 from softprint.runtime.learned.thesis6.model import DescriptorModelOptions
+from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.form import TrainingForm
 from softprint.surrogate.thesis6.data import (
     DescriptorData,
@@ -17,7 +18,6 @@ from softprint.surrogate.thesis6.data import (
 )
 from softprint.surrogate.thesis6.loss import DescriptorLoss
 from softprint.surrogate.thesis6.task import DescriptorTask
-from softprint.surrogate.training_data import TrainingData
 
 
 def task(data: TrainingData, spec: ModelSpec) -> DescriptorTask:

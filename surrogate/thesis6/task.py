@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from softprint.runtime.learned.thesis6.model import DescriptorModel, DescriptorModelOptions
-from softprint.surrogate.held_out_error import HeldOutError
-from softprint.surrogate.learning_task import seeded
+from softprint.surrogate.learning_task import HeldOutError, seeded
 from softprint.surrogate.thesis6.data import DescriptorData
 from softprint.surrogate.thesis6.loss import DescriptorLoss, mean_loss, sample_errors
 

@@ -9,10 +9,10 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
-from softprint.fem_truth.constrained import ConstrainedProblem, Solution
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.parts.body_part import BodyPart, part_of_body, whole_body
+from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
+from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
 from softprint.runtime.colliders import RigidPose, Sphere

@@ -8,12 +8,12 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.linalg import null_space as scipy_null_space
 
-from softprint.fem_truth.constrained import ConstrainedProblem, InternalEnergy
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.newton import FullSpaceSettings, minimise
-from softprint.fem_truth.null_space import NullSpace
-from softprint.fem_truth.potentials import Gravity
-from softprint.fem_truth.stability import smallest_ritz_value
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.energy.potentials import Gravity
+from softprint.fem_truth.linalg.null_space import NullSpace
+from softprint.fem_truth.statics.constrained import ConstrainedProblem, InternalEnergy
+from softprint.fem_truth.statics.newton import FullSpaceSettings, minimise
+from softprint.fem_truth.statics.stability import smallest_ritz_value
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.optimise import NewtonSettings, Status

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softprint.fem_truth.dynamics import FullSpaceSimulator
-from softprint.fem_truth.full_space_springs import linear_springs
+from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.fem_truth.energy.full_space_springs import linear_springs
 from softprint.runtime.body.cubature import Cubature
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.body.surface_samples import SurfaceSamples

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from softprint.fem_truth.form_cache import cache_folder, form_cache
+from softprint.fem_truth.elasticity.form_cache import cache_folder, form_cache
 from softprint.runtime.errors import SoftprintError
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 COMPILE = """
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mesh.box import box_mesh

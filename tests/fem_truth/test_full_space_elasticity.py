@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.runtime.elasticity import MATERIALS
 from softprint.runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient, element_hessians
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softprint.fem_truth.block_kernels import BlockKernels, fitting_tile
-from softprint.fem_truth.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.native_elasticity import KERNELS
-from softprint.fem_truth.null_space import NullSpace
-from softprint.fem_truth.projected_cg import projected_cg
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.elasticity.native_elasticity import KERNELS
+from softprint.fem_truth.linalg.block_kernels import BlockKernels, fitting_tile
+from softprint.fem_truth.linalg.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
+from softprint.fem_truth.linalg.null_space import NullSpace
+from softprint.fem_truth.linalg.projected_cg import projected_cg
 from softprint.runtime.mesh import Mesh
 
 N = 700  # more nodes than are summed in single precision at a time

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softprint.fem_truth.null_space import NullSpace
+from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.runtime.errors import SoftprintError
 
 

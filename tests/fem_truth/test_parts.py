@@ -108,7 +108,7 @@ def test_every_rank_has_its_part_and_gets_the_same_bits(by_rank, case):
 FAILS = """
 import sys
 from mpi4py import MPI
-from softprint.fem_truth.constrained import Press
+from softprint.fem_truth.statics.constrained import Press
 from softprint.runtime.cli.main import main
 from softprint.runtime.errors import SoftprintError
 def fail(self, pose):

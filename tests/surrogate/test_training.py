@@ -25,10 +25,10 @@ from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.truth.truth_file import TruthData, TruthHeader, create_truth, load_truth
 from softprint.runtime.truth.truth_schema import TABLES
 from softprint.surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from softprint.surrogate.data.splits import split_by_state
 from softprint.surrogate.force.data import read_force_data
 from softprint.surrogate.force.loss import ForceMetric, quadratic_form
 from softprint.surrogate.force.task import ForceTask
-from softprint.surrogate.splits import split_by_state
 from softprint.surrogate.thesis5.data import PoolSize, load_dataset
 from softprint.surrogate.thesis5.task import ContactCentricTask, InputGains
 from softprint.surrogate.thesis6.data import Drawing, join_descriptor_data, load_descriptor_data

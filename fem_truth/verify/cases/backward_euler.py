@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from softprint.fem_truth.verify.motion import (
+from softprint.fem_truth.verify.problems.motion import (
     FULL,
     REDUCED,
     AnySimulator,
@@ -19,7 +19,7 @@ from softprint.fem_truth.verify.motion import (
     play,
     simulator,
 )
-from softprint.fem_truth.verify.small_bodies import (
+from softprint.fem_truth.verify.problems.small_bodies import (
     DENSITY,
     Stuff,
     affine_body,

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from softprint.fem_truth.verify.equilibrium import Solid, equilibrium, mean_first_piola
+from softprint.fem_truth.verify.problems.equilibrium import Solid, equilibrium, mean_first_piola
 from softprint.runtime.arrays import Array
 from softprint.runtime.elasticity.materials import Material, make_material
 from softprint.runtime.mesh import box_mesh

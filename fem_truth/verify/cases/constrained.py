@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softprint.fem_truth.constrained import ConstrainedProblem
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.newton import FullSpaceSettings
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.statics.constrained import ConstrainedProblem
+from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.fem_truth.verify.case import Case, CaseResult, Row
-from softprint.fem_truth.verify.import_witness import import_witness
+from softprint.fem_truth.verify.problems.import_witness import import_witness
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
 from softprint.runtime.colliders import RigidPose, Sphere
@@ -22,7 +22,7 @@ from softprint.runtime.mesh import box_mesh
 from softprint.runtime.optimise import NewtonSettings
 
 if TYPE_CHECKING:
-    from softprint.fem_truth.verify.witness import Witness
+    from softprint.fem_truth.verify.problems.witness import Witness
 
 YOUNG, POISSON, DENSITY = 2e4, 0.4, 1000.0
 STIFFNESS = 1e9  # N/m^4

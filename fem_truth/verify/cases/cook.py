@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softprint.fem_truth.verify import cook
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
+from softprint.fem_truth.verify.problems import cook
 from softprint.runtime.arrays import Array
 
 _PUBLISHED = 14.33  # mm

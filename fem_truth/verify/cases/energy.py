@@ -8,7 +8,7 @@ import numpy as np
 
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
 from softprint.fem_truth.verify.cases.backward_euler import Mode, clamped_bar
-from softprint.fem_truth.verify.motion import (
+from softprint.fem_truth.verify.problems.motion import (
     BOTH,
     FULL,
     AnySimulator,
@@ -20,7 +20,7 @@ from softprint.fem_truth.verify.motion import (
     play,
     simulator,
 )
-from softprint.fem_truth.verify.small_bodies import Stuff, held_handles, node_body, point_body
+from softprint.fem_truth.verify.problems.small_bodies import Stuff, held_handles, node_body, point_body
 from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose
 from softprint.runtime.contact import CoulombFriction
 from softprint.runtime.dynamics import PlacedCollider

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from softprint.fem_truth.verify.motion import (
+from softprint.fem_truth.verify.problems.motion import (
     BOTH,
     FULL,
     AnySimulator,
@@ -19,7 +19,7 @@ from softprint.fem_truth.verify.motion import (
     play,
     simulator,
 )
-from softprint.fem_truth.verify.small_bodies import Stuff, node_body, point_body, rigid_body
+from softprint.fem_truth.verify.problems.small_bodies import Stuff, node_body, point_body, rigid_body
 from softprint.runtime.arrays import Array
 from softprint.runtime.mesh import Mesh, box_mesh
 

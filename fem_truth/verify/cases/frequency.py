@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
 from softprint.fem_truth.verify.cases.backward_euler import clamped_bar
-from softprint.fem_truth.verify.motion import (
+from softprint.fem_truth.verify.problems.motion import (
     BOTH,
     FULL,
     exact_steps,
@@ -19,7 +19,7 @@ from softprint.fem_truth.verify.motion import (
     play,
     simulator,
 )
-from softprint.fem_truth.verify.small_bodies import DENSITY, Stuff, held_handles, node_body
+from softprint.fem_truth.verify.problems.small_bodies import DENSITY, Stuff, held_handles, node_body
 from softprint.runtime.arrays import Array
 from softprint.runtime.mesh import box_mesh
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from softprint.fem_truth.verify.hertz import Hertz, Pressed, press
+from softprint.fem_truth.verify.problems.hertz import Hertz, Pressed, press
 from softprint.runtime.arrays import Array
 
 SOFT = Hertz(young=2e4, poisson=0.4, radius=0.03, approach=3e-4)

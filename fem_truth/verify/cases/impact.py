@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from softprint.fem_truth.verify.motion import (
+from softprint.fem_truth.verify.problems.motion import (
     FULL,
     REDUCED,
     exact_steps,
@@ -18,7 +18,7 @@ from softprint.fem_truth.verify.motion import (
     play,
     simulator,
 )
-from softprint.fem_truth.verify.small_bodies import DENSITY, Stuff, node_body
+from softprint.fem_truth.verify.problems.small_bodies import DENSITY, Stuff, node_body
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose
 from softprint.runtime.contact import PenaltyContact

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from softprint.fem_truth.verify.motion import (
+from softprint.fem_truth.verify.problems.motion import (
     BOTH,
     AnySimulator,
     exact_steps,
@@ -18,7 +18,7 @@ from softprint.fem_truth.verify.motion import (
     pushed,
     simulator,
 )
-from softprint.fem_truth.verify.small_bodies import Stuff, point_body
+from softprint.fem_truth.verify.problems.small_bodies import Stuff, point_body
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.potentials import Gravity
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.energy.potentials import Gravity
 from softprint.fem_truth.verify.case import Case, CaseResult, Row
-from softprint.fem_truth.verify.equilibrium import Solid, equilibrium
-from softprint.fem_truth.verify.import_witness import import_witness
+from softprint.fem_truth.verify.problems.equilibrium import Solid, equilibrium
+from softprint.fem_truth.verify.problems.import_witness import import_witness
 from softprint.runtime.arrays import Array
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mesh import Mesh, box_mesh
 
 if TYPE_CHECKING:
-    from softprint.fem_truth.verify.witness import Witness
+    from softprint.fem_truth.verify.problems.witness import Witness
 
 POISSON, DENSITY = 0.4, 1000.0
 _SOURCE = "scikit-fem, stresses and tangents of the published laws written out by hand"

@@ -9,13 +9,13 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from softprint.fem_truth import dolfinx_version as dfx
-from softprint.fem_truth.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.elasticity import dolfinx_version as dfx
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from softprint.fem_truth.verify.equilibrium import DeadLoad, Solid, equilibrium
-from softprint.fem_truth.verify.higher_order import HigherOrderElasticity
-from softprint.fem_truth.verify.manufactured import Manufactured, wavy
-from softprint.fem_truth.verify.simplex_rule import simplex_rule
+from softprint.fem_truth.verify.problems.equilibrium import DeadLoad, Solid, equilibrium
+from softprint.fem_truth.verify.problems.higher_order import HigherOrderElasticity
+from softprint.fem_truth.verify.problems.manufactured import Manufactured, wavy
+from softprint.fem_truth.verify.problems.simplex_rule import simplex_rule
 from softprint.runtime.arrays import Array
 from softprint.runtime.elasticity.materials import Material, make_material
 from softprint.runtime.mesh import Mesh, box_mesh

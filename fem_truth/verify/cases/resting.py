@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
-from softprint.fem_truth.verify.motion import (
+from softprint.fem_truth.verify.problems.motion import (
     BOTH,
     FULL,
     REDUCED,
@@ -18,7 +18,13 @@ from softprint.fem_truth.verify.motion import (
     play,
     simulator,
 )
-from softprint.fem_truth.verify.small_bodies import DENSITY, Stuff, affine_body, node_body, point_body
+from softprint.fem_truth.verify.problems.small_bodies import (
+    DENSITY,
+    Stuff,
+    affine_body,
+    node_body,
+    point_body,
+)
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose
 from softprint.runtime.contact import PenaltyContact

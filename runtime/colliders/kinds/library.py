@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from softprint.runtime.colliders.grid import GridCollider
 from softprint.runtime.colliders.kinds.table import ColliderTable, Length, Tables
 from softprint.runtime.colliders.library import library_collider
+from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.shapes import find_shape
 

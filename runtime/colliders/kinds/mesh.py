@@ -1,4 +1,4 @@
-"""Closed triangle meshes as a kind of collider (`runtime/colliders/mesh_collider.py`)."""
+"""Closed triangle meshes as a kind of collider (`runtime/colliders/surface_mesh/mesh_collider.py`)."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from softprint.runtime.colliders.grid import GridCollider
 from softprint.runtime.colliders.kinds.table import ColliderTable, Length, Tables
-from softprint.runtime.colliders.mesh_collider import load_mesh_collider
+from softprint.runtime.colliders.sampled.grid import GridCollider
+from softprint.runtime.colliders.surface_mesh.mesh_collider import load_mesh_collider
 
 
 class MeshSpec(ColliderTable):

@@ -1,4 +1,4 @@
-"""Polygons as a kind of collider (`runtime/colliders/polygon.py`)."""
+"""Polygons as a kind of collider (`runtime/colliders/sampled/polygon.py`)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from softprint.runtime.colliders.grid import GridCollider
 from softprint.runtime.colliders.kinds.table import ColliderTable, Length, Tables, Vector
-from softprint.runtime.colliders.polygon import load_polygon, polygon_collider
+from softprint.runtime.colliders.sampled.grid import GridCollider
+from softprint.runtime.colliders.sampled.polygon import load_polygon, polygon_collider
 
 
 class PolygonSpec(ColliderTable):

@@ -1,9 +1,9 @@
 """The registry of materials: one file of this folder for each, named after its model.
 
 To add one, write `NAME.py` here with a subclass of `Material` whose `model` is NAME, assigned to `MATERIAL`. Write the
-same energy density in UFL, as the function NAME of `fem_truth.energy_densities`. Schemas, messages, listed keys and
-tests take the names from here. (A header `NAME.h` in `fem_truth/native` makes full-space solves faster; without one,
-they use the UFL form.)
+same energy density in UFL, as the function NAME of `fem_truth.elasticity.energy_densities`. Schemas, messages, listed
+keys and tests take the names from here. (A header `NAME.h` in `fem_truth/native` makes full-space solves
+faster; without one, they use the UFL form.)
 """
 
 from __future__ import annotations

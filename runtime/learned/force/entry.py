@@ -7,7 +7,7 @@ from typing import Any
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.experiment.training_schema import ModelSpec
+from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.correction import ForceCorrection
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.runtime.learned.form import LearnedForm

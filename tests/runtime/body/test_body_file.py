@@ -8,7 +8,7 @@ from softprint.runtime.elasticity import make_material
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import fixed_text
 from softprint.runtime.mesh import box_mesh
-from tests.altered import altered_h5
+from tests.bad_input.altered import altered_h5
 
 
 @pytest.fixture(scope="module", params=[(2, True), (3, True), (2, False)], ids=["2d", "3d", "no frame"])

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from softprint.runtime.cli.context import Context
-from softprint.runtime.cli.doctor_verb import VERB
+from softprint.runtime.cli.verbs.doctor_verb import VERB
 from softprint.runtime.doctor import Finding, Level, parallel, speed, versions
 from softprint.runtime.doctor.child import ChildResult, run_command, run_python
 

@@ -11,7 +11,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, load_experiment
 from softprint.runtime.experiment.describe import described_keys
 from softprint.runtime.experiment.renamed import KEYS, VALUES
-from softprint.runtime.experiment.scene_schema import KinematicSpec
+from softprint.runtime.experiment.schema.scene import KinematicSpec
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*.toml"))
 

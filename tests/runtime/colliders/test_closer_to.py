@@ -8,7 +8,7 @@ import pytest
 
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.colliders.library import library_collider
-from softprint.runtime.colliders.polygon import polygon_collider
+from softprint.runtime.colliders.sampled.polygon import polygon_collider
 
 SIZE = 0.02
 

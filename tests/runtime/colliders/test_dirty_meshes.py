@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from softprint.runtime.colliders import load_mesh_collider, mesh_collider
-from softprint.runtime.colliders.examine import examine
+from softprint.runtime.colliders.surface_mesh.examine import examine
 from softprint.runtime.errors import SoftprintError
 
 _MADE = trimesh.creation.icosphere(subdivisions=3, radius=0.03)

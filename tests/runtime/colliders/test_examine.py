@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from softprint.runtime.cli.collider_verb import VERB
 from softprint.runtime.cli.context import Context
-from softprint.runtime.colliders.examine import examine
-from softprint.runtime.colliders.mesh_collider import read_surface
-from softprint.runtime.colliders.rebuild import misplaced
-from softprint.runtime.colliders.repair import closed_surface
+from softprint.runtime.cli.verbs.collider_verb import VERB
+from softprint.runtime.colliders.surface_mesh.examine import examine
+from softprint.runtime.colliders.surface_mesh.mesh_collider import read_surface
+from softprint.runtime.colliders.surface_mesh.rebuild import misplaced
+from softprint.runtime.colliders.surface_mesh.repair import closed_surface
 from softprint.runtime.errors import SoftprintError
 
 RADIUS = 0.03

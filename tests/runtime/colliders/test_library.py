@@ -14,8 +14,8 @@ from pydantic import TypeAdapter, ValidationError
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.kinds.registry import ColliderSpec
 from softprint.runtime.colliders.library import library_collider, library_surface, zero_level
-from softprint.runtime.colliders.mesh_distance import MeshDistance
-from softprint.runtime.colliders.repair import closed_surface
+from softprint.runtime.colliders.surface_mesh.mesh_distance import MeshDistance
+from softprint.runtime.colliders.surface_mesh.repair import closed_surface
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.shapes import SCENE_SHAPES, SHAPES, SPLIT, find_shape, names, validation_names
 from softprint.runtime.shapes.scene_shapes import BRIM_RADIUS, BRIM_TIP

@@ -14,8 +14,8 @@ from softprint.runtime.colliders import (
     mesh_collider,
     polygon_collider,
 )
-from softprint.runtime.colliders.repair import closed_surface
-from softprint.runtime.colliders.spline import SplineGrid
+from softprint.runtime.colliders.sampled.spline import SplineGrid
+from softprint.runtime.colliders.surface_mesh.repair import closed_surface
 from softprint.runtime.errors import SoftprintError
 
 MESHES = Path(__file__).parents[3] / "meshes"

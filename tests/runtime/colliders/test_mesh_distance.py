@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from softprint.runtime.colliders.library import library_surface, zero_level
-from softprint.runtime.colliders.mesh_collider import surface_collider
-from softprint.runtime.colliders.mesh_distance import MeshDistance
+from softprint.runtime.colliders.surface_mesh.mesh_collider import surface_collider
+from softprint.runtime.colliders.surface_mesh.mesh_distance import MeshDistance
 from softprint.runtime.shapes import SHAPES
 
 

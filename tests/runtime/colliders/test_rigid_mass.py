@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from softprint.runtime.colliders import Box, Capsule, Cylinder, Placed, RigidPose, Sphere
-from softprint.runtime.colliders.grid import GridCollider
+from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.rigid import FreeFlight, RigidMotion, free_collider, mass_properties
 from softprint.runtime.rigid.free_collider import surface_points

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from softprint.runtime.cli.context import Context
-from softprint.runtime.cli.fields_verb import VERB as FIELDS
+from softprint.runtime.cli.verbs.fields_verb import VERB as FIELDS
 from softprint.runtime.colliders import Plane, Sphere
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact

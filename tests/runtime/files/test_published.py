@@ -11,8 +11,8 @@ import pytest
 
 from softprint.runtime.body import load_body
 from softprint.runtime.cli.context import Context
-from softprint.runtime.cli.import_verb import VERB as IMPORT
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.verbs.import_verb import VERB as IMPORT
 from softprint.runtime.colliders import Sphere
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.errors import SoftprintError

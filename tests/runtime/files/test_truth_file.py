@@ -12,7 +12,7 @@ import pytest
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.truth.truth_file import TruthHeader, create_truth, load_truth
 from softprint.runtime.truth.truth_schema import TABLES, UNREACHED
-from tests.altered import altered_h5, flipped
+from tests.bad_input.altered import altered_h5, flipped
 
 
 def table(name, body, n: int, rng: np.random.Generator, **given):

@@ -22,7 +22,7 @@ ONLY_3D = {
     "softprint.runtime.body.rotations._polar_3d",
     "softprint.runtime.colliders.path._along",
     "softprint.runtime.colliders.path._all_along",
-    "softprint.runtime.colliders.sweep_kernels._squared_distance",
+    "softprint.runtime.colliders.surface_mesh.sweep_kernels._squared_distance",
 }
 ONLY_2D = {"softprint.runtime.body.rotations._polar_2d"}
 

@@ -28,7 +28,7 @@ from softprint.runtime.learned.thesis6.correction import DescriptorCorrection
 from softprint.runtime.learned.thesis6.model import DescriptorModel, DescriptorModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 from softprint.runtime.mechanics.mechanics_file import mechanics_path, save_mechanics
-from tests.altered import alter_tensors
+from tests.bad_input.altered import alter_tensors
 
 STIFFNESS = 1e9
 # Central differences in float64 with a step of 1e-6 leave about (1e-6)^2 of curvature over millimetres and

@@ -22,7 +22,7 @@ from softprint.runtime.mechanics.mechanics_file import (
     read_mechanics,
     save_mechanics,
 )
-from tests.altered import alter_tensors, flipped
+from tests.bad_input.altered import alter_tensors, flipped
 from tests.toy_experiment import write_experiment
 
 GRAVITY = [0.0, -9.81]

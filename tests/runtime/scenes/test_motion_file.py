@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from softprint.runtime.body import build_body, load_body
-from softprint.runtime.cli.bench_verb import VERB as BENCH
 from softprint.runtime.cli.context import Context
-from softprint.runtime.cli.fields_verb import VERB as FIELDS
 from softprint.runtime.cli.run_body import body_of_run
-from softprint.runtime.cli.simulate_verb import VERB as SIMULATE
+from softprint.runtime.cli.verbs.bench_verb import VERB as BENCH
+from softprint.runtime.cli.verbs.fields_verb import VERB as FIELDS
+from softprint.runtime.cli.verbs.simulate_verb import VERB as SIMULATE
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.kinds.polygon import PolygonSpec
 from softprint.runtime.colliders.kinds.registry import DifferenceSpec, UnionSpec
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.sources import with_absolute_paths
-from softprint.runtime.inspect.kinds import Part
+from softprint.runtime.inspect.kind import Part
 from softprint.runtime.inspect.picture import picture_of
 from softprint.runtime.mesh import box_mesh, write_mesh
 from softprint.runtime.scenes.motion_colliders import build_colliders
@@ -26,7 +26,7 @@ from softprint.runtime.scenes.playing import bare_model, build_model, play
 from softprint.runtime.scenes.replaced_collider import with_replaced_collider
 from softprint.runtime.scenes.scene import find_scene, scene_parts, scene_steps
 from softprint.runtime.scenes.simulate import motion_path, simulate_scene
-from tests.altered import altered_h5
+from tests.bad_input.altered import altered_h5
 
 EXPERIMENT = """
 [experiment]

@@ -12,13 +12,13 @@ import pytest
 
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.cli.context import Context
-from softprint.runtime.cli.touch_verb import VERB, configure
+from softprint.runtime.cli.verbs.touch_verb import VERB, configure
 from softprint.runtime.colliders import Plane, RigidPose, Sphere
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.inspect.kinds import inspect_file
+from softprint.runtime.inspect.kind import inspect_file
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mesh import box_mesh, write_mesh
 from softprint.runtime.touch import TouchSensor, point_places, surface_places

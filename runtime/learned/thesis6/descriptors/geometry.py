@@ -12,7 +12,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.colliders.spline import SplineGrid
+from softprint.runtime.colliders.sampled.spline import SplineGrid
 from softprint.runtime.learned.thesis6.descriptors.smoothed_gradient import SmoothedGradient, unit_normal
 
 # Cells along the largest side of a collider enlarged by d: of the smoothed gradient, which varies over d, and of the

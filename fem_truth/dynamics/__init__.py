@@ -1,0 +1,1 @@
+"""Motion in full space: backward Euler over the terms of the total energy."""

@@ -1,0 +1,71 @@
+"""The model `full` of `softprint simulate`: a scene simulated in full space (entry point group
+``softprint.models``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator, FullSpaceState
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.dynamics.state import StepResult
+from softprint.runtime.scenes.scene import scene_parts
+
+if TYPE_CHECKING:
+    from softprint.runtime.experiment import Experiment, SceneSpec
+
+
+class FullSpaceModel:
+    """A `runtime.scenes.playing.SceneModel` in full space."""
+
+    def __init__(self, simulator: FullSpaceSimulator, held: bool) -> None:
+        self._simulator = simulator
+        self._held = held
+
+    def start(self) -> StepResult[FullSpaceState]:
+        """Frame 0: static equilibrium, or the rest state if nothing fixes the body."""
+        return self._simulator.settle() if self._held else self._simulator.at_rest()
+
+    def step(self, state: FullSpaceState) -> StepResult[FullSpaceState]:
+        """One step of `FullSpaceSimulator.step`."""
+        return self._simulator.step(state)
+
+    def positions(self, state: FullSpaceState) -> Array:
+        """(n_nodes, dim) [m]."""
+        return state.x
+
+    def surface_positions(self, state: FullSpaceState) -> Array:
+        """(s, dim) [m] the surface nodes."""
+        return state.x[self._simulator.body.mesh.surface_nodes]
+
+    def follow(self, nodes: IntArray) -> Callable[[FullSpaceState], Array]:
+        """A function from a state to the positions (n, dim) [m] of some nodes (n,) of the mesh."""
+        return lambda state: state.x[nodes]
+
+    def rows(self, state: FullSpaceState) -> Array:
+        """(n_rows, dim) handle rows of the nearest reduced state; its frames are affine if the full body strains
+        their regions."""
+        return self._simulator.body.project(state.x)
+
+
+def full_space_model(
+    experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path
+) -> FullSpaceModel:
+    """A `runtime.scenes.playing.ModelFactory`; ``out`` is not needed."""
+    parts = scene_parts(experiment, scene)
+    simulator = FullSpaceSimulator(
+        body,
+        parts.colliders,
+        contact=parts.contact,
+        friction=parts.friction,
+        gravity=parts.gravity,
+        springs=parts.springs,
+        kinematic=parts.kinematic,
+        settings=parts.settings,
+    )
+    return FullSpaceModel(simulator, parts.held)
+
+
+MODEL = full_space_model

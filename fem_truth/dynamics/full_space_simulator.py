@@ -1,0 +1,321 @@
+"""Full-space dynamics: backward Euler as minimisation (thesis eq. 5.5), with the runtime's potentials and
+terms.
+
+    x_new = argmin  1/(2 h^2) |x - x_old - h v_old|_M^2 + W_elastic + W_gravity + W_springs
+                   + W_contact + W_friction
+
+over all nodes except those of kinematic handles, whose positions are prescribed. M is the lumped mass. This is the
+reference for the accuracy and for the speed of every reduced motion.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.energy.full_space_springs import linear_springs
+from softprint.fem_truth.energy.potentials import Gravity, Inertia, Potential
+from softprint.fem_truth.energy.surface_contact import LaggedFriction, SurfaceContact
+from softprint.fem_truth.energy.total_energy import ElasticTangent, Gradient, TotalEnergy
+from softprint.fem_truth.linalg.null_space import NullSpace
+from softprint.fem_truth.statics.newton import FullSpaceSettings, NewtonResult, minimise
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.contact.contact_force import SurfaceForces, resultant
+from softprint.runtime.dynamics import (
+    ContactForce,
+    DynamicsSettings,
+    HandleSpring,
+    KinematicHandle,
+    NewtonSettings,
+    PlacedCollider,
+    Status,
+    StepResult,
+)
+from softprint.runtime.dynamics.kinematic import place_kinematic
+from softprint.runtime.dynamics.placed_collider import poses_at
+from softprint.runtime.errors import SoftprintError
+
+if TYPE_CHECKING:
+    from softprint.runtime.body import ReducedBody
+
+
+@dataclass(frozen=True, eq=False)
+class FullSpaceState:
+    """time [s]; x (n_nodes, dim) positions [m]; velocity (n_nodes, dim) [m/s]; poses: collider poses at this
+    time."""
+
+    time: float
+    x: Array
+    velocity: Array
+    poses: Poses
+
+
+class StepParts(NamedTuple):
+    """The potentials of a step other than elasticity: smooth ones by name; contact and friction by collider."""
+
+    smooth: Mapping[str, Sequence[Potential]]
+    contacts: Mapping[str, SurfaceContact]
+    friction: Mapping[str, LaggedFriction]
+
+
+class StepEnergy(TotalEnergy):
+    """The energy of one step. Force scale: the largest of the forces that balance each other."""
+
+    def __init__(
+        self,
+        elastic: FullSpaceElasticity,
+        tangent: ElasticTangent,
+        null_space: NullSpace,
+        parts: StepParts,
+        friction_updates: int,
+        force_floor: float,
+    ) -> None:
+        smooth = [term for group in parts.smooth.values() for term in group]
+        super().__init__(
+            elastic, (*smooth, *parts.contacts.values(), *parts.friction.values()), null_space, tangent
+        )
+        self._contacts, self._friction = parts.contacts, parts.friction
+        # The call of `lag_friction` at the start counts as the first update.
+        self._updates_left = friction_updates - 1 if parts.friction else 0
+        self._floor = force_floor
+
+    def lag_friction(self, x: Array) -> None:
+        """Update the normal forces of friction to those at x."""
+        for name, friction in self._friction.items():
+            friction.lag(self._contacts[name].terms(x))
+
+    def stepped(self, x: Array, step: Array, before: Gradient, after: Gradient) -> bool:
+        super().stepped(x, step, before, after)
+        if self._updates_left == 0:
+            return False
+        self._updates_left -= 1
+        self.lag_friction(x)
+        return True
+
+    def force_scale(self, x: Array, gradient: Gradient) -> float:
+        contact = sum((contact.gradient(x) for contact in self._contacts.values()), np.zeros_like(x))
+        elastic = float(np.linalg.norm(self.null_space.project(gradient.elastic)))
+        return max(elastic, float(np.linalg.norm(self.null_space.project(contact))), self._floor)
+
+    def energy_scale(self, x: Array) -> float:
+        """1 J: a step is accepted on its residual alone, because inertia leaves no soft modes."""
+        return 1.0
+
+
+class FullSpaceSimulator:
+    """Steps one body in full space; constructor arguments, methods and results are those of
+    `runtime.dynamics.Simulator`.
+
+    Kinematic handles have prescribed positions (the region of a frame moves rigidly); all other nodes are free,
+    including those of non-kinematic frames. Corrections of the colliders are ignored. The elastic Hessian is reused
+    between steps while it converges fast enough: a step is bitwise reproducible only after the same previous steps,
+    otherwise within the tolerance.
+    """
+
+    def __init__(
+        self,
+        body: ReducedBody,
+        colliders: Sequence[PlacedCollider] = (),
+        *,
+        contact: PenaltyContact,
+        friction: CoulombFriction | None = None,
+        gravity: Sequence[float] | Array | None = None,
+        springs: Sequence[HandleSpring] = (),
+        kinematic: Sequence[KinematicHandle] = (),
+        settings: DynamicsSettings | None = None,
+        elasticity: FullSpaceElasticity | None = None,
+    ) -> None:
+        for placed in colliders:
+            if placed.free is not None:
+                raise SoftprintError(
+                    f"collider {placed.name!r} moves freely, which full space cannot simulate: give it keyframes, or "
+                    "simulate the scene with a reduced model"
+                )
+        self.body = body
+        self.colliders = tuple(colliders)
+        self.settings = settings or DynamicsSettings()
+        if self.settings.optimiser is not None:
+            raise SoftprintError(
+                "full space is solved by its own Newton's method: give it settings without an optimiser"
+            )
+        self.elasticity = FullSpaceElasticity(body) if elasticity is None else elasticity
+        self._contact = contact
+        self._friction = friction if friction is not None and friction.coefficient > 0 else None
+        self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
+        self._springs, self._kinematic = tuple(springs), tuple(kinematic)
+        self._null_space = NullSpace(np.zeros((body.n_nodes, 0)), _kinematic_nodes(body, kinematic))
+        self._tangent = ElasticTangent(self.elasticity)
+        weight = float(np.linalg.norm(body.node_mass) * np.linalg.norm(self._gravity))
+        self._force_floor = max(1e-9 * self.elasticity.unit_force, weight)
+
+    def rest_state(self, time: float = 0.0, poses: Poses | None = None) -> FullSpaceState:
+        """The undeformed body at rest, with kinematic handles at their positions at ``time`` [s]."""
+        x = self._place(self.body.mesh.points, time)
+        return FullSpaceState(time, x, np.zeros_like(x), poses_at(self.colliders, time, poses))
+
+    def step(self, state: FullSpaceState, poses: Poses | None = None) -> StepResult[FullSpaceState]:
+        """One time step. ``poses``: collider poses at the *end* of the step, which replace those of their paths."""
+        h = self.settings.time_step
+        end = state.time + h
+        inertia = Inertia(self.body.node_mass, state.x + h * state.velocity, h)
+        newton = self.settings.newton
+        # A single iteration (linearly implicit Euler) needs an accurate linear solve; several may start loosely.
+        loosest = 1e-3 if newton.max_iterations == 1 else 0.1
+        settings = FullSpaceSettings(newton, np.inf, cg_tolerance=loosest)
+        return self._solve(state, end, poses_at(self.colliders, end, poses), inertia, settings)
+
+    def settle(
+        self, state: FullSpaceState | None = None, newton: NewtonSettings | None = None
+    ) -> StepResult[FullSpaceState]:
+        """Static equilibrium, started from ``state`` (default: the rest state), at its time, without friction."""
+        settings = FullSpaceSettings(newton or NewtonSettings(max_iterations=100, tolerance=1e-6), np.inf)
+        state = state or self.rest_state()
+        return self._solve(state, state.time, state.poses, None, settings)
+
+    def at_rest(self) -> StepResult[FullSpaceState]:
+        """The rest state as a result without a step: its energies and contact forces."""
+        started, state = time.perf_counter(), self.rest_state()
+        parts = self._parts(state, state.time, state.poses, None)
+        nothing = NewtonResult(state.x, Status.CONVERGED, 0.0, 0.0, 0, 0, 0.0, 0.0, None)
+        return self._report(state, parts, nothing, started)
+
+    def positions(self, state: FullSpaceState) -> Array:
+        """(n_nodes, dim) [m]."""
+        return state.x
+
+    def deformation_gradients(self, state: FullSpaceState, cells: IntArray | None = None) -> Array:
+        """(n, dim, dim) F of the given cells of the mesh (default: all)."""
+        return self.body.mesh.deformation_gradients(state.x, slice(None) if cells is None else cells)
+
+    def contact_forces(self, state: FullSpaceState) -> dict[str, ContactForce]:
+        """The normal forces on every collider at a state; those in a `StepResult` include friction."""
+        contacts = self._parts(state, state.time, state.poses, None).contacts
+        return {name: _contact_force(contact, None, state.x) for name, contact in contacts.items()}
+
+    def _solve(
+        self,
+        state: FullSpaceState,
+        end: float,
+        poses: Poses,
+        inertia: Inertia | None,
+        settings: FullSpaceSettings,
+    ) -> StepResult[FullSpaceState]:
+        started = time.perf_counter()
+        parts = self._parts(state, end, poses, inertia)
+        energy = StepEnergy(
+            self.elasticity,
+            self._tangent,
+            self._null_space,
+            parts,
+            self.settings.friction_updates,
+            self._force_floor,
+        )
+        x0 = self._place(state.x, end)
+        energy.lag_friction(x0)
+        if inertia is not None:
+            # Starting from free motion saves a third of the iterations, except where it runs into a collider.
+            moved = self._place(inertia.predicted, end)
+            if energy.evaluate(moved)[0] < energy.evaluate(x0)[0]:
+                x0 = moved
+                energy.lag_friction(x0)
+        result = minimise(energy, x0, settings)
+        h = self.settings.time_step
+        velocity = np.zeros_like(x0) if inertia is None else (result.x - state.x) / h
+        return self._report(FullSpaceState(end, result.x, velocity, poses), parts, result, started)
+
+    def _parts(self, state: FullSpaceState, end: float, poses: Poses, inertia: Inertia | None) -> StepParts:
+        """The potentials of a step from ``state`` to the time ``end`` [s]; a static solve has no inertia and no
+        friction."""
+        mesh = self.body.mesh
+        contacts = {
+            placed.name: SurfaceContact(
+                self._contact, mesh.surface_nodes, mesh.surface_areas, placed.collider, poses[placed.name]
+            )
+            for placed in self.colliders
+        }
+        friction: dict[str, LaggedFriction] = {}
+        if self._friction is not None and inertia is not None:
+            nodes, h = mesh.surface_nodes, self.settings.time_step
+            friction = {
+                name: LaggedFriction(self._friction, nodes, state.x[nodes], state.poses[name], poses[name], h)
+                for name in contacts
+            }
+        smooth: dict[str, list[Potential]] = {
+            "inertia": [] if inertia is None else [inertia],
+            "gravity": [Gravity(self.body.node_mass, self._gravity, np.zeros_like(mesh.points))],
+            "springs": list(linear_springs(self._springs, self.body, end)),
+        }
+        return StepParts(smooth, contacts, friction)
+
+    def _report(
+        self, state: FullSpaceState, parts: StepParts, result: NewtonResult, started: float
+    ) -> StepResult[FullSpaceState]:
+        x, contacts, friction = state.x, parts.contacts, parts.friction
+        energies = {
+            name: float(sum(term.energy(x) for term in group)) for name, group in parts.smooth.items()
+        }
+        energies["kinetic"] = 0.5 * float(self.body.node_mass @ (state.velocity**2).sum(axis=1))
+        energies["elastic"] = self.elasticity.energy(x)
+        energies["contact"] = float(sum(term.energy(x) for term in contacts.values()))
+        energies["friction"] = float(sum(term.energy(x) for term in friction.values()))
+        numbers = f"iterations {result.newton_iterations}, residual {result.residual:.1e}"
+        return StepResult(
+            state=state,
+            status=result.status,
+            reason=f"{result.status.sentence} ({numbers})",
+            iterations=result.newton_iterations,
+            residual=result.residual,
+            energies=energies,
+            timings={"total": time.perf_counter() - started},
+            contacts={name: _contact_force(contacts[name], friction.get(name), x) for name in contacts},
+        )
+
+    def _place(self, x: Array, at: float) -> Array:
+        """A copy of x with the nodes of kinematic handles at their prescribed positions at time ``at`` [s]."""
+        rest, handles = self.body.rest_rows, self.body.handles
+        rows = place_kinematic(rest, rest, handles, self._kinematic, at)
+        x = x.copy()
+        for held in self._kinematic:
+            block = rows[handles.rows_of(held.handle)]
+            if isinstance(held.handle, str):
+                nodes = _frame_nodes(self.body, held.handle)
+                x[nodes] = self.body.mesh.points[nodes] @ block[:-1] + block[-1]
+            else:
+                x[handles.points[held.handle]] = block[0]
+        return x
+
+
+def _frame_nodes(body: ReducedBody, name: str) -> IntArray:
+    return next(frame for frame in body.handles.frames if frame.name == name).nodes
+
+
+def _kinematic_nodes(body: ReducedBody, kinematic: Sequence[KinematicHandle]) -> IntArray:
+    nodes = [
+        _frame_nodes(body, held.handle)
+        if isinstance(held.handle, str)
+        else body.handles.points[[held.handle]]
+        for held in kinematic
+    ]
+    return np.unique(np.concatenate([*nodes, np.empty(0, dtype=np.int64)])).astype(np.int64)
+
+
+def _contact_force(contact: SurfaceContact, friction: LaggedFriction | None, x: Array) -> ContactForce:
+    """The force of the body on the collider: the gradient at a node of the body is the force that the body
+    exerts."""
+    parts = [(contact.gradient(x), False)]
+    if friction is not None:
+        parts.append((friction.gradient(x), True))
+    loads = []
+    for gradient, tangential in parts:
+        index = np.flatnonzero(gradient[contact.nodes].any(axis=1))
+        borne = contact.nodes[index]
+        loads.append(SurfaceForces(contact.nodes, index, x[borne], gradient[borne], tangential))
+    force, torque = resultant(loads, contact.pose.translation)
+    return ContactForce(force, torque, contact.max_depth(x), len(contact.terms(x).index), loads)

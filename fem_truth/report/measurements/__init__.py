@@ -1,0 +1,1 @@
+"""The numbers of a report: errors, iteration counts, quality of the data and training results."""

@@ -1,0 +1,154 @@
+"""Newton's method with truncated projected CG and a line search: used by every full-space solve, static or dynamic.
+
+Minimises E(x) over x0 + (null space). A solve counts as converged only if BOTH measures are below tolerance:
+
+    residual   = |P E'(x)| / force scale                        (how well forces balance)
+    decrement  = 1/2 d^T H d / energy scale ~ 1/2 (|error| / |displacement|)^2 in the energy norm
+
+with d the Newton step. The residual alone does not bound the error of the displacement:
+soft, smooth modes have large displacements and small forces. A decrement of 1e-4 means an error of about 1 %.
+The decrement is that of the last full step taken, so the returned solution is one Newton step better than it says.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softprint.fem_truth.energy.total_energy import Gradient, TotalEnergy
+from softprint.fem_truth.linalg.projected_cg import projected_cg
+from softprint.runtime.arrays import Array
+from softprint.runtime.optimise import NewtonSettings, Status
+
+
+@dataclass(frozen=True)
+class FullSpaceSettings:
+    """newton: its tolerance is that of the residual; decrement_tolerance: see the module.
+
+    cg_tolerance: loosest relative tolerance of the linear solver; it tightens with the square of the decrease of
+    the nonlinear residual (Eisenstat and Walker 1996, choice 2), not below cg_tolerance_min.
+    cg_max_iterations: of CG in one Newton iteration. line_search_halvings: largest number of halvings of a step.
+    """
+
+    newton: NewtonSettings = field(default_factory=lambda: NewtonSettings(max_iterations=60, tolerance=3e-4))
+    decrement_tolerance: float = 1e-4
+    cg_tolerance: float = 0.1
+    cg_tolerance_min: float = 1e-3
+    cg_max_iterations: int = 2000
+    line_search_halvings: int = 25
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonResult:
+    x: Array
+    status: Status
+    residual: float
+    decrement: float
+    newton_iterations: int
+    cg_iterations: int
+    energy: float
+    seconds: float
+    negative_curvature: Array | None
+
+    @property
+    def converged(self) -> bool:
+        return self.status is Status.CONVERGED
+
+
+def minimise(problem: TotalEnergy, x0: Array, settings: FullSpaceSettings) -> NewtonResult:
+    """Minimise from x0 (n, dim), which must satisfy the constraint."""
+    start = time.process_time()
+    x = x0
+    energy, gradient = problem.evaluate(x)
+    residual, decrement = gradient.norm / problem.force_scale(x, gradient), np.inf
+    status, iteration, cg_total, eta = Status.MAX_ITERATIONS, 0, 0, settings.cg_tolerance
+    direction: Array | None = None
+    finite = bool(np.isfinite(energy) and np.isfinite(gradient.norm))
+    if not finite:
+        status = Status.NOT_FINITE
+    while finite and iteration < settings.newton.max_iterations:
+        iteration += 1
+        cg = projected_cg(
+            problem.hessian(x), gradient.projected, problem.null_space, eta, settings.cg_max_iterations
+        )
+        cg_total += cg.iterations
+        direction = cg.direction
+        if direction is not None:
+            if residual <= settings.newton.tolerance:
+                status = Status.UNSTABLE
+                break
+            convex = problem.hessian(x, convex=True)
+            cg = projected_cg(convex, gradient.projected, problem.null_space, eta, settings.cg_max_iterations)
+            cg_total += cg.iterations
+        found = _line_search(problem, x, energy, cg.step, cg.slope, settings.line_search_halvings)
+        if found is None:
+            # A step below round-off is no failure if the residual is already below tolerance.
+            decrement = -0.5 * cg.slope / problem.energy_scale(x)
+            met = residual <= settings.newton.tolerance and decrement <= settings.decrement_tolerance
+            status = Status.CONVERGED if met else Status.LINE_SEARCH_FAILED
+            break
+        previous = gradient
+        length, x, energy, gradient = found
+        changed = problem.stepped(x, length * cg.step, previous, gradient)
+        if changed:
+            energy, gradient = problem.evaluate(x)
+        residual = gradient.norm / problem.force_scale(x, gradient)
+        decrement = -0.5 * cg.slope / problem.energy_scale(x)
+        # The length of a step is meaningless if its energy decrease is below round-off.
+        full_step = length == 1.0 or -cg.slope <= _round_off(problem, energy)
+        if (
+            full_step
+            and direction is None
+            and not changed
+            and residual <= settings.newton.tolerance
+            and decrement <= settings.decrement_tolerance
+        ):
+            status = Status.CONVERGED
+            break
+        eta = _forcing(gradient.norm / previous.norm, eta, residual, settings)
+    return NewtonResult(
+        x, status, residual, decrement, iteration, cg_total, energy, time.process_time() - start, direction
+    )
+
+
+def _forcing(fall: float, eta: float, residual: float, settings: FullSpaceSettings) -> float:
+    """Tolerance of the next linear solve by Eisenstat and Walker's choice 2, safeguarded against a sudden drop of the
+    residual, and against oversolving in the last step: it is at least half of what just meets the nonlinear
+    tolerance."""
+    proposed = 0.9 * fall**2
+    if 0.9 * eta**2 > 0.1:
+        proposed = max(proposed, 0.9 * eta**2)
+    enough = 0.5 * settings.newton.tolerance / residual if residual > 0 else settings.cg_tolerance
+    return float(np.clip(max(proposed, enough), settings.cg_tolerance_min, settings.cg_tolerance))
+
+
+def _round_off(problem: TotalEnergy, energy: float) -> float:
+    """Energy differences below this are round-off [J]."""
+    return max(1e-12 * abs(energy), problem.noise)
+
+
+def _line_search(
+    problem: TotalEnergy, x: Array, energy: float, step: Array, slope: float, halvings: int
+) -> tuple[float, Array, float, Gradient] | None:
+    """Backtrack until Armijo's condition holds: (length, x, energy, gradient), or None.
+
+    If the predicted change is below the round-off of the energy, the slope at the end of the step decides
+    instead (the approximate Wolfe condition of Hager and Zhang 2005).
+    """
+    noise = _round_off(problem, energy)
+    length = 1.0
+    for _ in range(halvings + 1):
+        trial = x + length * step
+        value, gradient = problem.evaluate(
+            trial
+        )  # most trials are accepted, and both cost hardly more than one
+        if np.isfinite(value):
+            if value <= energy + 1e-4 * length * slope:
+                return length, trial, value, gradient
+            end = abs(problem.null_space.share.dot(gradient.projected, step))
+            if value <= energy + noise and end <= 0.9 * abs(slope):
+                return length, trial, value, gradient
+        length *= 0.5
+    return None

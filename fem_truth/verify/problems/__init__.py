@@ -1,0 +1,1 @@
+"""Problems with a known solution, and the independent solvers that the cases compare with."""

@@ -1,0 +1,1 @@
+"""One module for each verb of `softprint` that needs the runtime only."""

@@ -1,0 +1,1 @@
+"""Colliders as signed distances sampled on a grid and interpolated by splines."""

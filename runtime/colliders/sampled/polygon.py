@@ -1,0 +1,135 @@
+"""2D polygons with filleted corners, as smooth signed distances."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.colliders.sampled.grid import GridCollider
+from softprint.runtime.errors import SoftprintError
+
+# Arcs are drawn with chords of this angle: the sagitta is then 0.04 % of the fillet's radius.
+ARC_STEP = np.deg2rad(3.0)
+# Crossings are tested between all pairs of sides: with this many corners it takes seconds.
+MOST_CORNERS = 5000
+
+
+def polygon_collider(
+    vertices: ArrayLike, rounding: float = 0.0, resolution: int = 96, name: str = "polygon"
+) -> GridCollider:
+    """The solid within a simple polygon (v, 2) [m], with every corner rounded, including reentrant ones.
+
+    rounding: radius of the fillets [m]. Vertices may be in either orientation and may repeat the first at the end.
+    Raises SoftprintError for fewer than three vertices, a polygon that crosses itself, or a rounding that
+    does not fit its sides.
+    """
+    corners = _checked(np.array(vertices, dtype=float), name)
+    outline = _fillet(corners, rounding, name) if rounding > 0 else corners
+    segments = np.column_stack([np.arange(len(outline)), np.roll(np.arange(len(outline)), -1)])
+    return GridCollider(lambda points: polygon_distance(points, outline), outline, segments, resolution, name)
+
+
+def load_polygon(path: Path) -> Array:
+    """Vertices (v, 2) from a text file of two columns; lines that start with # are comments."""
+    if not path.is_file():
+        raise SoftprintError(f"{path}: there is no such polygon file")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # empty files are refused below
+            vertices = np.loadtxt(path, ndmin=2)
+    except ValueError as error:
+        raise SoftprintError(f"{path}: a polygon is a text file with two numbers a line: {error}") from error
+    if vertices.ndim != 2 or vertices.shape[1:] != (2,):
+        raise SoftprintError(
+            f"{path}: a polygon is a text file with two numbers a line; got shape {vertices.shape}"
+        )
+    return vertices
+
+
+def polygon_distance(points: Array, outline: Array) -> Array:
+    """Exact signed distance (n,) of points (n, 2) to a closed outline (v, 2); sign by crossing parity."""
+    result = np.empty(len(points))
+    for start in range(0, len(points), 4096):  # bounds the (points, segments) tables to tens of megabytes
+        p = points[start : start + 4096]
+        nearest = np.full(len(p), np.inf)
+        inside = np.zeros(len(p), dtype=bool)
+        for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            edge, from_a = b - a, p - a
+            t = np.clip(from_a @ edge / (edge @ edge), 0.0, 1.0)
+            off = from_a - t[:, None] * edge
+            nearest = np.minimum(nearest, (off * off).sum(axis=1))
+            crosses = (p[:, 1] >= a[1]) != (p[:, 1] >= b[1])
+            side = edge[0] * from_a[:, 1] - edge[1] * from_a[:, 0]
+            inside ^= crosses & ((side > 0) == (edge[1] > 0))
+        result[start : start + 4096] = np.where(inside, -1.0, 1.0) * np.sqrt(nearest)
+    return result
+
+
+def _checked(vertices: Array, name: str) -> Array:
+    """Anticlockwise corners without repeats; SoftprintError if the polygon is not simple."""
+    if vertices.ndim != 2 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
+        raise SoftprintError(f"collider '{name}': polygon vertices are pairs of finite numbers")
+    keep = (vertices != np.roll(vertices, 1, axis=0)).any(axis=1)
+    corners: Array = vertices[keep]
+    if len(corners) < 3:
+        raise SoftprintError(f"collider '{name}': a polygon needs at least three different vertices")
+    if len(corners) > MOST_CORNERS:
+        raise SoftprintError(
+            f"collider '{name}': the polygon has {len(corners)} vertices, but at most {MOST_CORNERS} are allowed; "
+            "use fewer"
+        )
+    after = np.roll(corners, -1, axis=0)
+    for i in range(len(corners)):
+        others = np.arange(i + 2, len(corners) - (i == 0))
+        meets = _segments_meet(corners[i], after[i], corners[others], after[others])
+        if meets.any():
+            raise SoftprintError(
+                f"collider '{name}': sides {i} and {others[meets][0]} of the polygon cross each other"
+            )
+    area = 0.5 * np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0])
+    return corners if area > 0 else np.flip(corners, axis=0)
+
+
+def _segments_meet(a: Array, b: Array, c: Array, d: Array) -> BoolArray:
+    """(n,) whether the segment from a to b (2,) meets those from c to d (n, 2)."""
+
+    def side(p: Array, q: Array, r: Array) -> Array:
+        along, off = q - p, r - p
+        return np.asarray(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0])
+
+    return (side(a, b, c) * side(a, b, d) <= 0) & (side(c, d, a) * side(c, d, b) <= 0)
+
+
+def _fillet(corners: Array, radius: float, name: str) -> Array:
+    """The outline with every corner replaced by an arc of `radius` tangent to its two sides."""
+    to_before = np.roll(corners, 1, axis=0) - corners
+    to_after = np.roll(corners, -1, axis=0) - corners
+    length = np.linalg.norm(to_after, axis=1)
+    u, v = to_before / np.linalg.norm(to_before, axis=1, keepdims=True), to_after / length[:, None]
+    half_angle = 0.5 * np.arccos(np.clip((u * v).sum(axis=1), -1.0, 1.0))
+    cut = radius / np.tan(half_angle)  # from the corner to the point where the arc begins
+    if (cut + np.roll(cut, -1) > length * (1 + 1e-12)).any():
+        side = int(np.argmax(cut + np.roll(cut, -1) - length))
+        largest = radius * float((length / (cut + np.roll(cut, -1))).min())
+        raise SoftprintError(
+            f"collider '{name}': a rounding of {radius} m does not fit side {side} of the polygon; "
+            f"at most {largest:.4g} m does"
+        )
+    outline = []
+    for i, corner in enumerate(corners):
+        angle = np.pi - 2 * half_angle[i]
+        if angle < 1e-9:  # the two sides are one straight line
+            outline.append(corner[None])
+            continue
+        bisector = (u[i] + v[i]) / np.linalg.norm(u[i] + v[i])
+        centre = corner + bisector * radius / np.sin(half_angle[i])
+        first = corner + cut[i] * u[i] - centre
+        direction = np.sign(u[i, 1] * v[i, 0] - u[i, 0] * v[i, 1])
+        steps = direction * np.linspace(0.0, angle, int(np.ceil(angle / ARC_STEP)) + 1)
+        perpendicular = np.column_stack([-first[1] * np.sin(steps), first[0] * np.sin(steps)])
+        outline.append(centre + np.cos(steps)[:, None] * first + perpendicular)
+    return np.vstack(outline)

@@ -1,0 +1,24 @@
+"""The `[contact]` and `[dynamics]` tables: the energies and the time stepping of every scene."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from softprint.runtime.experiment.schema.section import Count, NotNegative, Positive, Section, Vector
+
+
+class ContactSpec(Section):
+    """`[contact]`: penalty contact, cubic in the penetration depth, and regularised Coulomb friction."""
+
+    stiffness: Positive = Field(1e10, description="k of the energy density k/3 depth^3 per area [N/m^4]")
+    friction: NotNegative = Field(0.3, description="Coulomb coefficient; 0: frictionless")
+    slip_velocity: Positive = Field(1e-3, description="below this speed friction sticks smoothly [m/s]")
+
+
+class DynamicsSpec(Section):
+    """`[dynamics]`: backward Euler by Newton's method. `gravity` also sets the dimension of the experiment."""
+
+    gravity: Vector = Field(description="acceleration [m/s^2]: two numbers in 2D, three in 3D")
+    time_step: Positive = Field(1 / 60, description="[s]")
+    max_iterations: Count = Field(20, description="Newton iterations in one step")
+    tolerance: Positive = Field(1e-4, description="relative residual below which a step has converged")

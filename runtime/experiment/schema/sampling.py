@@ -1,0 +1,45 @@
+"""The `[sampling]` table: the contacts that are solved for the truth file, and their tolerances (thesis 5.3.2)."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from softprint.runtime.experiment.schema.section import Count, NotNegative, Positive, Section, Share
+
+
+class SolverSpec(Section):
+    """`[sampling.solver]`: a sample has converged if its residual and decrement are both below these."""
+
+    residual: Positive = Field(3e-4, description="relative residual of the projected forces")
+    decrement: Positive = Field(1e-4, description="relative Newton decrement (energy)")
+    max_iterations: Count = Field(60, description="Newton iterations of one solve")
+
+
+class SamplingSpec(Section):
+    """`[sampling]`: states x places x rotations contacts, each solved at `depths` depths."""
+
+    collider: str = Field(
+        "",
+        description='name of the collider, or "library" for all its shapes, each with one contact at each place; '
+        "optional if there is only one choice",
+    )
+    states: Count = Field(5, description="states of the body, chosen from the scenes of role `record`")
+    places: Count = Field(64, description="contact places, spread over the surface")
+    test_places: Count | None = Field(
+        None, description="library: contact places of the testing shapes; that of `places` if absent"
+    )
+    rotations: Count = Field(30, description="rotations of the collider, spread over SO(dim)")
+    depths: Count = Field(5, description="depths of each contact, from shallow to deep")
+    max_depth: Positive = Field(
+        0.01, description="deepest penetration of the rigid collider [m]; less if it is thinner"
+    )
+    depth_noise: Annotated[float, Field(ge=0, lt=0.5)] = Field(
+        0.1, description="random shift of a depth, relative to the interval between depths"
+    )
+    repeat_share: Share = Field(0.03, description="share of contacts solved twice, for the label-noise floor")
+    frame_clearance: NotNegative = Field(
+        0.5, description="least distance of contact places from rigid frames, in sizes of the collider"
+    )
+    solver: SolverSpec = SolverSpec()

@@ -1,0 +1,128 @@
+"""The `[training]` table: how corrections are trained on the truth file (thesis 5.3.1)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from softprint.runtime.experiment.schema.section import Count, Name, NotNegative, Positive, Section
+from softprint.runtime.learned.registry import FORMS
+
+if TYPE_CHECKING:
+    Form = str
+else:
+    Form = Literal[tuple(FORMS)]
+
+
+class ModelSpec(Section):
+    """`[[training.models]]`: one correction to train. The network of thesis chapter 5 is
+
+    form = "thesis5", hidden = [250, 250], activation = "tanh".
+    """
+
+    name: Name = Field(description="name of the correction in files, simulations and reports")
+    form: Form = Field(
+        "force",
+        description="; ".join(f"{name}: {form.description}" for name, form in FORMS.items()),
+    )
+    hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
+        (96, 96), description="neurons of each hidden layer"
+    )
+    activation: Literal["tanh", "silu", "softplus", "elu"] = Field(
+        "silu", description="of every hidden layer"
+    )
+    fade_depth: Positive = Field(
+        5e-4, description="depth of contact below which the correction fades out [m]"
+    )
+    contact_nodes: Count = Field(
+        3000, description="form force: limit of surface nodes that carry contact forces"
+    )
+    band: Positive = Field(
+        2e-3,
+        description="form force: contact nodes up to this distance outside the collider are included [m]",
+    )
+    static_condensation: bool = Field(
+        True,
+        description="form force: add the linear equilibrium of the interior that the subspace cannot represent",
+    )
+    learned: bool = Field(True, description="form force: false for linear mechanics alone, without a network")
+    encoding: Literal["weighted_rows", "local_geometry"] = Field(
+        "weighted_rows",
+        description="form thesis5: the thesis's weighted handle rows, or the geometry of the contact",
+    )
+    patch_inputs: bool = Field(
+        False, description="form thesis5: also inputs that describe the whole contact patch"
+    )
+    fade: Literal["saturating", "proportional"] = Field(
+        "saturating",
+        description="form thesis5: the displacement vanishes as contact opens, or is proportional to its depth",
+    )
+    differences: Annotated[int, Field(ge=0)] = Field(
+        16, description="form thesis6: sets of finite differences that smooth the normal; 0: not smoothed"
+    )
+    samples: Literal["all", "half", "one"] = Field(
+        "all",
+        description="form thesis6: points of the descriptor; half: those facing the collider, one: the centre",
+    )
+
+
+class Thesis5TrainingSpec(Section):
+    """`[training.thesis5]`: how models of form thesis5 are trained; they need more and smaller steps than force."""
+
+    steps: Count = Field(8500, description="optimiser steps for each model")
+    batch: Count = Field(64, description="pools of points of one optimiser step")
+    learning_rate: Positive = Field(5e-3, description="at the start; falls to zero along a cosine")
+    weight_decay: NotNegative = Field(0.0, description="decoupled weight decay (AdamW)")
+    pools: Count = Field(16, description="pools of points drawn from a sample, on average")
+    nodes: Count = Field(16, description="nodes of a pool")
+    edges: Count = Field(4, description="surface edges of a pool")
+    validations: Count = Field(
+        10, description="as training.validations; slow, because all nodes are evaluated"
+    )
+    input_gain: Positive = Field(3.0, description="initial weights of all inputs, relative to torch's")
+    position_gain: Positive = Field(
+        8.0, description="initial weights of the position z, relative to those of the other inputs"
+    )
+
+
+class Thesis6TrainingSpec(Section):
+    """`[training.thesis6]`: how models of form thesis6 are trained."""
+
+    steps: Count = Field(20_000, description="optimiser steps for each model")
+    batch: Count = Field(512, description="points of one optimiser step")
+    learning_rate: Positive = Field(6e-3, description="at the start; falls to zero along a cosine")
+    weight_decay: NotNegative = Field(1e-4, description="decoupled weight decay (AdamW)")
+    validations: Count = Field(20, description="number of times that a run measures the held-out error")
+    points: Count = Field(96, description="points of interest drawn from a sample")
+    frames: Count = Field(2, description="random tangent frames of each point")
+    consistency: NotNegative = Field(
+        1.0,
+        description="weight of the variance between the frames of a point, relative to their mean squared error",
+    )
+    input_gain: Positive = Field(3.0, description="initial weights of all inputs, relative to torch's")
+
+
+class TrainingSpec(Section):
+    """`[training]`: settings of all models; keys that `[training.thesis5]` or `[training.thesis6]` also have apply to
+    models of form force."""
+
+    collider: str = Field(
+        "",
+        description='name of the collider, or "library": trained on its training shapes, for any collider; optional '
+        "if there is only one choice",
+    )
+    steps: Count = Field(2500, description="optimiser steps for each model of form force")
+    batch: Count = Field(32, description="samples of one optimiser step")
+    learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")
+    weight_decay: NotNegative = Field(1e-3, description="decoupled weight decay (AdamW)")
+    edge_weight: NotNegative = Field(
+        0.3, description="weight of the surface-edge term relative to the volume term"
+    )
+    validation_states: Count = Field(1, description="states held out for the validation curve")
+    validations: Count = Field(20, description="number of times that a run measures the held-out error")
+    validation_samples: Count = Field(200, description="limit of held-out samples, chosen evenly")
+    device: Literal["cpu", "cuda"] = Field("cpu", description="device on which the networks are trained")
+    thesis5: Thesis5TrainingSpec = Thesis5TrainingSpec()
+    thesis6: Thesis6TrainingSpec = Thesis6TrainingSpec()
+    models: tuple[ModelSpec, ...] = Field((), description="the corrections to train")

@@ -1,0 +1,98 @@
+"""Errors by shape: the formula, the sides of the split, and reuse of measurements of an earlier run."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from softprint.fem_truth.report.measurements.shape_errors import (
+    SampleErrors,
+    measure_samples,
+    remembered,
+    sides_of,
+    worst_sample,
+)
+from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.truth.truth_file import load_truth
+from tests.toy_truth import write_truth
+
+
+class Share:
+    """A field correction that returns a share of the exact displacement, bound to the nodes of the body."""
+
+    name, collider, support = "share", "ball", np.inf
+
+    def __init__(self, truth, share: float) -> None:
+        self.truth, self.share = truth, share
+
+    def bind(self, points, reach=np.inf):
+        return self
+
+    def displacement(self, rows, pose):
+        at = [self.truth.pose(sample).translation for sample in range(len(self.truth.samples))]
+        return self.share * self.truth.displacement(int(np.argmin(np.abs(at - pose.translation).sum(axis=1))))
+
+
+@pytest.fixture
+def truth(tmp_path, jelly2d_body):
+    write_truth(tmp_path / "truth.h5", jelly2d_body)
+    with load_truth(tmp_path / "truth.h5", jelly2d_body) as data:
+        yield data
+
+
+def test_a_sample_without_an_approach_is_its_whole_path(truth):
+    """As in published truth, which has no approach paths."""
+    assert [pose.translation.tolist() for pose in truth.approach_path(1)] == [
+        truth.pose(1).translation.tolist()
+    ]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.75, 1.0])
+def test_a_model_that_returns_a_share_has_the_rest_as_error(truth, jelly2d_body, share):
+    counted = []
+    correction = StaticCorrection(Share(truth, share), jelly2d_body)
+    errors = measure_samples(truth, jelly2d_body, {"ball": correction}.__getitem__, counted.append)
+    assert errors.sample.tolist() == np.flatnonzero(truth.usable).tolist()
+    assert sum(counted) == len(errors.sample)
+    # Displacements are stored as float32: 6e-8 relative.
+    assert errors.row()["rms"] == pytest.approx(1.0 - share, abs=1e-6)
+    assert errors.row()["squared"] == pytest.approx((1.0 - share) ** 2, abs=1e-6)
+    # The correction comes without static condensation, so all of that is missed too.
+    assert errors.row()["whole_squared"] > errors.row()["squared"] - 1e-6
+    volumes, sample = jelly2d_body.mesh.node_volumes, int(errors.sample[2])
+    exact = (volumes[:, None] * truth.displacement(sample).astype(float) ** 2).sum()
+    assert errors.contact[2] == pytest.approx(exact, rel=1e-6)
+
+
+def errors_of(missed) -> SampleErrors:
+    missed = np.asarray(missed, dtype=float)
+    return SampleErrors(np.arange(len(missed)), np.ones(len(missed)), missed, np.ones(len(missed)), missed)
+
+
+def test_the_worst_sample_has_the_largest_error(truth):
+    assert worst_sample(truth, errors_of([0.1, 0.4, 0.2]), "ball") == 1
+
+
+def test_sides_are_disjoint_and_complete(truth):
+    sample = np.arange(4)
+    sides = sides_of(truth, sample, {"ball", "egg"}, {"egg"})
+    assert sides.learned.all()
+    assert not (sides.validation | sides.testing).any()
+    assert sides_of(truth, sample, {"ball", "egg"}, {"ball"}).validation.all()
+    assert sides_of(truth, sample, {"egg"}, {"egg"}).testing.all()
+
+
+def test_measurements_are_reused_until_truth_or_correction_changes(tmp_path):
+    path, made_of = tmp_path / "shapes" / "ours.json", {"truth": "a", "correction": "b"}
+    path.parent.mkdir()
+    first = remembered(path, made_of, lambda: errors_of([0.1, 0.2]))
+    again = remembered(path, made_of, lambda: pytest.fail("measured a second time"))
+    np.testing.assert_array_equal(again.missed_contact, first.missed_contact)
+    assert again.row() == first.row()
+    other = remembered(path, {**made_of, "truth": "c"}, lambda: errors_of([0.3]))
+    assert len(other.sample) == 1
+    for damage in ("{", json.dumps([1]), json.dumps({"made_of": {**made_of, "truth": "c"}})):
+        path.write_text(damage)
+        assert len(remembered(path, {**made_of, "truth": "c"}, lambda: errors_of([0.3])).sample) == 1
