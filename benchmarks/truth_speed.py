@@ -23,7 +23,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.stopwatch import Stopwatch
-from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.fem_truth.dynamics.full_space_model import scene_simulator
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.fem_truth.sampling.approach import Approach
@@ -171,17 +171,8 @@ def print_dynamics(
     parts = scene_parts(experiment, next(scene for scene in experiment.scenes if scene.role == "test"))
     for iterations in (parts.settings.newton.max_iterations, 1):
         newton = replace(parts.settings.newton, max_iterations=iterations)
-        simulator = FullSpaceSimulator(
-            body,
-            parts.colliders,
-            contact=parts.contact,
-            friction=parts.friction,
-            gravity=parts.gravity,
-            springs=parts.springs,
-            kinematic=parts.kinematic,
-            settings=replace(parts.settings, newton=newton),
-            elasticity=elasticity,
-        )
+        limited = replace(parts, settings=replace(parts.settings, newton=newton))
+        simulator = scene_simulator(limited, body, elasticity)
         state = simulator.settle(simulator.rest_state(begin)).state
         seconds, results = [], []
         for _ in range(steps):

@@ -56,8 +56,8 @@ def write_truth(path: Path, body) -> None:
         truth.append("repeat", table("repeat", 0))
 
 
-# A ball in contact with a block of 0.1 x 0.05 m (`box.vtu`), without friction.
-PRESS = """
+# A ball and a block of 0.1 x 0.05 m (`box.vtu`), without friction; scenes are to follow.
+BLOCK = """
 [experiment]
 name = "toy"
 [body]
@@ -79,6 +79,10 @@ stiffness = 1e9
 friction = 0.0
 [dynamics]
 gravity = [0, -9.81]
+"""
+
+# In contact.
+PRESS = f"""{BLOCK}
 [[scenes]]
 name = "press"
 role = "test"
@@ -86,5 +90,5 @@ duration = 0.06
 kinematic = ["base"]
 [[scenes.colliders]]
 name = "ball"
-keyframes = [{ time = 0.0, position = [0.08, 0.066] }]
+keyframes = [{{ time = 0.0, position = [0.08, 0.066] }}]
 """

@@ -11,9 +11,10 @@ from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.dynamics.state import StepResult
-from softprint.runtime.scenes.scene import scene_parts
+from softprint.runtime.scenes.scene import SceneParts, scene_parts
 
 if TYPE_CHECKING:
+    from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
     from softprint.runtime.experiment import Experiment, SceneSpec
 
 
@@ -55,7 +56,14 @@ def full_space_model(
 ) -> FullSpaceModel:
     """A `runtime.scenes.playing.ModelFactory`; ``out`` is not needed."""
     parts = scene_parts(experiment, scene)
-    simulator = FullSpaceSimulator(
+    return FullSpaceModel(scene_simulator(parts, body), parts.held)
+
+
+def scene_simulator(
+    parts: SceneParts, body: ReducedBody, elasticity: FullSpaceElasticity | None = None
+) -> FullSpaceSimulator:
+    """The simulator of a scene; elasticity: that of the body, if it is there already."""
+    return FullSpaceSimulator(
         body,
         parts.colliders,
         contact=parts.contact,
@@ -64,8 +72,8 @@ def full_space_model(
         springs=parts.springs,
         kinematic=parts.kinematic,
         settings=parts.settings,
+        elasticity=elasticity,
     )
-    return FullSpaceModel(simulator, parts.held)
 
 
 MODEL = full_space_model

@@ -11,7 +11,7 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from safetensors import SafetensorError
@@ -23,6 +23,8 @@ from softprint.runtime.io.seal import BLOCK, checksums
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+Header = TypeVar("Header")
 
 _DIGITS = 8  # of a checksum
 _BEGINS = b'"checksums":"'
@@ -78,6 +80,18 @@ def load_tensors(
     except (SafetensorError, ValueError, KeyError, RuntimeError, MemoryError) as error:
         raise SoftprintError(f"{path}: not a readable {what} file ({error}): {remedy}") from error
     return texts, tensors
+
+
+def load_with_header(
+    header: type[Header], path: Path, kind: str, version: int, remedy: str
+) -> tuple[Header, dict[str, Tensor]]:
+    """The text `header` of a file, a JSON object with the fields of a dataclass, and its tensors; errors as
+    `load_tensors`."""
+    texts, tensors = load_tensors(path, kind, version, remedy)
+    try:
+        return header(**json.loads(texts["header"])), tensors
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise SoftprintError(f"{path}: the header is incomplete ({error}): {remedy}") from error
 
 
 def _texts(content: bytes) -> dict[str, str]:

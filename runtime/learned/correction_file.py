@@ -18,7 +18,7 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.io.files import provenance
-from softprint.runtime.io.tensor_file import load_tensors, save_tensors
+from softprint.runtime.io.tensor_file import load_with_header, save_tensors
 from softprint.runtime.learned.correction import Correction
 from softprint.runtime.learned.form import LearnedModel, find_form
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
@@ -195,8 +195,4 @@ def _maker(
 
 
 def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:
-    texts, tensors = load_tensors(path, KIND, VERSION, REMEDY)
-    try:
-        return CorrectionHeader(**json.loads(texts["header"])), tensors
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise SoftprintError(f"{path}: the header is incomplete ({error}): train it again") from error
+    return load_with_header(CorrectionHeader, path, KIND, VERSION, REMEDY)

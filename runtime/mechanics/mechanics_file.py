@@ -18,7 +18,7 @@ import torch
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import content_hash, provenance
-from softprint.runtime.io.tensor_file import load_tensors, save_tensors
+from softprint.runtime.io.tensor_file import load_with_header, save_tensors
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.static_condensation import condensation_arrays, take_condensation
 from softprint.runtime.mechanics.surface_compliance_tensors import surface_compliance_tensors, take_compliance
@@ -125,8 +125,4 @@ def _hash(tensors: Mapping[str, Tensor]) -> str:
 
 
 def _read(path: Path) -> tuple[MechanicsHeader, dict[str, Tensor]]:
-    texts, tensors = load_tensors(path, KIND, VERSION, REMEDY)
-    try:
-        return MechanicsHeader(**json.loads(texts["header"])), tensors
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise SoftprintError(f"{path}: the header is incomplete ({error}): {REMEDY}") from error
+    return load_with_header(MechanicsHeader, path, KIND, VERSION, REMEDY)

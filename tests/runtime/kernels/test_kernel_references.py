@@ -236,7 +236,7 @@ INPUTS = {
     "colliders.pose_kernels": {
         "rotated": lambda rng, dim: (rng.normal(size=(M, dim)), symmetric(rng, dim), rotations(rng, dim))
     },
-    "colliders.spline_kernels": {
+    "colliders.sampled.spline_kernels": {
         "values": lambda rng, dim: (inside(rng, dim, lattice := grid(rng, dim)), *lattice, np.full(M, 9.0)),
         "gradients": lambda rng, dim: (
             inside(rng, dim, lattice := grid(rng, dim)),
@@ -254,7 +254,7 @@ INPUTS = {
         "derivatives_within": spline_within,
         "closer": spline_closer,
     },
-    "colliders.sweep_kernels": {
+    "colliders.surface_mesh.sweep_kernels": {
         "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
     },
     "contact.point_kernels": {

@@ -27,28 +27,12 @@ from softprint.runtime.scenes.replaced_collider import with_replaced_collider
 from softprint.runtime.scenes.scene import find_scene, scene_parts, scene_steps
 from softprint.runtime.scenes.simulate import motion_path, simulate_scene
 from tests.bad_input.altered import altered_h5
+from tests.toy_truth import BLOCK
 
-EXPERIMENT = """
-[experiment]
-name = "toy"
-[body]
-mesh = "box.vtu"
-[body.handles]
-points = 5
-frames = [{ name = "base", box = [[-1, -1], [0.015, 1]] }]
-[body.material]
-model = "stable_neo_hookean"
-young = 1e5
-poisson = 0.4
-density = 1000.0
-[[colliders]]
-name = "ball"
-shape = "circle"
-radius = 0.02
-[contact]
-stiffness = 1e9
-[dynamics]
-gravity = [0, -9.81]
+# Friction is that of the default.
+EXPERIMENT = (
+    BLOCK.replace("friction = 0.0\n", "")
+    + """
 [[scenes]]
 name = "press"
 role = "test"
@@ -63,6 +47,7 @@ name = "fall"
 role = "record"
 duration = 0.05
 """
+)
 
 
 @pytest.fixture
