@@ -148,7 +148,7 @@ def measure(case: Path) -> None:
     part = part_of_body(body, comm)  # type: ignore[arg-type]
     elasticity = FullSpaceElasticity(body, part=part)
     gravity = np.array(experiment.dynamics.gravity)
-    problem = ConstrainedProblem(elasticity, gravity, PenaltyContact(experiment.contact.stiffness), body)
+    problem = ConstrainedProblem(elasticity, gravity, PenaltyContact.of(experiment.contact), body)
     collider = build_collider(experiment.collider(experiment.sampling.collider), experiment.base_dir)
     watch = Stopwatch()
     for name in SUMS:

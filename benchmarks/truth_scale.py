@@ -84,7 +84,7 @@ def main() -> None:
         )
         collider = build_collider(experiment.collider(experiment.sampling.collider), experiment.base_dir)
         gravity = np.array(experiment.dynamics.gravity)
-        penalty = PenaltyContact(experiment.contact.stiffness)
+        penalty = PenaltyContact.of(experiment.contact)
         problem = ConstrainedProblem(FullSpaceElasticity(body), gravity, penalty, body)
         contacts = make_contacts(experiment, problem, collider, arguments.contacts, arguments.seed)
         for way in arguments.ways:

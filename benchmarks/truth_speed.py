@@ -59,7 +59,7 @@ def main() -> None:
 
     elasticity = FullSpaceElasticity(body)
     print_kernels(elasticity, body.mesh.points)
-    contact = PenaltyContact(experiment.contact.stiffness)
+    contact = PenaltyContact.of(experiment.contact)
     problem = ConstrainedProblem(elasticity, np.array(experiment.dynamics.gravity), contact, body)
     collider = build_collider(experiment.collider(experiment.sampling.collider), experiment.base_dir)
     scene = next(scene for scene in experiment.scenes if scene.role == "record")

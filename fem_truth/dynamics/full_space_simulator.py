@@ -23,6 +23,7 @@ from softprint.fem_truth.energy.potentials import Gravity, Inertia, Potential
 from softprint.fem_truth.energy.surface_contact import LaggedFriction, SurfaceContact
 from softprint.fem_truth.energy.total_energy import ElasticTangent, Gradient, TotalEnergy
 from softprint.fem_truth.linalg.null_space import NullSpace
+from softprint.fem_truth.parts.body_part import whole_body
 from softprint.fem_truth.statics.newton import FullSpaceSettings, NewtonResult, minimise
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
@@ -147,6 +148,7 @@ class FullSpaceSimulator:
             )
         self.elasticity = FullSpaceElasticity(body) if elasticity is None else elasticity
         self._contact = contact
+        self._contact_points = whole_body(body).contact_points(contact.refinement)
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
         self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
         self._springs, self._kinematic = tuple(springs), tuple(kinematic)
@@ -236,15 +238,15 @@ class FullSpaceSimulator:
         mesh = self.body.mesh
         contacts = {
             placed.name: SurfaceContact(
-                self._contact, mesh.surface_nodes, mesh.surface_areas, placed.collider, poses[placed.name]
+                self._contact, self._contact_points, placed.collider, poses[placed.name]
             )
             for placed in self.colliders
         }
         friction: dict[str, LaggedFriction] = {}
         if self._friction is not None and inertia is not None:
-            nodes, h = mesh.surface_nodes, self.settings.time_step
+            points, h = self._contact_points, self.settings.time_step
             friction = {
-                name: LaggedFriction(self._friction, nodes, state.x[nodes], state.poses[name], poses[name], h)
+                name: LaggedFriction(self._friction, points, state.x, state.poses[name], poses[name], h)
                 for name in contacts
             }
         smooth: dict[str, list[Potential]] = {
@@ -312,10 +314,10 @@ def _contact_force(contact: SurfaceContact, friction: LaggedFriction | None, x: 
     parts = [(contact.gradient(x), False)]
     if friction is not None:
         parts.append((friction.gradient(x), True))
-    loads = []
+    forces, nodes = [], contact.points.nodes
     for gradient, tangential in parts:
-        index = np.flatnonzero(gradient[contact.nodes].any(axis=1))
-        borne = contact.nodes[index]
-        loads.append(SurfaceForces(contact.nodes, index, x[borne], gradient[borne], tangential))
-    force, torque = resultant(loads, contact.pose.translation)
-    return ContactForce(force, torque, contact.max_depth(x), len(contact.terms(x).index), loads)
+        index = np.flatnonzero(gradient[nodes].any(axis=1))
+        touched = nodes[index]
+        forces.append(SurfaceForces(nodes, index, x[touched], gradient[touched], tangential))
+    force, torque = resultant(forces, contact.pose.translation)
+    return ContactForce(force, torque, contact.max_depth(x), len(contact.touched(x)), forces)

@@ -1,10 +1,13 @@
 """Contact and friction of the surface of a body in full space, with value, gradient and Hessian contribution.
 
-Both are summed over all surface nodes with their lumped areas; their potentials are those of the runtime. As the others
-(`potentials.py`), they act on node positions x (n_nodes, dim) in the mesh's order and return this rank's shares.
+Both are summed over points of the surface (`runtime/contact/surface_quadrature.py`); their potentials are those of the
+runtime. As the others (`potentials.py`), they act on node positions x (n_nodes, dim) in the mesh's order and return
+this rank's shares.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,30 +23,34 @@ from softprint.runtime.contact import (
     LaggedContact,
     PenaltyContact,
 )
+from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 
 # A slip has converged if its relative change in a Newton iteration is below this.
 _SETTLED = 0.3
 
 
 class SurfaceContact:
-    """Penalty contact of the surface nodes with one collider at one pose, including the curvature of the signed
-    distance.
+    """Penalty contact of the surface with one collider at one pose, including the curvature of the signed distance.
+    points: of the surface, at which contact is evaluated.
 
     The terms of the last x are cached, because energy, gradient and Hessian are evaluated at the same x.
     """
 
     def __init__(
-        self, contact: PenaltyContact, nodes: IntArray, areas: Array, collider: Collider, pose: RigidPose
+        self, contact: PenaltyContact, points: SurfaceQuadrature, collider: Collider, pose: RigidPose
     ) -> None:
-        self.contact, self.nodes, self.areas = contact, nodes, areas
+        self.contact, self.points = contact, points
         self.collider, self.pose = collider, pose
         self._at: Array | None = None
         self._terms: ContactTerms
 
     def terms(self, x: Array) -> ContactTerms:
-        """Contact terms at x; their index counts surface nodes, `nodes[index]` are mesh nodes."""
+        """Contact terms at x; their index counts the points of the surface."""
         if self._at is not x:
-            self._terms = self.contact.terms(x[self.nodes], self.areas, self.collider, self.pose)
+            near = self.points.near(x, self.collider, self.pose)
+            own = self.points.positions(x, near), self.points.area(near)
+            terms = self.contact.terms(*own, self.collider, self.pose)
+            self._terms = replace(terms, index=near[terms.index])
             self._at = x
         return self._terms
 
@@ -51,18 +58,20 @@ class SurfaceContact:
         return self.terms(x).energy
 
     def gradient(self, x: Array) -> Array:
-        terms, gradient = self.terms(x), np.zeros_like(x)
-        gradient[self.nodes[terms.index]] = terms.gradient
-        return gradient
+        terms = self.terms(x)
+        return self.points.gradient(terms.index, terms.gradient, len(x))
 
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         terms = self.terms(x)
-        matrix.add_diagonal(
-            self.nodes[terms.index], positive_part(terms.hessian) if convex else terms.hessian
-        )
+        by_point = positive_part(terms.hessian) if convex else terms.hessian
+        matrix.add_facets(*self.points.hessian(terms.index, by_point))
+
+    def touched(self, x: Array) -> IntArray:
+        """(k,) nodes that contact acts on, ascending."""
+        return np.unique(self.points.corners(self.terms(x).index)[0])
 
     def max_depth(self, x: Array) -> float:
-        """Deepest penetration of a surface node [m]; 0 without contact."""
+        """Deepest penetration of a point of the surface [m]; 0 without contact."""
         return float(self.terms(x).depth.max(initial=0.0))
 
 
@@ -78,38 +87,38 @@ class LaggedFriction:
     (iteratively reweighted least squares: never overshoots, converges linearly), and the exact Hessian once
     the slip u has converged: 8 to 15 iterations per step for the jelly, against more than 20 with either alone.
 
-    start: (n_surface, dim) positions of the surface nodes at the start of the step [m]; pose_start, pose_end: of the
-    collider.
+    start: (n_nodes, dim) positions of the nodes at the start of the step [m]; pose_start, pose_end: of the collider.
     """
 
     def __init__(
         self,
         friction: CoulombFriction,
-        nodes: IntArray,
+        points: SurfaceQuadrature,
         start: Array,
         pose_start: RigidPose,
         pose_end: RigidPose,
         time_step: float,
     ) -> None:
-        self._friction, self._nodes, self._start = friction, nodes, start
+        self._friction, self._points, self._start = friction, points, start
         self._pose_start, self._pose_end, self._time_step = pose_start, pose_end, time_step
         self._lagged: LaggedContact
 
     def lag(self, contact: ContactTerms) -> None:
         """Set the normals and normal forces to those of `contact`, evaluated with the collider at pose_end."""
-        self._lagged = self._friction.lag(contact, self._start, self._pose_start, self._pose_end)
+        self._index = contact.index
+        numbered = replace(contact, index=np.arange(len(contact.index)))
+        start = self._points.positions(self._start, self._index)
+        self._lagged = self._friction.lag(numbered, start, self._pose_start, self._pose_end)
         self._last_slip = np.full_like(self._lagged.anchor, np.inf)
 
     def _terms(self, x: Array) -> FrictionTerms:
-        return self._friction.terms(x[self._nodes], self._lagged, self._time_step)
+        return self._friction.terms(self._points.positions(x, self._index), self._lagged, self._time_step)
 
     def energy(self, x: Array) -> float:
         return self._terms(x).energy
 
     def gradient(self, x: Array) -> Array:
-        terms, gradient = self._terms(x), np.zeros_like(x)
-        gradient[self._nodes[terms.index]] = terms.gradient
-        return gradient
+        return self._points.gradient(self._index, self._terms(x).gradient, len(x))
 
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         terms, slip = self._terms(x), self._slip(x)
@@ -119,11 +128,11 @@ class LaggedFriction:
             settled = change < _SETTLED * np.linalg.norm(slip, axis=1)
             hessian[settled] = terms.hessian[settled]
             self._last_slip = slip
-        matrix.add_diagonal(self._nodes[terms.index], hessian)
+        matrix.add_facets(*self._points.hessian(self._index, hessian))
 
     def _slip(self, x: Array) -> Array:
         """u (m, dim): tangential displacement relative to the collider [m]."""
-        offset = x[self._nodes[self._lagged.index]] - self._lagged.anchor
+        offset = self._points.positions(x, self._index) - self._lagged.anchor
         normal = self._lagged.normal
         return offset - (offset * normal).sum(axis=1, keepdims=True) * normal
 

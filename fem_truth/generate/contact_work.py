@@ -24,6 +24,8 @@ from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
 from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.surface_points import surface_points
+from softprint.runtime.contact.intrusion import intrusion
 from softprint.runtime.mesh import Mesh
 from softprint.runtime.truth.truth_schema import UNREACHED
 
@@ -51,6 +53,7 @@ class ContactWork:
     depth_noise: float
     settings: FullSpaceSettings
     _surfaces: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+    _collider_points: dict[int, Array] = field(default_factory=dict)
 
     def solve(self, unit: int) -> Tables:
         """The tables `contacts` (one row), `samples` and `repeat` of a unit; row numbers start at 0 within the
@@ -143,6 +146,7 @@ class ContactWork:
             columns[measure] = [
                 np.nan if sample.solution is None else getattr(sample.solution, measure) for sample in samples
             ]
+        columns["intrusion"] = [self._intrusion(contact.collider, approach, sample) for sample in samples]
         repeat = {
             "sample": list(range(len(again))),
             "displacement": _stacked(second, internal.shape),
@@ -153,6 +157,15 @@ class ContactWork:
             name: {key: np.asarray(column) for key, column in table.items()}
             for name, table in (("contacts", contacts), ("samples", columns), ("repeat", repeat))
         }
+
+    def _intrusion(self, number: int, approach: Approach, sample: PathSample) -> float:
+        """How deep the collider lies inside the body [m]; NaN if there is no equilibrium."""
+        if not sample.converged or sample.solution is None:
+            return np.nan
+        if number not in self._collider_points:
+            self._collider_points[number] = surface_points(approach.collider)
+        points = sample.pose.apply(self._collider_points[number])
+        return intrusion(points, self.problem.body.mesh, sample.solution.x).depth
 
 
 def _displacement(solution: Solution | None, internal: Array) -> Array | None:

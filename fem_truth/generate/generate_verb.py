@@ -12,6 +12,7 @@ from softprint.runtime.cli.verb import Verb
 
 if TYPE_CHECKING:
     from softprint.fem_truth.generate.pipeline import Run
+    from softprint.runtime.arrays import Array, BoolArray
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -95,6 +96,7 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
             f"{np.count_nonzero(samples['branch_flag'])} flagged as jumps, "
             f"{np.count_nonzero(truth.usable)} usable",
             f"  label noise {100 * truth.noise_floor:.2g} % ({len(truth.repeat)} solved twice)",
+            f"  {_depths(samples['max_depth'], samples['intrusion'], samples['status'] == CONVERGED)}",
             f"  {truth.contacts['seconds'].sum() / n:.3f} core-seconds a sample (second paths included)",
         ]
     together = f"{ranks_per_solve} to a solve, " if ranks_per_solve > 1 else ""
@@ -103,6 +105,19 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
         f"at most {done.peak_memory / 2**20:.0f} MiB a rank"
     )
     return "\n".join(lines)
+
+
+def _depths(penetration: Array, intrusion: Array, good: BoolArray) -> str:
+    """How deep colliders are inside the body: what the contact law sees, and what there is."""
+    import numpy as np
+
+    if not good.any():
+        return "no sample has converged"
+    seen, there = 1e3 * penetration[good], 1e3 * intrusion[good]
+    return (
+        f"penetration {np.median(seen):.2g} mm (at most {seen.max():.2g}); colliders are {np.median(there):.2g} mm "
+        f"inside the body (at most {there.max():.2g})"
+    )
 
 
 VERB = Verb(

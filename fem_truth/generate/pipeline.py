@@ -190,7 +190,7 @@ def _problem(groups: Groups, experiment: Experiment, body: ReducedBody) -> Const
     part = part_of_body(body, groups.solve)
     elasticity = first_rank_first(groups.world, lambda: FullSpaceElasticity(body, part=part))
     gravity = np.array(experiment.dynamics.gravity, dtype=float)
-    return ConstrainedProblem(elasticity, gravity, PenaltyContact(experiment.contact.stiffness), body)
+    return ConstrainedProblem(elasticity, gravity, PenaltyContact.of(experiment.contact), body)
 
 
 def _contact_work(

@@ -1,9 +1,9 @@
 """Sparse symmetric matrices of dim x dim blocks, with the two cheap updates that Newton's method needs.
 
-The blocks above the diagonal come from elasticity alone. The other terms only change diagonal blocks (or are low-rank),
-so matrices share the upper blocks and each has its own diagonal. Storing one triangle halves the memory and the time of
-a product: 0.3 ms, where scipy's BSR product of both triangles takes 1 to 2 ms (12,400 nodes, 77,000 blocks above the
-diagonal, one core).
+The blocks above the diagonal come from elasticity. The other terms change diagonal blocks, are low-rank, or have few
+blocks, between the corners of facets in contact; so matrices share the upper blocks and each has its own diagonal.
+Storing one triangle halves the memory and the time of a product: 0.3 ms, where scipy's BSR product of both triangles
+takes 1 to 2 ms (12,400 nodes, 77,000 blocks above the diagonal, one core).
 """
 
 from __future__ import annotations
@@ -64,15 +64,46 @@ class UpperBlocks:
         return self.single if real is np.float32 else self.storage
 
 
+@dataclass(frozen=True, eq=False)
+class FacetBlocks:
+    """Blocks between different nodes of facets. nodes: (k,) distinct; matrix: (k*dim, k*dim), symmetric, sparse."""
+
+    nodes: IntArray
+    matrix: sp.csr_matrix
+
+    @classmethod
+    def of(cls, nodes: IntArray, blocks: Array) -> FacetBlocks:
+        """The sum of blocks (t, c, c, dim, dim) by pairs of nodes (t, c), without those of a node with itself."""
+        present, place = np.unique(nodes, return_inverse=True)
+        place, dim = place.reshape(nodes.shape), blocks.shape[-1]
+        first, second = np.nonzero(~np.eye(nodes.shape[1], dtype=bool))
+        axis = np.arange(dim)
+        rows = (place[:, first, None, None] * dim + axis[:, None]) + 0 * axis
+        columns = (place[:, second, None, None] * dim + axis) + 0 * axis[:, None]
+        entries = blocks[:, first, second].ravel(), (rows.ravel(), columns.ravel())
+        return cls(present, sp.csr_matrix(entries, shape=(len(present) * dim,) * 2))
+
+    def of_type(self, real: Real) -> FacetBlocks:
+        """In another precision."""
+        return FacetBlocks(self.nodes, self.matrix.astype(real))
+
+    def product(self, v: Array) -> Array:
+        """At the nodes (k, dim), with a node vector v (n, dim or more)."""
+        dim = self.matrix.shape[0] // len(self.nodes)
+        return np.asarray(self.matrix @ v[self.nodes, :dim].ravel()).reshape(-1, dim)
+
+
 @dataclass(eq=False)
 class BlockMatrix:
     """A symmetric matrix over node vectors (n, dim): blocks above the diagonal, those on it (n, dim, dim), plus for
     each entry (w, k) of `low_rank` the rank-dim term k (w w^T) (x) I with w (n,): a spring on the w-weighted mean of
-    the nodes."""
+    the nodes; and the blocks beside the diagonal of each entry of `facets`, from contact on the facets of the surface.
+    """
 
     upper: UpperBlocks
     diagonal: Array
     low_rank: tuple[tuple[Array, float], ...] = ()
+    facets: tuple[FacetBlocks, ...] = ()
 
     @property
     def n_nodes(self) -> int:
@@ -89,7 +120,14 @@ class BlockMatrix:
         above = sp.bsr_matrix(
             (self.upper.storage[:-1], pattern.columns, pattern.row_starts), shape=shape
         ).tocsr()
-        return above + above.T + block_diagonal(self.diagonal).tocsr()
+        total = above + above.T + block_diagonal(self.diagonal).tocsr()
+        for term in self.facets:
+            flat = (term.nodes[:, None] * dim + np.arange(dim)).ravel()
+            spread = sp.csr_matrix(
+                (np.ones(len(flat)), (flat, np.arange(len(flat)))), shape=(n * dim, len(flat))
+            )
+            total += spread @ term.matrix @ spread.T
+        return total
 
     def apply(self, v: Array) -> Array:
         """The product with a node vector v (n, dim)."""
@@ -100,6 +138,8 @@ class BlockMatrix:
         product = product[:, : self.dim]
         for weights, stiffness in self.low_rank:
             product += stiffness * weights[:, None] * (weights @ v)
+        for term in self.facets:
+            product[term.nodes] += term.product(v)
         return product
 
     def diagonal_blocks(self) -> Array:
@@ -110,7 +150,7 @@ class BlockMatrix:
         return diagonal
 
     def copy(self) -> BlockMatrix:
-        return BlockMatrix(self.upper, self.diagonal.copy(), self.low_rank)
+        return BlockMatrix(self.upper, self.diagonal.copy(), self.low_rank, self.facets)
 
     def add_diagonal(self, index: IntArray, blocks: Array) -> None:
         """Add blocks (m, dim, dim), or scalars (m, 1, 1) times the identity, at the distinct nodes index
@@ -118,6 +158,13 @@ class BlockMatrix:
         if blocks.shape[1] == 1:
             blocks = blocks * np.eye(self.dim)
         self.diagonal[index] += blocks
+
+    def add_facets(self, nodes: IntArray, blocks: Array) -> None:
+        """Add blocks (t, c, c, dim, dim) by pairs of the nodes (t, c) of t facets."""
+        for corner in range(nodes.shape[1]):
+            np.add.at(self.diagonal, nodes[:, corner], blocks[:, corner, corner])
+        if nodes.shape[1] > 1 and len(nodes):
+            self.facets = (*self.facets, FacetBlocks.of(nodes, blocks))
 
     def add_low_rank(self, weights: Array, stiffness: float) -> None:
         self.low_rank = (*self.low_rank, (weights, stiffness))

@@ -72,8 +72,8 @@ class NullSpace:
         return np.repeat(self._mask, dim, axis=1)
 
     def projected_norm(self, nodes: IntArray, v: Array) -> float:
-        """|P v| of a vector that is v (m, dim) at the distinct nodes (m,) and zero elsewhere: its norm without the
-        component in the range of Q."""
+        """|P v| of a vector that is v (m, dim) at the distinct nodes (m,) that this rank owns and zero elsewhere: its
+        norm without the component in the range of Q."""
         v = v * self._mask[nodes]
         within = self.share.total(self._basis[nodes].T @ v)
         square = self.share.total(float(np.vdot(v, v)))

@@ -51,6 +51,8 @@ class NullSpaceSystem:
         weights = [w for w, _ in hessian.low_rank]
         self._springs = sp.csr_matrix(np.array(weights, dtype=kernels.real)) if weights else None
         self._stiffness = np.array([[k] for _, k in hessian.low_rank], dtype=kernels.real)
+        self._facets = [term.of_type(kernels.real) for term in hessian.facets]
+        self._dim = hessian.dim
         self._inverse = kernels.inverses(self._share.assembled(hessian.diagonal_blocks()))
 
     def product(self, p: Array, y: Array) -> float:
@@ -62,6 +64,10 @@ class NullSpaceSystem:
             force = self._stiffness * self._share.total(share)
             y += self._springs.T @ force
             curvature += float((share * force).sum())
+        for facets in self._facets:
+            force = facets.product(p)
+            y[facets.nodes, : self._dim] += force
+            curvature += float(np.vdot(p[facets.nodes, : self._dim], force))
         self._share.assemble(y)
         return self._share.total(curvature)
 

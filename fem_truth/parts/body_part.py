@@ -17,6 +17,7 @@ from softprint.fem_truth.parts.group import GroupShare, nodes_of_parts
 from softprint.fem_truth.parts.partition import partition
 from softprint.fem_truth.parts.share import WHOLE, Share
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh import Mesh
@@ -80,6 +81,25 @@ class BodyPart:
         areas = np.zeros(self.body.n_nodes)
         areas[self.body.mesh.surface_nodes] = self.body.mesh.surface_areas
         return self.take(areas)[self.surface_nodes]
+
+    def contact_points(self, refinement: int) -> SurfaceQuadrature:
+        """The points of the surface at which this rank evaluates contact: those of the nodes that it owns, or on the
+        facets of its cells; see `PenaltyContact.refinement`."""
+        if refinement == 0:
+            return SurfaceQuadrature.at_nodes(self.surface_nodes, self.surface_areas)
+        return SurfaceQuadrature.on_facets(self.mesh.points, self.surface_facets, refinement)
+
+    @cached_property
+    def surface_facets(self) -> IntArray:
+        """(f, dim) facets of the body's surface that are of this rank's cells."""
+        facets = self.mesh.facets
+        if self.mesh is self.body.mesh:
+            return facets
+        # Facets of this part that are not of the surface lie between parts.
+        number = self.take(np.arange(self.body.n_nodes, dtype=float)).astype(np.int64)
+        own, whole = np.sort(number[facets], axis=1), np.sort(self.body.mesh.facets, axis=1)
+        _, place = np.unique(np.concatenate([whole, own]), axis=0, return_inverse=True)
+        return facets[np.isin(place.ravel()[len(whole) :], place.ravel()[: len(whole)])]
 
     def local(self, nodes: IntArray) -> IntArray:
         """The part's nodes that are among ``nodes`` of the body."""

@@ -106,7 +106,7 @@ def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: Sce
     problem = ConstrainedProblem(
         FullSpaceElasticity(body),
         np.array(experiment.dynamics.gravity),
-        PenaltyContact(experiment.contact.stiffness),
+        PenaltyContact.of(experiment.contact),
         body,
     )
     store = SolveStore(files.folder / "heldout" / scene.name, _solve_context(experiment, body, collider))

@@ -125,14 +125,14 @@ class ContactEnergy(TotalEnergy):
         self._force_floor, self._energy_floor = floors
 
     def force_scale(self, x: Array, gradient: Gradient) -> float:
-        terms = self._contact.terms(x)
-        force = self.null_space.projected_norm(self._contact.nodes[terms.index], terms.gradient)
-        return max(force, self._force_floor)
+        share = self.null_space.share
+        by_contact = share.assembled(self._contact.gradient(x))
+        nodes = np.flatnonzero(by_contact[share.owned].any(axis=1))
+        return max(self.null_space.projected_norm(nodes, by_contact[nodes]), self._force_floor)
 
     def energy_scale(self, x: Array) -> float:
-        terms = self._contact.terms(x)
-        moved = (x - self._reference)[self._contact.nodes[terms.index]]
-        work, energy = self.null_space.share.total(np.array([np.vdot(terms.gradient, moved), terms.energy]))
+        work = np.vdot(self._contact.gradient(x), x - self._reference)
+        work, energy = self.null_space.share.total(np.array([work, self._contact.energy(x)]))
         return max(abs(float(work)), float(energy), self._energy_floor)
 
 
@@ -148,6 +148,7 @@ class ConstrainedProblem:
     ) -> None:
         self.elasticity, self.contact, self.body = elasticity, contact, body
         self.part = part = elasticity.part or whole_body(body)
+        self.contact_points = part.contact_points(contact.refinement)
         self.null_space = NullSpace(part.constraint_basis, part.frame_nodes, part.share)
         self.terms: tuple[Potential, ...] = ()
         if gravity is not None and np.any(gravity):
@@ -253,13 +254,7 @@ class Press:
         """The equilibrium with the collider at `pose`; started from x0 (n_nodes, dim), or by default on the secant
         through the last two converged solutions."""
         problem = self._problem
-        contact = SurfaceContact(
-            problem.contact,
-            problem.part.surface_nodes,
-            problem.part.surface_areas,
-            self._collider,
-            pose,
-        )
+        contact = SurfaceContact(problem.contact, problem.contact_points, self._collider, pose)
         depth = self._depth(pose)
         start = self._extrapolated(depth) if x0 is None else problem.constrained_part(self._rows, x0)
         energy = ContactEnergy(

@@ -16,6 +16,7 @@ only linearly. It makes the Hessian indefinite where the collider is convex; sol
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -55,17 +56,38 @@ def penetrating_points(x: Array, collider: Collider, pose: RigidPose) -> tuple[I
     return collider.closer_to(x, pose, 0.0)
 
 
+class ContactTable(Protocol):
+    """What a penalty contact needs of an experiment's [contact] table."""
+
+    @property
+    def stiffness(self) -> float: ...
+    @property
+    def refinement(self) -> int: ...
+
+
 @dataclass(frozen=True)
 class PenaltyContact:
-    """Contact energy (stiffness / 3) depth^3 per unit of surface area; stiffness in N/m^4."""
+    """Contact energy (stiffness / 3) depth^3 per unit of surface area; stiffness in N/m^4.
+
+    refinement: in full space, contact is evaluated at refinement^(dim-1) points of every facet of the surface
+    (`surface_quadrature.py`); 0: at its nodes.
+    """
 
     stiffness: float
+    refinement: int = 0
+
+    @classmethod
+    def of(cls, table: ContactTable) -> PenaltyContact:
+        """That of the [contact] table of an experiment."""
+        return cls(table.stiffness, table.refinement)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.stiffness) and self.stiffness > 0):
             raise SoftprintError(
                 f"contact stiffness must be a positive number of N/m^4, not {self.stiffness}"
             )
+        if self.refinement < 0:
+            raise SoftprintError(f"the refinement of contact must be zero or positive, not {self.refinement}")
 
     def energy(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> float:
         """The contact energy [J] without derivatives, for line searches; arguments as for `terms`."""

@@ -26,6 +26,8 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.build import assemble_body
 from softprint.runtime.body.handles import FrameHandle, Handles
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.surface_points import surface_points
+from softprint.runtime.contact.intrusion import intrusion
 from softprint.runtime.elasticity.invariants import determinant
 from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.errors import SoftprintError
@@ -227,10 +229,10 @@ def _samples(
 ) -> dict[str, Any]:
     state, (rotation, translation) = groups.state[some], (poses[0][some], poses[1][some])
     before = np.stack([reduced[k] for k in state])
-    n, surface = len(x), body.mesh.surface_nodes
+    n, nodes, surface = len(x), body.mesh.surface_nodes, surface_points(collider)
 
     def deepest(points: Array) -> Array:
-        local = (points[:, surface] - translation[:, None]) @ rotation  # z = R^T (x - t)
+        local = (points[:, nodes] - translation[:, None]) @ rotation  # z = R^T (x - t)
         distance = collider.sdf(local.reshape(-1, body.dim)).reshape(n, -1)
         return np.maximum(0.0, -distance.min(axis=1))
 
@@ -249,6 +251,10 @@ def _samples(
         **dict.fromkeys(("newton_iterations", "cg_iterations"), np.zeros(n, dtype=int)),
         "min_det_F": [_min_det_F(body, positions) for positions in x],
         "max_depth": deepest(x),
+        "intrusion": [
+            intrusion(surface @ R.T + t, body.mesh, positions).depth
+            for R, t, positions in zip(rotation, translation, x, strict=True)
+        ],
     }
 
 

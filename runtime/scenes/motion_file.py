@@ -1,9 +1,9 @@
 """The motion file (HDF5): a scene played by one model, frame by frame. SI units.
 
     times (F,) s, rows (F, n_rows, dim), positions (F, n_nodes, dim) float32 m       mesh/points, mesh/cells
-    status, iterations, residual, penetration (F,)       energies/<name> (F,) J, timings/<phase> (F,) s
-    colliders/<name>/{rotation (F, dim, dim), translation (F, dim), force (F, dim) N, torque N m, penetration
-    m}
+    status, iterations, residual, penetration, min_det_F (F,)       energies/<name> (F,) J, timings/<phase> (F,) s
+    colliders/<name>/{rotation (F, dim, dim), translation (F, dim), force (F, dim) N, torque N m, penetration m,
+    intrusion m}
 
 Frame 0 is the start of the scene; frame f is the end of step f, and its values are those of that step.
 Attributes: softprint_kind "motion", softprint_version, provenance, model, scene, body_hash, inputs_hash,
@@ -28,23 +28,26 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.dynamics.state import StepResult
+from softprint.runtime.elasticity.invariants import determinant
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
 from softprint.runtime.io.xdmf import Step, Values, write_xdmf
 
 KIND = "motion"
-VERSION = 3
+VERSION = 4
 
 
 @dataclass(frozen=True, eq=False)
 class ColliderTrack:
-    """One collider over the F frames: poses, the force on it (F, dim) [N] and torque [N m], penetration (F,)
-    [m]."""
+    """One collider over the F frames: poses, the force on it (F, dim) [N] and torque [N m]; penetration (F,) [m], what
+    the contact law sees; intrusion (F,) [m], how deep it is inside the deformed body, NaN if
+    it has no bounds."""
 
     poses: tuple[RigidPose, ...]
     force: Array
     torque: Array
     penetration: Array
+    intrusion: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,7 @@ class Motion:
     iterations: IntArray
     residual: Array
     penetration: Array
+    min_det_F: Array
     energies: Mapping[str, Array]
     timings: Mapping[str, Array]
     colliders: Mapping[str, ColliderTrack]
@@ -107,7 +111,7 @@ class MotionWriter:
     """Takes frames one by one; positions are written at once, everything else when the file is closed."""
 
     def __init__(self, file: h5py.File, body: ReducedBody, n_frames: int) -> None:
-        self._file = file
+        self._file, self._mesh = file, body.mesh
         self._columns: dict[str, _Column] = {}
         self._status_names: dict[int, str] = {}
         self._frames = 0
@@ -119,8 +123,14 @@ class MotionWriter:
         file.create_dataset("mesh/points", data=body.mesh.points, fletcher32=True)
         file.create_dataset("mesh/cells", data=body.mesh.cells, fletcher32=True)
 
-    def add(self, result: StepResult[Any], rows: Array, positions: Array) -> None:
-        """Append a frame: rows (n_rows, dim), positions (n_nodes, dim) at ``result.state``."""
+    def add(
+        self,
+        result: StepResult[Any],
+        rows: Array,
+        positions: Array,
+        intrusions: Mapping[str, float],
+    ) -> None:
+        """Append a frame: rows (n_rows, dim), positions (n_nodes, dim) at ``result.state``; intrusions: by collider."""
         self._positions[self._frames] = positions
         self._frames += 1
         self._note_status(result.status)
@@ -129,6 +139,7 @@ class MotionWriter:
         self._put("status", int(result.status))
         for name in ("iterations", "residual", "penetration"):
             self._put(name, getattr(result, name))
+        self._put("min_det_F", float(determinant(self._mesh.deformation_gradients(positions)).min()))
         for group, values in (("energies", result.energies), ("timings", result.timings)):
             for name, value in values.items():
                 self._put(f"{group}/{name}", value)
@@ -138,6 +149,7 @@ class MotionWriter:
             self._put(f"colliders/{name}/translation", pose.translation)
             for key in ("force", "torque", "penetration"):
                 self._put(f"colliders/{name}/{key}", getattr(contact, key))
+            self._put(f"colliders/{name}/intrusion", intrusions[name])
 
     def _put(self, name: str, value: Any) -> None:
         self._columns.setdefault(name, _Column()).values.append(value)
@@ -212,6 +224,7 @@ def load_motion(path: Path | str) -> Motion:
             iterations=file["iterations"][()],
             residual=file["residual"][()],
             penetration=file["penetration"][()],
+            min_det_F=file["min_det_F"][()],
             energies={name: values[()] for name, values in file["energies"].items()},
             timings={name: values[()] for name, values in file["timings"].items()},
             colliders=colliders,
@@ -223,4 +236,5 @@ def _track(group: h5py.Group) -> ColliderTrack:
     poses = tuple(
         RigidPose(R, t) for R, t in zip(group["rotation"][()], group["translation"][()], strict=True)
     )
-    return ColliderTrack(poses, group["force"][()], group["torque"][()], group["penetration"][()])
+    columns = (group[name][()] for name in ("force", "torque", "penetration", "intrusion"))
+    return ColliderTrack(poses, *columns)

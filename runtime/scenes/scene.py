@@ -70,7 +70,7 @@ def scene_parts(experiment: Experiment, scene: SceneSpec) -> SceneParts:
             _placed(entry, build_collider(experiment.collider(entry.name), experiment.base_dir))
             for entry in scene.colliders
         ),
-        contact=PenaltyContact(contact.stiffness),
+        contact=PenaltyContact.of(contact),
         friction=CoulombFriction(contact.friction, contact.slip_velocity) if contact.friction else None,
         gravity=np.array(dynamics.gravity),
         springs=_springs(experiment, scene),

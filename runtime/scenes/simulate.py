@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.colliders.surface_points import surface_points
+from softprint.runtime.contact.intrusion import intrusion
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.sources import scene_files
 from softprint.runtime.io.files import content_hash, file_hash
@@ -82,6 +85,10 @@ def simulate_scene(
         return Played(path, kept=True)
     player = build_model(experiment, body, scene, out, model)
     n_steps = scene_steps(experiment, scene)
+    surfaces = {
+        entry.name: surface_points(build_collider(experiment.collider(entry.name), experiment.base_dir))
+        for entry in scene.colliders
+    }
     tables = collider_tables(experiment, scene)
     header = MotionHeader(model, scene.name, digest, experiment.text, tables)
     seconds, not_converged = 0.0, 0
@@ -90,7 +97,12 @@ def simulate_scene(
         context.progress(n_steps, unit="steps", desc=f"{scene.name} ({model})") as progress,
     ):
         for frame, result in enumerate(play(player, n_steps)):
-            writer.add(result, player.rows(result.state), player.positions(result.state))
+            x = player.positions(result.state)
+            intrusions = {
+                name: intrusion(result.state.poses[name].apply(surface), body.mesh, x).depth
+                for name, surface in surfaces.items()
+            }
+            writer.add(result, player.rows(result.state), x, intrusions)
             if not result.converged:
                 not_converged += 1
                 log.debug("%s (%s), frame %d: %s", scene.name, model, frame, result.reason)

@@ -17,7 +17,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.optimise.status import Status
 
 KIND = "truth"
-VERSION = 2
+VERSION = 3
 TEXT_BYTES = 1024  # of a text in a table; compression makes unused bytes free
 
 # Status of a sample: how the full-space solve ended (never STALLED), or 5 if it was skipped because an earlier depth
@@ -107,6 +107,11 @@ SAMPLES: dict[str, Column] = {
     "cg_iterations": Column("i8", "conjugate gradient iterations, extra steps of the path included"),
     "min_det_F": Column("f8", "smallest det F", "1"),
     "max_depth": Column("f8", "largest penetration left at equilibrium", "m"),
+    "intrusion": Column(
+        "f8",
+        "deepest point of the collider's surface inside the deformed body (see contact/intrusion.py)",
+        "m",
+    ),
     "energy": Column("f8", "potential energy at equilibrium", "J"),
     "seconds": Column("f8", "core-seconds of the solve", "s", measured=True),
 }

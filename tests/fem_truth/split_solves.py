@@ -35,12 +35,12 @@ def block(dim: int, model: str) -> ReducedBody:
     return assemble_body(mesh, place_handles(mesh, 6, [base]), material, 1000.0, name=f"block{dim}d")
 
 
-def solutions(body: ReducedBody, part: BodyPart) -> dict[str, Solution]:
+def solutions(body: ReducedBody, part: BodyPart, refinement: int) -> dict[str, Solution]:
     """An internal equilibrium; a press to two depths, loosely and tightly converged; and its linear response."""
     problem = ConstrainedProblem(
         FullSpaceElasticity(body, part=part),
         np.array([0.0] * (body.dim - 1) + [-9.81]),
-        PenaltyContact(1e9),
+        PenaltyContact(1e9, refinement),
         body,
     )
     rows = body.rest_rows.copy()
@@ -66,17 +66,22 @@ def difference(x: Array, y: Array, internal: Array) -> float:
 
 def main() -> None:
     results = {}
-    for dim, model in ((2, "stable_neo_hookean"), (3, "stable_neo_hookean"), (2, "linear")):
+    for dim, model, refinement in (
+        (2, "stable_neo_hookean", 0),
+        (3, "stable_neo_hookean", 0),
+        (3, "stable_neo_hookean", 3),
+        (2, "linear", 2),
+    ):
         body = block(dim, model)
         part = part_of_body(body, MPI.COMM_WORLD)
-        whole, split = solutions(body, whole_body(body)), solutions(body, part)
+        whole, split = (solutions(body, own, refinement) for own in (whole_body(body), part))
         internal = whole["internal"].x
         differences = {
             name: difference(whole[name].x, split[name].x, internal) for name in whole if name != "internal"
         }
         differences["internal"] = difference(internal, split["internal"].x, body.mesh.points)
         numbers = {name: str({**asdict(s), "x": content_hash({"x": s.x})}) for name, s in split.items()}
-        results[f"{dim} {model}"] = {
+        results[f"{dim} {model} {refinement}"] = {
             "cells": part.mesh.n_cells,
             "all cells": body.mesh.n_cells,
             "differences": differences,

@@ -13,7 +13,7 @@ from softprint.fem_truth.elasticity.native_elasticity import KERNELS
 from softprint.fem_truth.linalg.block_kernels import BlockKernels, fitting_tile
 from softprint.fem_truth.linalg.block_matrix import BlockMatrix, BlockPattern, UpperBlocks
 from softprint.fem_truth.linalg.null_space import NullSpace
-from softprint.fem_truth.linalg.projected_cg import projected_cg
+from softprint.fem_truth.linalg.projected_cg import NullSpaceSystem, projected_cg
 from softprint.runtime.mesh import Mesh
 
 N = 700  # more nodes than are summed in single precision at a time
@@ -68,6 +68,32 @@ def test_apply_and_diagonal_hold_the_springs(dim):
     blocks = np.stack([dense[i * dim : (i + 1) * dim, i * dim : (i + 1) * dim] for i in range(N)])
     np.testing.assert_allclose(with_spring.diagonal_blocks(), blocks, rtol=1e-13)
     assert not matrix.low_rank  # a copy is a copy
+
+
+@both
+def test_every_product_holds_the_blocks_of_facets(dim):
+    matrix, rng = random_matrix(dim), np.random.default_rng(8)
+    nodes = np.array([[3, 7, 9], [7, 9, 30], [9, 3, 200]])[:, :dim]
+    blocks = rng.standard_normal((3, dim, dim, dim, dim))
+    blocks += blocks.transpose(0, 2, 1, 4, 3)  # symmetric as a whole
+    v = rng.standard_normal((N, dim))
+    dense = matrix.sparse().toarray()
+    for own, block in zip(nodes, blocks, strict=True):
+        for a, first in enumerate(own):
+            for b, second in enumerate(own):
+                dense[first * dim : (first + 1) * dim, second * dim : (second + 1) * dim] += block[a, b]
+    touched = matrix.copy()
+    touched.add_facets(nodes, blocks)
+    expected = dense @ v.ravel()
+    np.testing.assert_allclose(touched.sparse() @ v.ravel(), expected, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(touched.apply(v).ravel(), expected, rtol=1e-10, atol=1e-10)
+    system = NullSpaceSystem(touched, null_space(0), np.float64)
+    x = system.kernels.vector(v)
+    y = np.empty_like(x)
+    curvature = system.product(x, y)
+    np.testing.assert_allclose(y[:, :dim].ravel(), expected, rtol=1e-10, atol=1e-10)
+    assert curvature == pytest.approx(float(v.ravel() @ expected), rel=1e-10)
+    assert not matrix.facets  # a copy is a copy
 
 
 @both

@@ -71,7 +71,8 @@ def by_rank(request):
     return results
 
 
-CASES = ["2 stable_neo_hookean", "3 stable_neo_hookean", "2 linear"]
+# dimension, material, refinement of contact
+CASES = ["2 stable_neo_hookean 0", "3 stable_neo_hookean 0", "3 stable_neo_hookean 3", "2 linear 2"]
 
 
 @pytest.mark.parametrize("case", CASES)

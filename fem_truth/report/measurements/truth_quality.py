@@ -50,5 +50,6 @@ def quality_columns(truth: TruthData) -> dict[str, Array]:
         "Newton iterations": samples["newton_iterations"][good],
         "smallest det F": samples["min_det_F"][good],
         "remaining penetration [mm]": 1e3 * samples["max_depth"][good],
+        "collider inside the body [mm]": 1e3 * samples["intrusion"][good],
         "core-seconds a sample": samples["seconds"][good],
     }

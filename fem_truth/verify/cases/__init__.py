@@ -9,6 +9,7 @@ from softprint.fem_truth.verify.cases import (
     constrained,
     cook,
     energy,
+    flat_contact,
     free_body,
     frequency,
     hertz,
@@ -24,6 +25,7 @@ STATIC: tuple[Case, ...] = (
     manufactured_solutions.CASE,
     cook.CASE,
     hertz.CASE,
+    flat_contact.CASE,
     independent_library.CASE,
     constrained.CASE,
 )

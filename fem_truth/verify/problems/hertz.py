@@ -18,6 +18,7 @@ from softprint.fem_truth.verify.problems.equilibrium import Solid, equilibrium
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mesh import Mesh, box_mesh
 
@@ -98,8 +99,7 @@ def press(problem: Hertz, cells: int, penetration: float) -> Pressed:
     centre = np.array([0.0, 0.0, problem.radius - problem.approach])
     contact = SurfaceContact(
         PenaltyContact(problem.stiffness(penetration)),
-        top,
-        _top_areas(mesh)[top],
+        SurfaceQuadrature.at_nodes(top, _top_areas(mesh)[top]),
         Sphere(problem.radius),
         RigidPose(np.eye(3), centre),
     )

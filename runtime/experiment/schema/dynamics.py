@@ -11,6 +11,12 @@ class ContactSpec(Section):
     """`[contact]`: penalty contact, cubic in the penetration depth, and regularised Coulomb friction."""
 
     stiffness: Positive = Field(1e10, description="k of the energy density k/3 depth^3 per area [N/m^4]")
+    refinement: int = Field(
+        0,
+        ge=0,
+        le=64,
+        description="full space: contact at n points along an edge of every surface facet; 0: at nodes",
+    )
     friction: NotNegative = Field(0.3, description="Coulomb coefficient; 0: frictionless")
     slip_velocity: Positive = Field(1e-3, description="below this speed friction sticks smoothly [m/s]")
 

@@ -49,7 +49,13 @@ def summarise(path: Path, part: Part) -> Summary:
             "Newton iterations": spread(motion.iterations),
             "relative residual": spread(motion.residual),
             "penetration [m]": spread(motion.penetration),
+            "smallest det F": float(motion.min_det_F.min()),
             "seconds a step": spread(motion.timings["total"]) if "total" in motion.timings else None,
+        },
+        "deepest inside the body [m]": {
+            name: float(track.intrusion.max())
+            for name, track in motion.colliders.items()
+            if not np.isnan(track.intrusion).any()
         },
         "largest forces [N]": {
             name: float(np.linalg.norm(track.force, axis=1).max()) for name, track in motion.colliders.items()

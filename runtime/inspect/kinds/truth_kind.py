@@ -75,6 +75,7 @@ def _quality(truth: TruthData) -> dict[str, Any]:
         if good.any()
         else None,
         "penetration left [m]": spread(samples["max_depth"][good]),
+        "collider inside the body [m]": spread(samples["intrusion"][good]),
         "core-seconds a sample": spread(samples["seconds"][good]),
     }
 

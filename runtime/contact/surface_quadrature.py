@@ -1,0 +1,102 @@
+"""The points of a body's surface at which contact is evaluated: its nodes, or quadrature points on its facets.
+
+A point is p = sum_a N_a x_a, with the nodes x_a of its facet, and stands for a rest area w. With the gradient g_p and
+the Hessian H_p of contact at the points, the nodes get
+
+    gradient  sum_p N_a g_p,        Hessian  sum_p N_a N_b H_p.
+
+Contact at nodes with lumped areas sees nothing that fits between them, and gives the nodes at an edge of the base of a
+body a share of its sides. A midpoint rule on equal parts of every facet is exact for a pressure that is constant over
+the facet, and sees what is as large as its parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.lazy import lazy
+from softprint.runtime.mesh.mesh import facet_vectors
+from softprint.runtime.mesh.simplex_kernels import bounding_balls
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceQuadrature:
+    """The points of f facets, n of each. facets: (f, c) their nodes; shares: N (n, c), the same for all facets; areas:
+    (f,) at rest [m^2; in 2D m]. Point i is point i mod n of facet i div n, and has a share 1/n of its area."""
+
+    facets: IntArray
+    shares: Array
+    areas: Array
+
+    @classmethod
+    def at_nodes(cls, nodes: IntArray, areas: Array) -> SurfaceQuadrature:
+        """Nodes (f,) with lumped areas (f,)."""
+        return cls(nodes[:, None], np.ones((1, 1)), areas)
+
+    @classmethod
+    def on_facets(cls, points: Array, facets: IntArray, refinement: int) -> SurfaceQuadrature:
+        """The midpoint rule on refinement^(dim-1) equal parts of facets (f, dim) between rest points (n_nodes, dim)."""
+        areas = np.linalg.norm(facet_vectors(points, facets), axis=1)
+        return cls(facets, midpoints(refinement, points.shape[1]), areas)
+
+    @lazy
+    def nodes(self) -> IntArray:
+        """(n_surface,) the nodes of all facets, ascending."""
+        return np.unique(self.facets)
+
+    def corners(self, index: IntArray) -> tuple[IntArray, Array]:
+        """The nodes (k, c) of points (k,) and N (k, c)."""
+        facet, own = np.divmod(index, len(self.shares))
+        return self.facets[facet], self.shares[own]
+
+    def area(self, index: IntArray) -> Array:
+        """w (k,) of points (k,)."""
+        return self.areas[index // len(self.shares)] / len(self.shares)
+
+    def positions(self, x: Array, index: IntArray) -> Array:
+        """(k, dim) [m] of points (k,), with the nodes at x (n_nodes, dim)."""
+        nodes, shares = self.corners(index)
+        return np.asarray((shares[:, None, :] @ x[nodes])[:, 0])
+
+    def near(self, x: Array, collider: Collider, pose: RigidPose) -> IntArray:
+        """The points (k,), ascending, of all facets that may touch the collider, with the nodes at x (n_nodes, dim)."""
+        centre, radius = bounding_balls(x, self.facets)
+        about, _, distance = collider.closer_to(centre, pose, float(radius.max(initial=0.0)))
+        facets = about[distance <= radius[about]]
+        return (facets[:, None] * len(self.shares) + np.arange(len(self.shares))).ravel()
+
+    def gradient(self, index: IntArray, by_point: Array, n_nodes: int) -> Array:
+        """By the nodes (n_nodes, dim), of a gradient (k, dim) by points (k,)."""
+        nodes, shares = self.corners(index)
+        by_corner = shares[:, :, None] * by_point[:, None, :]
+        return np.column_stack(
+            [scatter_sum(nodes, by_corner[..., axis], n_nodes) for axis in range(by_point.shape[1])]
+        )
+
+    def hessian(self, index: IntArray, by_point: Array) -> tuple[IntArray, Array]:
+        """By the nodes, of a Hessian (k, dim, dim) by points (k,), ascending: the nodes (t, c) of the t facets touched,
+        and their blocks (t, c, c, dim, dim) by pairs of these nodes."""
+        facet, own = np.divmod(index, len(self.shares))
+        first = np.flatnonzero(np.diff(facet, prepend=-1))
+        c, dim = self.facets.shape[1], by_point.shape[-1]
+        pairs = self.shares[:, :, None] * self.shares[:, None, :]
+        blocks = pairs[own][..., None, None] * by_point[:, None, None]
+        summed = np.add.reduceat(blocks, first, axis=0) if len(first) else np.empty((0, c, c, dim, dim))
+        return self.facets[facet[first]], summed
+
+
+def midpoints(parts: int, dim: int) -> Array:
+    """Barycentric coordinates (parts^(dim-1), dim) of the centres of equal parts of an edge or a triangle."""
+    if dim == 2:
+        along = (np.arange(parts) + 0.5) / parts
+        return np.column_stack([1.0 - along, along])
+    i, j = np.meshgrid(np.arange(parts), np.arange(parts), indexing="ij")
+    upright, inverted = i + j < parts, i + j < parts - 1
+    a = np.concatenate([i[upright] + 1 / 3, i[inverted] + 2 / 3]) / parts
+    b = np.concatenate([j[upright] + 1 / 3, j[inverted] + 2 / 3]) / parts
+    return np.column_stack([1.0 - a - b, a, b])
