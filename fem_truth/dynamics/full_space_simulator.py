@@ -27,6 +27,7 @@ from softprint.fem_truth.parts.body_part import whole_body
 from softprint.fem_truth.statics.newton import FullSpaceSettings, NewtonResult, minimise
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.colliders.size_check import check_size
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.contact.contact_force import SurfaceForces, resultant
 from softprint.runtime.dynamics import (
@@ -139,6 +140,7 @@ class FullSpaceSimulator:
                     f"collider {placed.name!r} moves freely, which full space cannot simulate: give it keyframes, or "
                     "simulate the scene with a reduced model"
                 )
+            check_size(placed.collider, body.mesh.size)
         self.body = body
         self.colliders = tuple(colliders)
         self.settings = settings or DynamicsSettings()

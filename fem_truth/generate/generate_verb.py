@@ -4,11 +4,16 @@ end."""
 from __future__ import annotations
 
 import argparse
+import sys
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.ranks import end_with_launcher, is_launched
 from softprint.runtime.cli.verb import Verb
+
+# More failed contacts than this share make the exit status 1: what was asked for is not there.
+FAILED_SHARE = 0.2
 
 if TYPE_CHECKING:
     from softprint.fem_truth.generate.pipeline import Run
@@ -63,9 +68,13 @@ def run(args: argparse.Namespace, context: Context) -> int:
     )
     body = first_rank_first(MPI.COMM_WORLD, lambda: body_of_run(context))
     done = generate(MPI.COMM_WORLD, context.experiment, body, context.out_dir, options)
-    if MPI.COMM_WORLD.rank == 0:
-        context.say(_summary(done, MPI.COMM_WORLD.size, args.ranks_per_solve))
-    return 0
+    if MPI.COMM_WORLD.rank > 0:
+        return 0
+    context.say(_summary(done, MPI.COMM_WORLD.size, args.ranks_per_solve))
+    complaint = _failed_contacts(done)
+    if complaint:
+        print(complaint, file=sys.stderr)
+    return 1 if complaint else 0
 
 
 def _warn_of_threads(context: Context, ranks: int) -> None:
@@ -107,6 +116,27 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
     return "\n".join(lines)
 
 
+def _failed_contacts(done: Run) -> str:
+    """A sentence with the most frequent reason if more than a fifth of the contacts have no converged sample."""
+    import numpy as np
+
+    from softprint.runtime.truth.truth_file import load_truth
+    from softprint.runtime.truth.truth_schema import CONVERGED
+
+    with load_truth(done.truth) as truth:
+        samples, n = truth.samples, len(truth.contacts)
+        solved = np.unique(samples["contact"][samples["status"] == CONVERGED])
+        if n - len(solved) <= FAILED_SHARE * n:
+            return ""
+        failed = ~np.isin(samples["contact"], solved) & (samples["depth_index"] == 0)
+        reasons = Counter(str(reason) for reason in samples["reason"][failed])
+    reason, times = reasons.most_common(1)[0]
+    return (
+        f"{done.truth}: {n - len(solved)} of {n} contacts have no converged sample, which is more than a fifth; "
+        f"the most frequent reason, of {times}: {reason}"
+    )
+
+
 def _depths(penetration: Array, intrusion: Array, good: BoolArray) -> str:
     """How deep colliders are inside the body: what the contact law sees, and what there is."""
     import numpy as np
@@ -124,7 +154,7 @@ VERB = Verb(
     name="generate",
     order=20,
     summary="Solve the ground truth of contact with finite elements, also under mpirun.",
-    example="OMP_NUM_THREADS=1 mpirun -n 2 softprint generate examples/jelly3d_small.toml",
+    example="OMP_NUM_THREADS=1 mpirun --quiet -n 2 softprint generate examples/jelly3d_small.toml",
     run=run,
     needs=("dolfinx", "mpi4py", "h5py"),
     configure=configure,

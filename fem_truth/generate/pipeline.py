@@ -41,6 +41,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.progress import Progress
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.size_check import check_size
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.optimise import NewtonSettings
@@ -93,6 +94,8 @@ def generate(
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
         problem = _problem(groups, experiment, body)
+        # Bad input is refused before anything is solved.
+        on_first_rank(comm, lambda: sampled_collider(experiment, experiment.sampled_colliders[0], body))
         states, refused = find_states(groups, folder, experiment, problem)
         work = _contact_work(comm, experiment, problem, states)
         names = experiment.sampled_colliders
@@ -207,7 +210,7 @@ def _contact_work(
     turns = len(rotations) if len(names) == 1 else 1
     return ContactWork(
         problem=problem,
-        colliders=[cache(partial(sampled_collider, experiment, name)) for name in names],
+        colliders=[cache(partial(sampled_collider, experiment, name, body)) for name in names],
         plan=ContactPlan(len(reduced), counts, len(rotations), turns, sampling.repeat_share, seed),
         rows=states["rows"],
         internal=reduced + states["internal"],
@@ -223,21 +226,23 @@ def _contact_work(
     )
 
 
-def sampled_collider(experiment: Experiment, name: str) -> Collider:
-    """One of the colliders that the truth is made with. Raises SoftprintError if it has no bounds."""
+def sampled_collider(experiment: Experiment, name: str, body: ReducedBody) -> Collider:
+    """One of the colliders that the truth is made with. Raises SoftprintError if it has no bounds, or if it is so large
+    that it must be in another unit than the body."""
     collider = build_collider(experiment.collider(name), experiment.base_dir)
     if not np.isfinite(collider.upper - collider.lower).all():
         raise SoftprintError(
             f"sampling.collider = {name!r} has no bounds: a contact needs a collider that can come "
             "from outside; take a box, a cylinder or a mesh"
         )
+    check_size(collider, body.mesh.size)
     return collider
 
 
 def _places(body: ReducedBody, experiment: Experiment, count: int, n_states: int) -> IntArray:
     sampling = experiment.sampling
     # All shapes of a library have the same size.
-    size = sampled_collider(experiment, experiment.sampled_colliders[0]).size
+    size = sampled_collider(experiment, experiment.sampled_colliders[0], body).size
     return places_by_state(body, count, n_states, sampling.frame_clearance * size)
 
 

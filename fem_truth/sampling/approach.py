@@ -28,6 +28,10 @@ _THICKNESS_SHARE, _THICKNESS_STEP, _STILL_GROWING = 0.75, 0.02, 0.2
 _GRAZE = 0.1
 
 
+# Points at which the line of approach is looked for in the collider.
+_ALONG_THE_LINE = 400
+
+
 class OutOfReach(Exception):
     """The collider cannot reach the depth on this line; the message is recorded in the file."""
 
@@ -104,6 +108,23 @@ class Approach:
         """The s at which the march begins: every node is outside the collider's ball [m]."""
         return float(((self.surface - self.place) @ self.normal).max()) + self._radius
 
+    def _why_never(self, depth: float) -> str:
+        """Why the collider never gets so deep on this line."""
+        collider, never = (
+            self.collider,
+            f"On this line collider {self.collider.name!r} never gets {depth:.4g} m below",
+        )
+        along = np.linspace(-self._radius, self._radius, _ALONG_THE_LINE)[:, None] * (
+            self.normal @ self.rotation
+        )
+        if float(collider.sdf(along).min()) > 0.0:
+            away = float(np.linalg.norm(0.5 * (collider.lower + collider.upper)))
+            return (
+                f"{never} the surface: its origin is aimed at the place, but the collider lies beside it, with its "
+                f"middle {away:.4g} m away; move the middle of the file to the origin with `centre = true`."
+            )
+        return f"{never} the surface: the depth is more than the collider is thick."
+
     def _march(self, deepest: _DeepestPoint, s: float, depth: float) -> float:
         shortest = _SHORTEST_STEP * self._length
         lowest = s - 4.0 * (self._radius + float(np.ptp((self.surface - self.place) @ self.normal)) + depth)
@@ -112,10 +133,7 @@ class Approach:
             last, s = s, s - max(to_go, shortest)
             to_go = depth - deepest.depth(s)
             if s < lowest:
-                raise OutOfReach(
-                    f"On this line collider {self.collider.name!r} never gets {depth:.4g} m below the "
-                    "surface: the depth is more than the collider is thick."
-                )
+                raise OutOfReach(self._why_never(depth))
             if to_go <= 0.0:
                 tolerances = {"xtol": _EXACT * self._length, "rtol": 4 * np.finfo(float).eps}
                 try:

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.path import KeyframedPath
 from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.colliders.size_check import check_size
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction import ContactCorrection, Correction
@@ -46,6 +48,8 @@ def poses_at(
 ) -> Poses:
     """The pose of every collider at ``time`` [s]: the given one, otherwise that of its path, or the initial one of a
     free collider."""
+    if not np.isfinite(time):
+        raise SoftprintError(f"the time is {time}: it must be a finite number of seconds")
     given = dict(poses or {})
     placed = {}
     for collider in colliders:
@@ -77,9 +81,13 @@ def poses_after(
 
 
 def check_colliders(
-    colliders: Sequence[PlacedCollider], dim: int, mechanics: BodyMechanics | None, contact: PenaltyContact
+    colliders: Sequence[PlacedCollider],
+    body: ReducedBody,
+    mechanics: BodyMechanics | None,
+    contact: PenaltyContact,
 ) -> None:
-    """Raises SoftprintError where names, dimensions or corrections do not fit together."""
+    """Raises SoftprintError where names, dimensions, sizes or corrections do not fit together."""
+    dim = body.dim
     names = [placed.name for placed in colliders]
     if len(set(names)) != len(names):
         raise SoftprintError(
@@ -88,6 +96,7 @@ def check_colliders(
     for placed in colliders:
         if placed.collider.dim != dim or (placed.path is not None and placed.path.dim != dim):
             raise SoftprintError(f"collider {placed.name!r} and its path must be {dim}D, as the body is")
+        check_size(placed.collider, body.mesh.size)
         if placed.free is not None and placed.path is not None:
             raise SoftprintError(f"collider {placed.name!r} moves freely, and so can have no path")
         correction = placed.correction

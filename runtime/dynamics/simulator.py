@@ -83,7 +83,7 @@ class Simulator:
         self.settings = settings or DynamicsSettings()
         self._gravity = _acceleration(body, gravity)
         _check_mechanics(body, mechanics)
-        check_colliders(self.colliders, body.dim, mechanics, contact)
+        check_colliders(self.colliders, body, mechanics, contact)
         self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
         self._springs, self._kinematic = Springs(springs, body.handles), tuple(kinematic)
         self._start = StepStart(body, self._kinematic, self.settings.time_step)

@@ -91,7 +91,7 @@ def simulate_scene(
     }
     tables = collider_tables(experiment, scene)
     header = MotionHeader(model, scene.name, digest, experiment.text, tables)
-    seconds, not_converged = 0.0, 0
+    seconds, not_converged, untouched = 0.0, 0, set(surfaces)
     with (
         write_motion(path, header, body, n_steps + 1) as writer,
         context.progress(n_steps, unit="steps", desc=f"{scene.name} ({model})") as progress,
@@ -103,6 +103,7 @@ def simulate_scene(
                 for name, surface in surfaces.items()
             }
             writer.add(result, player.rows(result.state), x, intrusions)
+            untouched -= {name for name, contact in result.contacts.items() if contact.points}
             if not result.converged:
                 not_converged += 1
                 log.debug("%s (%s), frame %d: %s", scene.name, model, frame, result.reason)
@@ -114,6 +115,8 @@ def simulate_scene(
             "%s (%s): %d of %d steps did not converge; see `status` in %s",
             *(scene.name, model, not_converged, n_steps, path),
         )
+    for name in sorted(untouched):
+        log.warning("%s (%s): collider %r never touches the body", scene.name, model, name)
     return Played(path, False, n_steps / seconds, not_converged)
 
 

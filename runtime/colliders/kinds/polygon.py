@@ -8,18 +8,18 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from softprint.runtime.colliders.kinds.table import ColliderTable, Length, Tables, Vector
+from softprint.runtime.colliders.kinds.from_file import FromFile
+from softprint.runtime.colliders.kinds.table import Tables, Vector
 from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.colliders.sampled.polygon import load_polygon, polygon_collider
 
 
-class PolygonSpec(ColliderTable):
+class PolygonSpec(FromFile):
     """A 2D polygon, given by its vertices here or in a text file of two columns, with rounded corners."""
 
     shape: Literal["polygon"]
     vertices: list[Annotated[Vector, Field(min_length=2, max_length=2)]] | None = None
     file: Path | None = Field(None, description="relative to the experiment file")
-    scale: Length = 1.0
     rounding: Annotated[float, Field(ge=0)] = Field(
         0.0, description="fillet radius of every corner, inner ones too"
     )
@@ -40,4 +40,4 @@ class PolygonSpec(ColliderTable):
     def make(self, name: str, base_dir: Path) -> GridCollider:
         """See `ColliderTable`."""
         vertices = np.array(self.vertices) if self.file is None else load_polygon(base_dir / self.file)
-        return polygon_collider(self.scale * vertices, self.rounding, self.resolution, name)
+        return polygon_collider(self.in_metres(vertices), self.rounding, self.resolution, name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -76,11 +77,15 @@ def surface_collider(
 
 
 def load_mesh_collider(
-    path: Path, scale: float = 1.0, resolution: int = 48, name: str = "mesh"
+    path: Path,
+    scale: float | Callable[[Array], Array] = 1.0,
+    resolution: int = 48,
+    name: str = "mesh",
 ) -> GridCollider:
-    """`mesh_collider` of a file whose unit is `scale` metres."""
+    """`mesh_collider` of a file whose unit is `scale` metres, or whose vertices `scale` brings to metres."""
     vertices, triangles = read_surface(path)
-    collider = mesh_collider(scale * vertices, triangles, resolution, name, source=str(path))
+    vertices = scale(vertices) if callable(scale) else scale * vertices
+    collider = mesh_collider(vertices, triangles, resolution, name, source=str(path))
     if hint := unit_hint(2.0 * collider.size):
         log.warning("%s: a collider of %.3g m; %s", path, 2.0 * collider.size, hint)
     return collider
