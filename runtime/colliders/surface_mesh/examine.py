@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import igl
 import numpy as np
@@ -16,6 +16,9 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.surface_mesh import repair
 from softprint.runtime.colliders.surface_mesh.rebuild import deviation, misplaced, rebuilt_surface
 from softprint.runtime.errors import SoftprintError
+
+# At most this share of the faces, or this many, are removed and their holes closed; else the surface is rebuilt.
+_FEW, _FEW_FACES = 0.01, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +37,14 @@ class Examined:
 
 
 def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
-    """Repair a mesh as for a collider (`repair.py`); if that is refused or leaves overlaps, rebuild it (`rebuild.py`).
+    """Repair a mesh as for a collider (`repair.py`). If that is refused or leaves overlaps, remove the faces at fault
+    where they are few; otherwise rebuild the surface (`rebuild.py`).
 
-    Raises SoftprintError if neither is possible.
+    Raises SoftprintError if neither is possible, and for flat drawings.
     """
     if not np.isfinite(vertices).all() or len(triangles) == 0:
         repair.closed_surface(vertices, triangles, source)  # raises the error
+    repair.refuse_flat(vertices, source)
     found = _found(vertices, triangles)
     with _collected_log(source) as done:
         try:
@@ -51,6 +56,9 @@ def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
             refusal = str(error).removeprefix(f"{source}: ")
     if not refusal:
         return Examined(found, _counted(done), "", *closed)
+    mended = _mended(vertices, triangles, source)
+    if mended is not None:
+        return Examined(found, [mended.done], refusal, mended.vertices, mended.triangles)
     new = rebuilt_surface(*_merged(vertices, triangles, source), source)
     closed = repair.closed_surface(new.vertices, new.triangles, source)
     apart = deviation(vertices, triangles, closed)
@@ -60,6 +68,38 @@ def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
         f"within {middle:.2g} of it, 95 % within {most:.2g}"
     )
     return Examined(found, [rebuilt], refusal, *closed)
+
+
+class _Mended(NamedTuple):
+    """A sentence for what was done, and the surface."""
+
+    done: str
+    vertices: Array
+    triangles: IntArray
+
+
+def _mended(vertices: Array, triangles: IntArray, source: str) -> _Mended | None:
+    """The surface without its few bad faces, the holes closed: None where that is not enough. All other faces stay as
+    they are."""
+    most = max(_FEW_FACES, int(_FEW * len(triangles)))
+    with _collected_log(source):
+        try:
+            vertices, triangles = _merged(vertices, triangles, source)
+            before = len(triangles)
+            good = triangles[~repair.at_shared_edges(triangles)]
+            removed = before - len(good)
+            if removed > most:
+                return None
+            closed = repair.closed_surface(vertices, good, source)
+            bad = misplaced(*closed)
+            if bad.any() and removed + bad.sum() <= most:
+                removed += int(bad.sum())
+                closed = repair.closed_surface(closed[0], closed[1][~bad], source)
+        except SoftprintError:
+            return None
+    if misplaced(*closed).any():
+        return None
+    return _Mended(f"removed {removed} of {before} faces, and closed the holes that they left", *closed)
 
 
 def _counted(sentences: list[str]) -> list[str]:

@@ -11,7 +11,7 @@ import logging
 import igl
 import numpy as np
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.errors import SoftprintError
 
 log = logging.getLogger(__name__)
@@ -20,6 +20,8 @@ log = logging.getLogger(__name__)
 MERGE_DISTANCE = 1e-6
 # Triangles thinner than this (height over diagonal) have no usable normal.
 DEGENERATE_HEIGHT = 1e-9
+# A surface whose vertices are nearer than this to a plane (RMS, over diagonal) is flat.
+FLAT = 1e-7
 # A hole is closed if its rim is shorter than this share of the diagonal; the shape of larger ones is unknown.
 SMALL_HOLE = 0.25
 # The remedy named in errors.
@@ -44,6 +46,7 @@ def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[A
         )
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     vertices, triangles = merge(vertices, triangles, diagonal, source)
+    refuse_flat(vertices, source)
     triangles = drop_degenerate(vertices, triangles, diagonal, source)
     _refuse_non_manifold(triangles, source)
     triangles = _orient(triangles, source)
@@ -100,6 +103,25 @@ def edge_counts(triangles: IntArray) -> tuple[IntArray, IntArray]:
     vertices = int(triangles.max()) + 1
     unique, counts = np.unique(edges @ np.array([vertices, 1]), return_counts=True)
     return np.column_stack(np.divmod(unique, vertices)), counts
+
+
+def at_shared_edges(triangles: IntArray) -> BoolArray:
+    """(t,) which triangles have an edge that more than two triangles share."""
+    edges, counts = edge_counts(triangles)
+    codes = edges[counts > 2] @ np.array([int(triangles.max()) + 1, 1])
+    own = np.sort(_directed_edges(triangles), axis=1) @ np.array([int(triangles.max()) + 1, 1])
+    return np.isin(own, codes).reshape(-1, 3).any(axis=1)
+
+
+def refuse_flat(vertices: Array, source: str) -> None:
+    """Raises SoftprintError for a drawing, which has no inside."""
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    thickness = float(np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)[-1])
+    if thickness <= FLAT * diagonal * np.sqrt(len(vertices)):
+        raise SoftprintError(
+            f"{source}: the drawing is flat, all its vertices lie in a plane; a collider is a solid: give it a "
+            "thickness in a modeller"
+        )
 
 
 def _refuse_non_manifold(triangles: IntArray, source: str) -> None:

@@ -130,10 +130,10 @@ REFUSED = {
     ),
     "a soup": (apart, "1280 separate pieces"),
     "no triangles": (lambda: (BALL, FACETS[:0]), "no triangles"),
-    "one triangle": (lambda: (BALL[FACETS[0]], FACETS[:1] * 0 + np.arange(3)), "the surface is open"),
+    "one triangle": (lambda: (BALL[FACETS[0]], FACETS[:1] * 0 + np.arange(3)), "the drawing is flat"),
     "not a number": (lambda: (spoiled(np.nan), FACETS), "not finite numbers"),
     "infinite": (lambda: (spoiled(np.inf), FACETS), "not finite numbers"),
-    "flat": (lambda: (BALL * (1.0, 1.0, 0.0), FACETS), "more than two|open|only one side"),
+    "flat": (lambda: (BALL * (1.0, 1.0, 0.0), FACETS), "the drawing is flat"),
     "all at one point": (lambda: (0 * BALL, FACETS), "all vertices lie at one point"),
 }
 

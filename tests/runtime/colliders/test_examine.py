@@ -105,6 +105,39 @@ def test_irreparable_meshes_are_rebuilt_by_winding_numbers(mesh, refusal, expect
     assert not misplaced(*again).any()
 
 
+def test_one_bad_face_costs_no_other_its_place() -> None:
+    vertices, triangles = ball()
+    # A face across the inside: its edge with the surface has three triangles.
+    across = [*triangles[0, :2], int(np.argmin(vertices @ vertices[triangles[0, 0]]))]
+    examined = examine(vertices, np.vstack([triangles, across]), "ball")
+    assert "non-manifold" in examined.refusal
+    assert examined.done == [f"removed 3 of {len(triangles) + 1} faces, and closed the holes that they left"]
+    there = {tuple(corner) for corner in examined.vertices.round(9)}
+    assert {tuple(corner) for corner in vertices.round(9)} <= there  # no vertex has moved
+    assert volume(examined) == pytest.approx(BALL, rel=0.02)  # 1,280 flat faces take off 1.4 %
+    assert not misplaced(examined.vertices, examined.triangles).any()
+
+
+@pytest.mark.parametrize("normal", [[0.0, 0.0, 1.0], [1.0, 2.0, 3.0]])
+def test_a_flat_drawing_is_called_flat(normal) -> None:
+    vertices, triangles = ball()
+    normal = np.array(normal) / np.linalg.norm(normal)
+    with pytest.raises(SoftprintError, match=r"^logo: the drawing is flat"):
+        examine(vertices - np.outer(vertices @ normal, normal), triangles, "logo")
+
+
+def test_the_error_is_against_the_file(tmp_path) -> None:
+    """A ball without a cap: what is left of it is near the rebuilt surface."""
+    vertices, triangles = ball(centre=(0.1, 0.0, 0.0))
+    open_ball = triangles[vertices[triangles].mean(axis=1)[:, 2] < 0.5 * RADIUS]
+    trimesh.Trimesh(vertices, open_ball, process=False).export(tmp_path / "open.stl")
+    _, said = run(tmp_path / "open.stl", "--resolution", "24", "--json")
+    told = json.loads(said)["as a collider"]
+    error = [float(part.split()[0]) for part in told["error against the file"].split(", ")[:3]]
+    assert 0 < error[0] < error[1] < error[2] < 0.1 * RADIUS
+    assert "stands beside its origin" in told["middle"]
+
+
 def test_a_sheet_encloses_no_volume() -> None:
     vertices, triangles = ball()
     cap = triangles[vertices[triangles].mean(axis=1)[:, 2] > 0.7 * RADIUS]
