@@ -7,10 +7,14 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.run_mechanics import RunMechanics
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.colliders.shape_samples import shape_samples
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.correction_file import save_correction
@@ -83,12 +87,21 @@ def _train_one(data: TrainingData, spec: ModelSpec) -> None:
         result.held_out.rms,
         {**recipe, "program": program_hash(), "seconds": seconds, "samples": len(data.split.train)},
         data.mechanics.get(spec.contact_nodes)[0].content_hash if form.needs_mechanics else "",
+        _shape(data),
     )
     checkpoint.unlink(missing_ok=True)
     context.say(
         f"{path} written: held-out error {result.held_out.rms:.1%} (squared {result.held_out.squared:.1%}), "
         f"{seconds:.0f} s"
     )
+
+
+def _shape(data: TrainingData) -> Array | None:
+    """Of the collider that the corrections are for, None if they are for any."""
+    experiment = data.context.experiment
+    if data.collider == ANY_COLLIDER:
+        return None
+    return shape_samples(build_collider(experiment.collider(data.collider), experiment.base_dir))
 
 
 def _trained(

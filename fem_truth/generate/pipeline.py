@@ -94,8 +94,7 @@ def generate(
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
         problem = _problem(groups, experiment, body)
-        # Bad input is refused before anything is solved.
-        on_first_rank(comm, lambda: sampled_collider(experiment, experiment.sampled_colliders[0], body))
+        on_first_rank(comm, lambda: _refuse_bad_collider(experiment, body))
         states, refused = find_states(groups, folder, experiment, problem)
         work = _contact_work(comm, experiment, problem, states)
         names = experiment.sampled_colliders
@@ -237,6 +236,12 @@ def sampled_collider(experiment: Experiment, name: str, body: ReducedBody) -> Co
         )
     check_size(collider, body.mesh.size)
     return collider
+
+
+def _refuse_bad_collider(experiment: Experiment, body: ReducedBody) -> None:
+    """Raises SoftprintError for a collider that cannot be used, before anything is solved. Shapes of a library are all
+    as large as the first."""
+    sampled_collider(experiment, experiment.sampled_colliders[0], body)
 
 
 def _places(body: ReducedBody, experiment: Experiment, count: int, n_states: int) -> IntArray:

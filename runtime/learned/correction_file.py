@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.shape_samples import is_same_shape
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.io.files import provenance
@@ -28,7 +30,7 @@ from softprint.runtime.mechanics.mechanics_file import mechanics_hash, read_mech
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 9
+KIND, VERSION = "correction", 10
 REMEDY = "train it again"
 
 
@@ -38,7 +40,8 @@ class CorrectionHeader:
 
     form: one of `registry.FORMS`; mechanics_hash: content hash of the mechanics that it was trained with, empty for a
     form without mechanics; held_out_rms: relative error on the held-out states (see `surrogate.learning_task`);
-    training: settings and results of the training, in any form.
+    training: settings and results of the training, in any form; shape: of the collider (`shape_samples`), empty if it
+    was trained for any.
     """
 
     name: str
@@ -53,6 +56,7 @@ class CorrectionHeader:
     held_out_rms: float
     training: dict[str, object]
     provenance: dict[str, str]
+    shape: list[float] = field(default_factory=list)
 
 
 def save_correction(
@@ -65,8 +69,10 @@ def save_correction(
     held_out_rms: float,
     training: Mapping[str, object],
     mechanics_hash: str = "",
+    shape: Array | None = None,
 ) -> None:
-    """Write a trained model with its header; atomic. mechanics_hash: see `MechanicsHeader.content_hash`."""
+    """Write a trained model with its header; atomic. mechanics_hash: see `MechanicsHeader.content_hash`; shape: the
+    `shape_samples` of the collider, None if the model is for any."""
     header = CorrectionHeader(
         name=name,
         collider=collider,
@@ -80,8 +86,9 @@ def save_correction(
         held_out_rms=held_out_rms,
         training=dict(training),
         provenance=provenance(),
+        shape=[] if shape is None else shape.tolist(),
     )
-    text = json.dumps({field.name: getattr(header, field.name) for field in fields(header)})
+    text = json.dumps({own.name: getattr(header, own.name) for own in fields(header)})
     save_tensors(path, KIND, VERSION, {"header": text}, model.state_dict())
 
 
@@ -122,6 +129,11 @@ class TrainedCorrection:
         if not self.is_for(collider.name):
             raise SoftprintError(
                 f"{self.path}: was trained for the collider {self.header.collider!r}, not for {collider.name!r}"
+            )
+        if self.header.shape and not is_same_shape(collider, self.header.shape):
+            raise SoftprintError(
+                f"{self.path}: was trained for a collider {self.header.collider!r} of another shape or size than this "
+                f"one of the same name: give this one another name, or train the correction again"
             )
         return self._make(collider)
 

@@ -113,3 +113,25 @@ def test_a_time_that_is_no_number_is_refused(jelly3d_body):
     simulator = softprint.Simulator(jelly3d_body, contact=softprint.PenaltyContact(1e9))
     with pytest.raises(SoftprintError, match="the time is nan"):
         simulator.rest_state(time=float("nan"))
+
+
+def test_a_shape_is_known_by_its_distances_and_not_by_its_name(dim):
+    from softprint.runtime.colliders import Box, Sphere
+    from softprint.runtime.colliders.shape_samples import is_same_shape, shape_samples
+
+    ball = Sphere(0.02, dim, "ball")
+    assert is_same_shape(Sphere(0.02, dim, "other name"), shape_samples(ball).tolist())
+    assert not is_same_shape(Sphere(0.021, dim, "ball"), shape_samples(ball).tolist())
+    assert not is_same_shape(Box(np.full(dim, 0.02), name="ball"), shape_samples(ball).tolist())
+    assert not is_same_shape(Sphere(0.02, 5 - dim, "ball"), shape_samples(ball).tolist())
+
+
+def test_another_resolution_is_the_same_shape(tmp_path):
+    from softprint.runtime.colliders.shape_samples import is_same_shape, shape_samples
+
+    trimesh.creation.icosphere(subdivisions=4, radius=0.02).export(tmp_path / "ball.stl")
+    table = {"name": "ball", "shape": "mesh", "file": "ball.stl"}
+    coarse, fine = (
+        build_collider(MeshSpec.model_validate(table | {"resolution": cells}), tmp_path) for cells in (32, 48)
+    )
+    assert is_same_shape(coarse, shape_samples(fine).tolist())

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.colliders import Box, RigidPose, Sphere
+from softprint.runtime.colliders.shape_samples import shape_samples
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import PlacedCollider, Simulator
 from softprint.runtime.errors import SoftprintError
@@ -206,7 +207,8 @@ def written(tmp_path: Path, form: str, body: ReducedBody, mechanics: dict[str, B
     own = ""
     if isinstance(correction, ForceCorrection):
         own = save_mechanics(mechanics_path(tmp_path, 200), correction.mechanics, body, 200).content_hash
-    save_correction(path, form, correction.model, body, "ball", "0" * 64, 0.5, {"seed": 1}, own)
+    shape = shape_samples(Sphere(0.02, body.dim))
+    save_correction(path, form, correction.model, body, "ball", "0" * 64, 0.5, {"seed": 1}, own, shape)
     return path
 
 
@@ -223,6 +225,12 @@ def test_file_round_trip(form, jelly2d_body, mechanics, tmp_path):
     assert np.abs(after - before).max() <= tolerance * np.abs(before).max()
     beside = {"mechanics_200.safetensors"} if form in FORCES else set()
     assert {file.name for file in tmp_path.iterdir()} == {path.name} | beside
+
+
+def test_another_shape_of_the_same_name_is_refused(jelly2d_body, mechanics, tmp_path):
+    path = written(tmp_path, "thesis5", jelly2d_body, mechanics)
+    with pytest.raises(SoftprintError, match=r"another shape or size than this one of the same name"):
+        load_correction(path, jelly2d_body, Sphere(0.025, 2, name="ball"))
 
 
 def test_mechanics_are_found_near_a_correction_or_given(jelly2d_body, mechanics, tmp_path):
