@@ -52,7 +52,7 @@ def located(points: Array, mesh: Mesh, positions: Array) -> BoolArray:
     lower, upper = points[about].min(axis=0), points[about].max(axis=0)
     cells = _in_box(centre, lower - reach, upper + reach)
     near = cKDTree(points[about]).query_ball_point(centre[cells], radius[cells])
-    counts = np.array([len(some) for some in near])
+    counts = np.array([len(some) for some in near], dtype=np.int64)
     corners = positions[mesh.cells[cells[counts > 0]]]
     edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
     flat = np.linalg.det(edges) == 0.0

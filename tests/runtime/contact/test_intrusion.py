@@ -82,6 +82,14 @@ def test_a_collider_outside_is_not_in_the_body(dim):
     assert np.isnan(found.point).all()
 
 
+def test_a_point_in_the_box_about_a_body_but_near_no_cell(dim):
+    """The body is two blocks far apart."""
+    one = box_mesh([0.0] * dim, [0.01] * dim, [2] * dim)
+    cells = np.concatenate([one.cells, one.cells + one.n_nodes])
+    two = Mesh(np.concatenate([one.points, one.points + 0.2]), cells)
+    assert intrusion(np.full((3, dim), 0.1), two, two.points).depth == 0.0
+
+
 def test_depth_does_not_change_with_a_rigid_motion(dim):
     mesh = block(dim)
     turn = (
