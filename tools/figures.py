@@ -100,6 +100,14 @@ FIGURES: Mapping[str, Figure] = {
     "speed_one_core": Figure((f"python -m benchmarks.bodies_speed {_BODIES} --no-full",), (RESULTS,)),
     "first_step": Figure(("python -m benchmarks.first_step",), (RESULTS,)),
     "truth_scale": Figure(("python -m benchmarks.truth_scale",), (RESULTS,)),
+    "contact_points": Figure(
+        (
+            "python -m benchmarks.contact_points examples/jelly3d_small.toml --contacts 40 --refinements 0 2 4 "
+            "--stiffness 1 10 100",
+        ),
+        (RESULTS,),
+        ("demo",),
+    ),
     "cubature": Figure(("python -m benchmarks.cubature",), ("docs/method.md",)),
     "near_colliders": Figure(
         ("python -m reproduction.near_colliders runs/jelly3d_small/body.h5",), ("docs/method.md",), ("demo",)
