@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-_FOLDERS = ("body", "colliders", "elasticity", "linalg", "rigid")
+_FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
     "runtime/contact/point_kernels.py",
     "runtime/dynamics/terms/cell_group_blocks.py",

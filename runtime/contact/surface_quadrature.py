@@ -24,6 +24,10 @@ from softprint.runtime.mesh.mesh import facet_vectors
 from softprint.runtime.mesh.simplex_kernels import bounding_balls
 
 
+# Signed distances that are interpolated or smoothed change by at most about this much in a metre.
+_STEEPEST = 1.25
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceQuadrature:
     """The points of f facets, n of each. facets: (f, c) their nodes; shares: N (n, c), the same for all facets; areas:
@@ -66,8 +70,9 @@ class SurfaceQuadrature:
     def near(self, x: Array, collider: Collider, pose: RigidPose) -> IntArray:
         """The points (k,), ascending, of all facets that may touch the collider, with the nodes at x (n_nodes, dim)."""
         centre, radius = bounding_balls(x, self.facets)
-        about, _, distance = collider.closer_to(centre, pose, float(radius.max(initial=0.0)))
-        facets = about[distance <= radius[about]]
+        reach = _STEEPEST * radius
+        about, _, distance = collider.closer_to(centre, pose, float(reach.max(initial=0.0)))
+        facets = about[distance <= reach[about]]
         return (facets[:, None] * len(self.shares) + np.arange(len(self.shares))).ravel()
 
     def gradient(self, index: IntArray, by_point: Array, n_nodes: int) -> Array:

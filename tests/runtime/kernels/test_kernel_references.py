@@ -325,6 +325,9 @@ INPUTS = {
             rng.normal(size=(ROWS, 6)) * (rng.random((ROWS, 6)) < 0.4),
         ),
     },
+    "mesh.simplex_kernels": {
+        "bounding_balls": lambda rng, dim: (rng.normal(size=(9, dim)), rng.integers(9, size=(M, dim + 1)))
+    },
     "mechanics.static_condensation_kernels": {
         "displacement": lambda rng, dim: (
             sparse_modes(rng, dim),
