@@ -22,7 +22,7 @@ MODELS := full bare thesis5 mechanics ours
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 # Open MPI runs as root, for instance in a container, only with both of these variables set.
-MPIRUN := $(if $(filter 0,$(shell id -u)),OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1) mpirun --quiet --oversubscribe
+MPIRUN := $(if $(filter 0,$(shell id -u)),OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1) mpirun --oversubscribe
 
 help:
 	@echo "make demo      mesh, truth on $(RANKS) ranks, training, simulation and report of $(EXPERIMENT)"

@@ -69,7 +69,7 @@ def softprint(tmp_path) -> Callable[..., subprocess.CompletedProcess[str]]:
     def call(*arguments: str | Path, ranks: int = 1, timeout: float = 300.0, **environment: str):
         command = [sys.executable, "-m", "softprint.runtime.cli.main", *map(str, arguments)]
         if ranks > 1:
-            command = ["mpirun", "--quiet", "--oversubscribe", "-n", str(ranks), *command]
+            command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
         return subprocess.run(
             command,
             cwd=tmp_path,

@@ -136,6 +136,8 @@ class Approach:
                 raise OutOfReach(self._why_never(depth))
             if to_go <= 0.0:
                 tolerances = {"xtol": _EXACT * self._length, "rtol": 4 * np.finfo(float).eps}
+                if -to_go <= tolerances["xtol"]:  # exactly there, so that round-off decides the sign
+                    return s
                 try:
                     return float(brentq(lambda t: depth - deepest.depth(t), s, last, **tolerances))
                 except ValueError as error:  # a slope far above one: near nodes were taken to be far

@@ -64,10 +64,10 @@ def test_a_collider_beside_its_origin_is_named_as_the_reason(experiment, softpri
     # The scene that records states puts the ball, not its origin, above the block.
     text = experiment.read_text().replace("[0.0, 0.0, 0.085]", "[-0.1, 0.0, 0.085]")
     experiment.write_text(text.replace("[0.01, 0.0, 0.072]", "[-0.09, 0.0, 0.072]"))
-    done = softprint("generate", experiment, "--units", "3", timeout=300)
+    done = softprint("generate", experiment, "--units", "10", timeout=300)
     assert done.returncode == 1
     (said,) = [line for line in done.stderr.splitlines() if "contacts have no converged sample" in line]
-    assert "2 of 3" in said
+    assert " of 10 contacts" in said
     assert "0.1 m away" in said
     assert "`centre = true`" in said
 
@@ -100,11 +100,14 @@ def test_a_collider_that_never_touches_is_named(experiment, softprint):
     assert "collider 'ball' never touches the body" in done.stdout + done.stderr
 
 
-def test_a_config_error_under_mpirun_is_one_sentence(experiment, softprint):
+def test_a_config_error_under_mpirun_is_said_once(experiment, softprint):
     done = softprint("generate", experiment, "--set", "sampling.places=-3", ranks=2, timeout=120)
     assert done.returncode != 0
-    (said,) = done.stderr.splitlines()
+    (said,) = [
+        line for line in done.stderr.splitlines() if "toy.toml" in line
+    ]  # mpirun adds that a rank has ended
     assert "[sampling.places]" in said
+    assert "Traceback" not in done.stderr
 
 
 def test_a_time_that_is_no_number_is_refused(jelly3d_body):

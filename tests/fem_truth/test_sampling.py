@@ -261,3 +261,15 @@ def test_node_speeds_distinguish_a_jump_from_smooth_contact() -> None:
     speeds = node_speeds(snapped, depths)
     assert speeds[2] > 4
     assert np.isnan(speeds[3])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_depth_that_the_march_meets_exactly_is_reached(seed):
+    """Straight above a node the distance falls as the ball moves: the march lands on the depth, to round-off."""
+    rng = np.random.default_rng(seed)
+    surface = np.column_stack([np.linspace(-0.05, 0.05, 13), np.full(13, rng.uniform(0.01, 0.1))])
+    ball = Sphere(rng.uniform(0.005, 0.03), dim=2)
+    approach = Approach(ball, surface, surface[6], np.array([0.0, 1.0]), np.eye(2))
+    depths = np.sort(rng.uniform(1e-4, 2e-3, 5))
+    found = [approach.depth(pose.translation[1] - surface[6, 1]) for pose in approach.poses_at(depths)]
+    np.testing.assert_allclose(found, depths, rtol=1e-9)

@@ -114,10 +114,10 @@ def at_shared_edges(triangles: IntArray) -> BoolArray:
 
 
 def refuse_flat(vertices: Array, source: str) -> None:
-    """Raises SoftprintError for a drawing, which has no inside."""
-    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    thickness = float(np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)[-1])
-    if thickness <= FLAT * diagonal * np.sqrt(len(vertices)):
+    """Raises SoftprintError for a drawing, which has no inside. Vertices on a line are left to `drop_degenerate`."""
+    least = FLAT * float(np.linalg.norm(np.ptp(vertices, axis=0))) * np.sqrt(len(vertices))
+    _, width, thickness = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    if thickness <= least < width:
         raise SoftprintError(
             f"{source}: the drawing is flat, all its vertices lie in a plane; a collider is a solid: give it a "
             "thickness in a modeller"
