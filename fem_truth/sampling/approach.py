@@ -135,11 +135,14 @@ class Approach:
             if s < lowest:
                 raise OutOfReach(self._why_never(depth))
             if to_go <= 0.0:
-                tolerances = {"xtol": _EXACT * self._length, "rtol": 4 * np.finfo(float).eps}
-                if -to_go <= tolerances["xtol"]:  # exactly there, so that round-off decides the sign
+                exact = _EXACT * self._length
+                if -to_go <= exact:  # there, so that round-off would decide the sign
                     return s
                 try:
-                    return float(brentq(lambda t: depth - deepest.depth(t), s, last, **tolerances))
+                    root = brentq(
+                        lambda t: depth - deepest.depth(t), s, last, xtol=exact, rtol=4 * np.finfo(float).eps
+                    )
+                    return float(root)
                 except ValueError as error:  # a slope far above one: near nodes were taken to be far
                     raise OutOfReach(
                         f"On this line the distance of collider {self.collider.name!r} changes too fast to find "
