@@ -115,8 +115,11 @@ def at_shared_edges(triangles: IntArray) -> BoolArray:
 
 def refuse_flat(vertices: Array, source: str) -> None:
     """Raises SoftprintError for a drawing, which has no inside. Vertices on a line are left to `drop_degenerate`."""
-    least = FLAT * float(np.linalg.norm(np.ptp(vertices, axis=0))) * np.sqrt(len(vertices))
-    _, width, thickness = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    scaled = vertices / max(float(np.abs(vertices).max()), float(np.finfo(float).tiny))
+    least = FLAT * float(np.linalg.norm(np.ptp(scaled, axis=0))) * np.sqrt(len(scaled))
+    # With three rows more, two points have three singular values, too.
+    offsets = np.vstack([scaled - scaled.mean(axis=0), np.zeros((3, 3))])
+    _, width, thickness = np.linalg.svd(offsets, compute_uv=False)
     if thickness <= least < width:
         raise SoftprintError(
             f"{source}: the drawing is flat, all its vertices lie in a plane; a collider is a solid: give it a "
