@@ -23,7 +23,7 @@ from softprint.runtime.lazy import lazy
 from softprint.runtime.mesh.mesh import facet_vectors
 from softprint.runtime.mesh.simplex_kernels import bounding_balls
 
-# Signed distances that are interpolated or smoothed change by at most about this much in a metre.
+# Allowance for signed distances that are interpolated or smoothed, and so may change faster than the way.
 _STEEPEST = 1.25
 
 
