@@ -8,6 +8,7 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 _FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
+    "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
     *(

@@ -13,7 +13,8 @@ import igl
 import numpy as np
 from scipy.spatial import cKDTree
 
-from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.contact.piercing_kernels import bounds, in_box
 from softprint.runtime.mesh.mesh import Mesh
 from softprint.runtime.mesh.simplex_kernels import bounding_balls
 
@@ -44,13 +45,13 @@ def intrusion(points: Array, mesh: Mesh, positions: Array) -> Intrusion:
 def located(points: Array, mesh: Mesh, positions: Array) -> BoolArray:
     """(m,) which of the points (m, dim) are in a deformed cell, inverted ones included."""
     found = np.zeros(len(points), dtype=bool)
-    about = _in_box(points, positions.min(axis=0), positions.max(axis=0))
+    about = in_box(points, *bounds(positions))
     if not len(about):
         return found
     centre, radius = bounding_balls(positions, mesh.cells)
     reach = float(radius.max())
-    lower, upper = points[about].min(axis=0), points[about].max(axis=0)
-    cells = _in_box(centre, lower - reach, upper + reach)
+    lower, upper = bounds(points[about])
+    cells = in_box(centre, lower - reach, upper + reach)
     near = cKDTree(points[about]).query_ball_point(centre[cells], radius[cells])
     counts = np.array([len(some) for some in near], dtype=np.int64)
     corners = positions[mesh.cells[cells[counts > 0]]]
@@ -66,20 +67,13 @@ def located(points: Array, mesh: Mesh, positions: Array) -> BoolArray:
     return found
 
 
-def _in_box(points: Array, lower: Array, upper: Array) -> IntArray:
-    """Indices of the points in a box."""
-    within = (points[:, 0] >= lower[0]) & (points[:, 0] <= upper[0])
-    for axis in range(1, points.shape[1]):
-        within &= (points[:, axis] >= lower[axis]) & (points[:, axis] <= upper[axis])
-    return np.flatnonzero(within)
-
-
 def _surface_distance(points: Array, mesh: Mesh, positions: Array) -> Array:
     """(m,) [m] distance of points (m, dim) from the deformed surface."""
     centre, radius = bounding_balls(positions, mesh.facets)
     # No facet farther than this is the nearest of a point.
     farthest = float(cKDTree(centre).query(points)[0].max()) + float(radius.max())
-    facets = mesh.facets[_in_box(centre, points.min(axis=0) - farthest, points.max(axis=0) + farthest)]
+    lower, upper = bounds(points)
+    facets = mesh.facets[in_box(centre, lower - farthest, upper + farthest)]
     in_space = [np.pad(each, ((0, 0), (0, 3 - mesh.dim))) for each in (points, positions)]
     squared, _, _ = igl.point_mesh_squared_distance(*in_space, facets.astype(np.int64))
     return np.asarray(np.sqrt(squared))

@@ -21,11 +21,13 @@ from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.contact_force import ContactForce
 from softprint.runtime.contact.lagged_friction import SlipStart
+from softprint.runtime.contact.piercing import Piercing
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.corrected_nodes import CorrectedNodes, Snapshot
 from softprint.runtime.dynamics.free_bodies import FreeBodies, FreeStep
 from softprint.runtime.dynamics.free_body_contact import ColliderContact
 from softprint.runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
+from softprint.runtime.dynamics.pierced_colliders import PiercedColliders
 from softprint.runtime.dynamics.placed_collider import (
     PlacedCollider,
     check_colliders,
@@ -101,6 +103,7 @@ class Simulator:
         bodies = free_colliders(self.colliders)
         among = ColliderContact(bodies, shapes, contact, friction)
         self._free_bodies = FreeBodies(bodies, shapes, among, body.basis[body.surface.nodes])
+        self._pierced = PiercedColliders(body, shapes, self._corrections.contact)
 
     def rest_state(self, time: float = 0.0, poses: Mapping[str, RigidPose] | None = None) -> ReducedState:
         """The undeformed body with zero velocity; kinematic handles at their positions at ``time`` [s]."""
@@ -122,14 +125,26 @@ class Simulator:
         frame = self._terms.in_frame(state.rows)
         problem = self._problem(frame, inertia, end, free, timings)
         begin = self._evaluated(frame, state, timings)
+        limit = None if free is None else self._pierced.limit(begin, list(free.flights))
+        problem = replace(problem, limit=limit)
         start, predicted_by = self._start(state, problem, begin, end, end_poses)
         if free is not None:
             start = self._free_start(start, problem, begin, free, end_poses)
         point = problem.point(begin.near(start))
+        if free is not None and limit is not None and not limit.allows(point.body):
+            # From the state itself, where the free colliders are as deep as allowed.
+            point = problem.point(
+                begin.near(self._start.at_rest(state, end, free.carried_on(end_poses, 0.0)))
+            )
         solved = solve_step(problem, point, self.settings.method, self._sliding(state, timings))
         reached = self._reached(solved, end, (solved.x.body.at.rows - state.rows) / h, free)
         reached = replace(reached, factorisation=kept_factorisation(solved, predicted_by))
-        return self._result(solved, reached, inertia, timings, free)
+        result = self._result(solved, reached, inertia, timings, free)
+        released = {name for name, contact in result.contacts.items() if not contact.points}
+        piercing = self._pierced.deepest(begin, solved.x.body, released)
+        if piercing is None and limit is not None and not solved.converged:
+            piercing = limit.refused
+        return _checked(result, piercing)
 
     def settle(
         self, state: ReducedState | None = None, newton: NewtonSettings | None = None
@@ -174,7 +189,7 @@ class Simulator:
             nonlocal body
             point = problem.point(body.near(at))
             body = point.body
-            return point.energy
+            return problem.energy(point)
 
         return free.start(start.rows, poses, energy)
 
@@ -211,7 +226,9 @@ class Simulator:
     ) -> StepResult[ReducedState]:
         state = self._reached(solved, begin.time, np.zeros_like(begin.rows), None)
         state = replace(state, motions=begin.motions)
-        return self._result(solved, state, self._no_inertia, timings, None)
+        result = self._result(solved, state, self._no_inertia, timings, None)
+        body = solved.x.body
+        return _checked(result, self._pierced.deepest(body, body, ()))
 
     @cached_property
     def _no_inertia(self) -> QuadraticForm:
@@ -354,6 +371,14 @@ class Simulator:
 def _solved_contact(body: BodyEvaluation) -> SolvedContact | None:
     """The warm start of the next contact solve."""
     return None if body.contact is None else body.contact.solved
+
+
+def _checked(result: StepResult[ReducedState], piercing: Piercing | None) -> StepResult[ReducedState]:
+    """The result, with the status PIERCED where a collider has pierced the body."""
+    if piercing is None:
+        return result
+    reason = f"{piercing.sentence}. {Status.PIERCED.sentence}"
+    return replace(result, status=Status.PIERCED, reason=reason, piercing=piercing)
 
 
 def _acceleration(body: ReducedBody, gravity: Sequence[float] | Array | None) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.contact.contact_force import ContactForce
+from softprint.runtime.contact.piercing import Piercing
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
 from softprint.runtime.optimise.descent import Descent
@@ -74,7 +75,8 @@ class StepResult(Generic[State]):
 
     state: at its end; status: how the solve ended, with advice in its `sentence`; 0 means converged; iterations: linear
     solves; residual: relative, as last evaluated by the solver (see `newton`); energies [J] and timings [s] by name;
-    contacts by collider.
+    contacts by collider; piercing: the deepest collider that has pierced the body or was kept from it, None where the
+    status is not PIERCED.
     """
 
     state: State
@@ -85,6 +87,7 @@ class StepResult(Generic[State]):
     energies: Mapping[str, float]
     timings: Mapping[str, float]
     contacts: Mapping[str, ContactForce]
+    piercing: Piercing | None = None
 
     @property
     def converged(self) -> bool:

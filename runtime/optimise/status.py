@@ -9,7 +9,7 @@ class Status(IntEnum):
     """How a minimisation ended. The numbers go into truth and motion files: never renumber.
 
     (In truth files 5 is a sample that was never started, `runtime.truth.truth_schema.UNREACHED`: full-space solves
-    never end as STALLED.)
+    never end as STALLED. PIERCED is of reduced steps, which may converge nevertheless.)
     """
 
     CONVERGED = 0
@@ -18,6 +18,7 @@ class Status(IntEnum):
     UNSTABLE = 3
     NOT_FINITE = 4
     STALLED = 5
+    PIERCED = 6
 
     @property
     def sentence(self) -> str:
@@ -39,4 +40,7 @@ _SENTENCES = {
     Status.STALLED: "The energy hardly decreases further, but forces balance only approximately: the energy is "
     "discontinuous close by, as where a contact node slips from one side of a thin wall to the other; take a smaller "
     "time step.",
+    Status.PIERCED: "A collider has pierced the body, or would have: it is pressed or thrown harder than the body can "
+    "give way, or it is thinner than the distance between surface nodes. Press less deep, or use a stiffer body, a "
+    "finer mesh or more contact nodes.",
 }

@@ -11,6 +11,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion
+from softprint.runtime.contact.piercing import Piercing
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.sources import scene_files
 from softprint.runtime.io.files import content_hash, file_hash
@@ -92,6 +93,7 @@ def simulate_scene(
     tables = collider_tables(experiment, scene)
     header = MotionHeader(model, scene.name, digest, experiment.text, tables)
     seconds, not_converged, untouched = 0.0, 0, set(surfaces)
+    pierced: list[Piercing] = []
     with (
         write_motion(path, header, body, n_steps + 1) as writer,
         context.progress(n_steps, unit="steps", desc=f"{scene.name} ({model})") as progress,
@@ -107,6 +109,8 @@ def simulate_scene(
             if not result.converged:
                 not_converged += 1
                 log.debug("%s (%s), frame %d: %s", scene.name, model, frame, result.reason)
+            if result.piercing is not None:
+                pierced.append(result.piercing)
             if frame:
                 seconds += result.timings["total"]
                 progress.update()
@@ -114,6 +118,12 @@ def simulate_scene(
         log.info(
             "%s (%s): %d of %d steps did not converge; see `status` in %s",
             *(scene.name, model, not_converged, n_steps, path),
+        )
+    if pierced:
+        deepest = max(pierced, key=lambda piercing: piercing.depth)
+        log.warning(
+            "%s (%s): pierced in %d of %d frames; at worst %s",
+            *(scene.name, model, len(pierced), n_steps + 1, deepest.sentence),
         )
     for name in sorted(untouched):
         log.warning("%s (%s): collider %r never touches the body", scene.name, model, name)

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -88,6 +89,14 @@ class Unknowns:
         return np.asarray(self.units[:, None] * curvature * self.units)
 
 
+class IterateLimit(Protocol):
+    """A condition that every iterate of a step must meet."""
+
+    def allows(self, body: BodyEvaluation) -> bool:
+        """Whether an iterate may be taken."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class StepEnergy:
     """The `Problem` of one step (`runtime/optimise`); its points are `StepPoint`s, which compute every part of the
@@ -95,7 +104,8 @@ class StepEnergy:
 
     quadratic: inertia, gravity and springs; springs: these alone; blocks: the matrix of `quadratic` for all axes
     (n_rows*dim, n_rows*dim); free_bodies: colliders that are solved for, None if all poses are prescribed; lagged: see
-    `LaggedFriction`, None without friction; force_floor [N]: smaller forces count as balanced.
+    `LaggedFriction`, None without friction; force_floor [N]: smaller forces count as balanced; limit: iterates that it
+    does not allow are not taken.
     """
 
     unknowns: Unknowns
@@ -106,6 +116,7 @@ class StepEnergy:
     lagged: LaggedFriction | None
     force_floor: float
     timings: Timings
+    limit: IterateLimit | None = None
 
     def point(self, body: BodyEvaluation) -> StepPoint:
         """The point of an evaluated body."""
@@ -131,7 +142,9 @@ class StepEnergy:
         return self.free_bodies.longest(x.body.at, v[len(self.unknowns.free) :])
 
     def energy(self, x: StepPoint) -> float:
-        """E [J], including lagged friction."""
+        """E [J], including lagged friction; infinite where the limit refuses x."""
+        if self.limit is not None and not self.limit.allows(x.body):
+            return np.inf
         return x.energy
 
     def linearise(self, x: StepPoint) -> Linearisation:

@@ -40,10 +40,14 @@ class StepStart:
         Hessian that predicted it, None at constant velocity. begin: the body at the state, in the frame of the step."""
         kept = state.factorisation
         if kept is not None and _same_poses(state.poses, poses):
-            at = Configuration(self._placed(state.rows, time), poses)
+            at = self.at_rest(state, time, poses)
             slope = problem.slope(begin.near(at), kept.contact_gradient)
             return problem.moved(at, kept.descent(slope)), kept.descent
         return Configuration(self._at_constant_velocity(state, time), poses), None
+
+    def at_rest(self, state: ReducedState, time: float, poses: Poses) -> Configuration:
+        """The state itself with the kinematic handles at their positions at a time [s], and colliders at poses."""
+        return Configuration(self._placed(state.rows, time), poses)
 
     def _at_constant_velocity(self, state: ReducedState, time: float) -> Array:
         """Rows at constant velocity, frames kept rigid."""

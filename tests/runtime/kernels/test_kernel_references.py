@@ -257,6 +257,15 @@ INPUTS = {
     "colliders.surface_mesh.sweep_kernels": {
         "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
     },
+    "contact.piercing_kernels": {
+        "bounds": lambda rng, dim: (rng.normal(size=(M, dim)),),
+        "in_box": lambda rng, dim: (rng.normal(size=(M, dim)), np.full(dim, -0.8), np.full(dim, 0.9)),
+        "nearest_depths": lambda rng, dim: (
+            rng.normal(size=(3, dim)),
+            rng.normal(size=(M, dim)),
+            rng.normal(size=(M, dim)),
+        ),
+    },
     "contact.point_kernels": {
         "penalty": penalty,
         "friction": lambda rng, dim: (

@@ -1,0 +1,131 @@
+"""Whether a collider has pierced the surface of a reduced body: found without the contact law, in every step.
+
+Contact acts at points of the body's surface, and a collider can pass between them, or be pressed farther than the body
+gives way. Points on the collider's surface are therefore compared with the nearest nodes of the deformed surface: one
+on the inner side of its nearest node is as deep in the body as it is far from that node. This measure is right to about
+the distance between nodes, so that a collider counts as piercing from a multiple of that distance. A body thinner than
+twice that depth can be passed unseen. `intrusion.py` has the exact depth, from all cells of the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Protocol
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
+from softprint.runtime.contact.piercing_kernels import bounds, in_box, nearest_depths
+
+# A collider pierces the body from this depth on, in distances between surface nodes. Where a dent stretches the surface
+# to twice its length, a collider point that touches it is up to 1.4 distances from the nearest node.
+_LIMIT = 2.0
+# At least so many points along the longest side of a collider.
+_LEAST_ALONG = 8
+# Collider points farther from all nearby nodes than the limit are either outside the body or deep inside: so many of
+# them are compared with all nodes.
+_FAR_POINTS = 16
+
+
+class DeformedSurface(Protocol):
+    """The surface nodes of a body at a state."""
+
+    @property
+    def approximate(self) -> Array:
+        """Their positions (n, dim) [m], without the displacement by contact."""
+        ...
+
+    def positions(self, index: IntArray) -> Array:
+        """Positions (m, dim) [m] of some of them (m,)."""
+        ...
+
+    def normals(self, index: IntArray) -> Array:
+        """Outward normals (m, dim), of any length."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Piercing:
+    """A collider inside a body. depth: of its deepest point [m]; point: where that is (dim,) [m]."""
+
+    collider: str
+    depth: float
+    point: Array
+
+    @property
+    def sentence(self) -> str:
+        """Which collider is how deep inside, and where."""
+        where = ", ".join(f"{1e3 * x:.1f}" for x in self.point)
+        return f"collider {self.collider!r} is {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
+
+
+class PiercingSearch:
+    """Finds colliders, by name, that have pierced a body whose surface nodes are `spacing` [m] apart."""
+
+    def __init__(self, colliders: Mapping[str, Collider], spacing: float) -> None:
+        self.limit = _LIMIT * spacing
+        self._probes = {name: _Probe.of(collider, spacing) for name, collider in colliders.items()}
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the colliders."""
+        return list(self._probes)
+
+    def found(self, surface: DeformedSurface, poses: Poses) -> dict[str, Piercing]:
+        """Those of the colliders with poses that have pierced the surface."""
+        found = {name: self._inside(name, surface, pose) for name, pose in poses.items()}
+        return {name: piercing for name, piercing in found.items() if piercing is not None}
+
+    def hops(self, name: str, before: RigidPose, after: RigidPose) -> int:
+        """In how many parts a motion must be cut, so that no point of the collider moves farther than the limit in any;
+        1 for a collider without bounds."""
+        probe = self._probes[name]
+        if not len(probe.points):
+            return 1
+        corners = _corners(probe.lower, probe.upper)
+        way = np.linalg.norm(after.apply(corners) - before.apply(corners), axis=1).max()
+        return max(1, int(np.ceil(way / self.limit)))
+
+    def _inside(self, name: str, surface: DeformedSurface, pose: RigidPose) -> Piercing | None:
+        probe, x = self._probes[name], surface.approximate
+        z = pose.apply(probe.points)
+        z = z[in_box(z, *bounds(x))]
+        if not len(z):
+            return None
+        lower, upper = bounds(z)
+        near = in_box(x, lower - self.limit, upper + self.limit)
+        distance, depth = nearest_depths(z, surface.positions(near), surface.normals(near))
+        far = np.flatnonzero(distance > self.limit)
+        if len(far):
+            depth[far] = 0.0
+            some = far[:: max(1, len(far) // _FAR_POINTS)]
+            _, depth[some] = nearest_depths(z[some], x, surface.normals(np.arange(len(x))))
+        deepest = int(np.argmax(depth))
+        return None if depth[deepest] <= self.limit else Piercing(name, float(depth[deepest]), z[deepest])
+
+
+@dataclass(frozen=True, eq=False)
+class _Probe:
+    """Points (m, dim) [m] on a collider's surface and the bounds (dim,) of the collider, in its own coordinates. A
+    collider without bounds has no points: it is never inside a body."""
+
+    points: Array
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(cls, collider: Collider, spacing: float) -> _Probe:
+        extent = float((collider.upper - collider.lower).max())
+        finest, coarsest = extent / POINTS_ALONG[3], extent / _LEAST_ALONG
+        apart = min(max(spacing, finest), coarsest) if np.isfinite(extent) else spacing
+        return cls(surface_points(collider, apart), collider.lower, collider.upper)
+
+
+def _corners(lower: Array, upper: Array) -> Array:
+    """(2^dim, dim) of a box."""
+    return np.array(list(product(*zip(lower, upper, strict=True))))

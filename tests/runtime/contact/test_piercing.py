@@ -1,0 +1,112 @@
+"""Whether a collider has pierced a surface that is known by its nodes alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders import Box, Plane, RigidPose, Sphere
+from softprint.runtime.colliders.surface_points import surface_points
+from softprint.runtime.contact.intrusion import intrusion
+from softprint.runtime.contact.piercing import PiercingSearch
+from softprint.runtime.mesh import box_mesh
+
+SPACING = 0.01  # m, of the nodes of the block
+
+
+@dataclass(frozen=True)
+class Undeformed:
+    """The surface nodes of a mesh at rest, with or without a displacement by contact."""
+
+    approximate: Array
+    normal: Array
+    displacement: Array | float = 0.0
+
+    def positions(self, index):
+        return (self.approximate + self.displacement)[index]
+
+    def normals(self, index):
+        return self.normal[index]
+
+
+@pytest.fixture
+def block(dim):
+    """10 cm along each edge; its surface, and the mesh."""
+    mesh = box_mesh([0.0] * dim, [0.1] * dim, [10] * dim)
+    return Undeformed(mesh.points[mesh.surface_nodes], mesh.surface_normals), mesh
+
+
+def at_depth(dim, depth, radius):
+    """A sphere of that radius, so deep in the middle of the top."""
+    centre = np.full(dim, 0.05)
+    centre[-1] = 0.1 + radius - depth
+    return {"ball": RigidPose(np.eye(dim), centre)}
+
+
+def test_a_shallow_collider_has_not_pierced(block, dim):
+    search = PiercingSearch({"ball": Sphere(0.015, dim)}, SPACING)
+    assert not search.found(block[0], at_depth(dim, 0.99 * search.limit, 0.015))
+
+
+def test_the_depth_agrees_with_that_in_the_cells(block, dim):
+    surface, mesh = block
+    ball = Sphere(0.015, dim)
+    search = PiercingSearch({"ball": ball}, SPACING)
+    for depth in (0.023, 0.03, 0.04):
+        poses = at_depth(dim, depth, 0.015)
+        found = search.found(surface, poses)["ball"]
+        exact = intrusion(poses["ball"].apply(surface_points(ball)), mesh, mesh.points).depth
+        # The nearest node is at most half a diagonal of the surface's squares farther away than the surface.
+        assert exact - 0.25 * SPACING <= found.depth <= exact + 0.8 * SPACING
+        assert found.collider == "ball"
+        np.testing.assert_allclose(found.point[-1], 0.1 - found.depth, atol=0.8 * SPACING)
+
+
+def test_a_collider_far_from_every_node_is_found(dim):
+    coarse = box_mesh([0.0] * dim, [1.0] * dim, [20] * dim)
+    surface = Undeformed(coarse.points[coarse.surface_nodes], coarse.surface_normals)
+    inside = {"ball": RigidPose(np.eye(dim), np.full(dim, 0.5))}
+    search = PiercingSearch({"ball": Sphere(0.02, dim)}, 0.05)
+    assert search.found(surface, inside)["ball"].depth > 0.4
+
+
+def test_a_surface_that_gives_way_is_not_pierced(block, dim):
+    surface, _ = block
+    poses = at_depth(dim, 0.03, 0.015)
+    search = PiercingSearch({"ball": Sphere(0.015, dim)}, SPACING)
+    assert search.found(surface, poses)
+    down = -0.03 * np.eye(dim)[-1]
+    top = surface.approximate[:, -1:] > 0.099
+    assert not search.found(Undeformed(surface.approximate, surface.normal, top * down), poses)
+
+
+def test_colliders_beside_the_body_have_not_pierced_it(block, dim):
+    """A shelf around the block, much larger than it, and balls at its corners."""
+    surface, _ = block
+    search = PiercingSearch({"shelf": Box(np.full(dim, 0.3)), "ball": Sphere(0.01, dim)}, SPACING)
+    under = np.full(dim, 0.05)
+    under[-1] = -0.3
+    for corner in (np.zeros(dim), np.full(dim, 0.1)):
+        outward = np.sign(corner - 0.05) / np.sqrt(dim)
+        poses = {
+            "shelf": RigidPose(np.eye(dim), under),
+            "ball": RigidPose(np.eye(dim), corner + 0.01 * outward),
+        }
+        assert not search.found(surface, poses)
+
+
+def test_a_half_space_never_pierces(block, dim):
+    search = PiercingSearch({"floor": Plane(np.eye(dim)[-1])}, SPACING)
+    here, there = RigidPose.identity(dim), RigidPose(np.eye(dim), np.full(dim, 9.0))
+    assert not search.found(block[0], {"floor": here})
+    assert search.hops("floor", here, there) == 1
+
+
+def test_motions_are_cut_into_hops_of_the_limit(dim):
+    search = PiercingSearch({"ball": Sphere(0.01, dim)}, SPACING)
+    here = RigidPose.identity(dim)
+    assert search.hops("ball", here, RigidPose(np.eye(dim), 0.99 * search.limit * np.eye(dim)[0])) == 1
+    assert search.hops("ball", here, RigidPose(np.eye(dim), 3.5 * search.limit * np.eye(dim)[0])) == 4
