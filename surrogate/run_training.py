@@ -53,7 +53,7 @@ def train_models(context: Context, only: str | None) -> None:
         data = TrainingData(truth, body, context, mechanics)
         context.say(
             f"{len(data.split.train)} training samples, {len(data.held_out)} held-out samples; "
-            f"{data.split.left_out} left out (not converged, or after a jump); "
+            f"{data.split.left_out} left out (not converged, after a jump, pierced, or with inverted cells); "
             f"label-noise floor {truth.noise_floor:.3g}"
         )
         for spec in wanted:

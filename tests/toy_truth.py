@@ -47,6 +47,7 @@ def write_truth(path: Path, body) -> None:
                 contact=[0, 0, 1, 1, 2, 2],
                 depth_index=[0, 1, 0, 1, 0, 1],
                 status=[0, 0, 0, UNREACHED, 0, 0],
+                min_det_F=np.full(6, 0.5),
                 pose_rotation=np.stack([turned(dim, angle) for angle in (0.1, 0.1, 0.9, 0.9, 0.9, 0.9)]),
                 pose_translation=above
                 + np.array([19e-3 - 1e-3 * k for k in range(6)])[:, None] * np.eye(dim)[-1],

@@ -102,8 +102,8 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
             + ("" if truth.complete else " (partial: the same command continues)"),
             f"  {truth.n_samples} samples at {len(truth.states)} states ({len(truth.refused)} refused), "
             f"{100 * converged / n:.1f} % converged, "
-            f"{np.count_nonzero(samples['branch_flag'])} flagged as jumps, "
-            f"{np.count_nonzero(truth.usable)} usable",
+            f"{np.count_nonzero(samples['branch_flag'])} flagged as jumps, {np.count_nonzero(truth.pierced)} pierced, "
+            f"{np.count_nonzero(truth.inverted)} with inverted cells, {np.count_nonzero(truth.usable)} usable",
             f"  label noise {100 * truth.noise_floor:.2g} % ({len(truth.repeat)} solved twice)",
             f"  {_depths(samples['max_depth'], samples['intrusion'], samples['status'] == CONVERGED)}",
             f"  {truth.contacts['seconds'].sum() / n:.3f} core-seconds a sample (second paths included)",

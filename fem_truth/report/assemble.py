@@ -37,6 +37,7 @@ from softprint.fem_truth.report.shapes import ShapeSection
 from softprint.fem_truth.report.showcase import showcase, shown_models
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.experiment import Experiment
 from softprint.runtime.io.files import provenance
 from softprint.runtime.scenes.motion_file import Motion
@@ -45,13 +46,14 @@ from softprint.runtime.truth.truth_file import TruthData
 
 @dataclass(frozen=True, eq=False)
 class JudgedScene:
-    """A test scene with its results. motions: the free runs by model, including `full`;
-    comparison: None if the body never touches the collider."""
+    """A test scene with its results. motions: the free runs by model, including `full`; comparison: None if there is no
+    frame to compare; n_left_out: frames in contact in which the full-space motion is invalid."""
 
     name: str
     comparer: Comparer
     comparison: SceneComparison | None
     motions: Mapping[str, Motion]
+    n_left_out: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +180,7 @@ def _scene(
     free, free_curves = _free_running(scene)
     summary: dict[str, Any] = {"name": scene.name, "n_frames": len(times), "time": times, "free": free}
     summary["free_over_time"] = free_curves
+    summary["n_left_out"] = scene.n_left_out
     plots = {}
     if len(free_curves):
         millimetres = {name: 1e3 * curve for name, curve in free_curves.items()}
@@ -248,8 +251,10 @@ def _free_running(scene: JudgedScene) -> tuple[dict[str, Any], dict[str, Array]]
         name: distances_over_time(motion, full) for name, motion in scene.motions.items() if name != "full"
     }
     bare_rms = float(np.sqrt(np.mean(curves["bare"] ** 2))) if "bare" in curves else None
+    limit = pierced_from(scene.comparer.body.mesh)
     return {
-        name: free_running_row(scene.motions[name], curve, bare_rms) for name, curve in curves.items()
+        name: free_running_row(scene.motions[name], curve, bare_rms, scene.motions[name].invalid(limit))
+        for name, curve in curves.items()
     }, curves
 
 

@@ -37,6 +37,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.io.files import content_hash
 from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.learned.static_correction import StaticCorrection
@@ -100,8 +101,11 @@ def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: Sce
     )
     comparer = Comparer(body, collider, motion, _corrections(files, body, collider))
     contact, depth = comparer.contact_frames()
+    valid = ~full.invalid(pierced_from(body.mesh))[contact]
+    left_out = int(np.count_nonzero(~valid))
+    contact, depth = contact[valid], depth[valid]
     if not len(contact):
-        return JudgedScene(scene.name, comparer, None, motions)
+        return JudgedScene(scene.name, comparer, None, motions, left_out)
 
     problem = ConstrainedProblem(
         FullSpaceElasticity(body),
@@ -128,7 +132,8 @@ def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: Sce
             progress.update()
             return solves
 
-        return JudgedScene(scene.name, comparer, compare(comparer, contact, depth, solve, n_solved), motions)
+        comparison = compare(comparer, contact, depth, solve, n_solved)
+    return JudgedScene(scene.name, comparer, comparison, motions, left_out)
 
 
 def _collider(experiment: Experiment, scene: SceneSpec) -> Collider:
@@ -171,8 +176,13 @@ def _judged_model(experiment: Experiment, files: RunFiles) -> str | None:
 
 def _contact_notes(scenes: list[JudgedScene]) -> list[str]:
     return [
-        f"In the scene \u201c{scene.name}\u201d the body never touches the collider, "
-        "so there is no error to report: change its keyframes."
+        f"In the scene \u201c{scene.name}\u201d "
+        + (
+            "the full-space body is pierced, or has inverted cells, in every frame in contact"
+            if scene.n_left_out
+            else "the body never touches the collider"
+        )
+        + ", so there is no error to report: change its keyframes."
         for scene in scenes
         if scene.comparison is None
     ]

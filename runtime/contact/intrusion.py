@@ -22,6 +22,12 @@ from softprint.runtime.mesh.simplex_kernels import bounding_balls
 _ON_A_FACE = -1e-9
 
 
+def pierced_from(mesh: Mesh) -> float:
+    """The depth [m] from which on a collider has pierced the surface: the distance between surface nodes. Contact at
+    nodes resolves nothing finer, so less is the error of a mesh, and more a part of the collider on the wrong side."""
+    return mesh.surface_spacing
+
+
 class Intrusion(NamedTuple):
     """depth: of the deepest point of a collider inside a body [m], 0 if none is; point: (dim,) where it is."""
 

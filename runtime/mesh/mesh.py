@@ -99,6 +99,11 @@ class Mesh:
         shares = np.repeat(measure / self.dim, self.dim)
         return scatter_sum(self.facets, shares, self.n_nodes)[self.surface_nodes]
 
+    @property
+    def surface_spacing(self) -> float:
+        """The distance between surface nodes [m]: that of a square grid of as many nodes on the same area."""
+        return float(self.surface_areas.sum() / len(self.surface_nodes)) ** (1.0 / (self.dim - 1))
+
     @cached_property
     def surface_normals(self) -> Array:
         """(n_surface, dim) unit outward normals at the surface nodes, averaged over facets by area."""

@@ -81,6 +81,12 @@ class Motion:
         """(F,)"""
         return np.equal(self.status, 0)
 
+    def invalid(self, pierced_from: float) -> BoolArray:
+        """(F,) the frames in which a collider has pierced the body, deeper than `pierced_from` [m], or a cell is
+        inverted."""
+        deepest = [track.intrusion > pierced_from for track in self.colliders.values()]
+        return np.asarray(np.any([self.min_det_F <= 0.0, *deepest], axis=0))
+
     def positions(self, frame: int) -> Array:
         """(n_nodes, dim) [m] of one frame, read from the file on demand."""
         if not 0 <= frame < self.n_frames:

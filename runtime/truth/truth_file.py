@@ -25,9 +25,11 @@ from numpy.typing import NDArray
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
 from softprint.runtime.io.xdmf import Step, Values, write_xdmf
+from softprint.runtime.mesh.mesh import Mesh
 from softprint.runtime.truth.truth_schema import (
     CONVERGED,
     KIND,
@@ -250,6 +252,7 @@ class TruthData:
             )
             self.dim = int(file["mesh/points"].shape[1])
             self.n_nodes = int(file["mesh/points"].shape[0])
+            self._pierced_from = pierced_from(Mesh(file["mesh/points"][()], file["mesh/cells"][()]))
             self._stack = stack.pop_all()  # valid: keep the file open
 
     def _check_tables(self, file: h5py.File) -> None:
@@ -295,13 +298,24 @@ class TruthData:
 
     @property
     def usable(self) -> BoolArray:
-        """(n_samples,) which samples are usable for training: converged, and not after a jump to another branch."""
+        """(n_samples,) which samples are usable for training: converged, not after a jump to another branch, with no
+        collider through the surface and no cell inverted."""
         flagged = self.samples["branch_flag"]
         contact, depth = self.samples["contact"], self.samples["depth_index"]
         jumped = np.zeros(len(flagged), dtype=bool)
         for sample in np.flatnonzero(flagged):
             jumped |= (contact == contact[sample]) & (depth >= depth[sample])
-        return (self.samples["status"] == CONVERGED) & ~jumped
+        return (self.samples["status"] == CONVERGED) & ~jumped & ~self.pierced & ~self.inverted
+
+    @property
+    def pierced(self) -> BoolArray:
+        """(n_samples,) in which converged samples the collider has pierced the body, see `pierced_from`."""
+        return np.asarray(self.samples["intrusion"] > self._pierced_from)
+
+    @property
+    def inverted(self) -> BoolArray:
+        """(n_samples,) in which converged samples a cell is inverted."""
+        return np.asarray(self.samples["min_det_F"] <= 0.0)
 
     @property
     def sample_state(self) -> IntArray:

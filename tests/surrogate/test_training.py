@@ -91,6 +91,7 @@ def truth_path(jelly2d_body: ReducedBody, mechanics, tmp_path_factory: pytest.Te
                 "pose_translation": np.array([sample[2].translation for sample in samples]),
                 "displacement": np.array([sample[3] for sample in samples], dtype=np.float32),
                 "status": status,
+                "min_det_F": np.full(count, 0.5),
                 "branch_flag": flags,
             },
         ),

@@ -31,6 +31,8 @@ def truth_summary(truth: TruthData) -> dict[str, Any]:
             if count
         },
         "flagged": int(samples["branch_flag"].sum()),
+        "pierced": int(truth.pierced.sum()),
+        "inverted": int(truth.inverted.sum()),
         "repeats": len(truth.repeat),
         "noise_floor": float(np.median(spread)) if len(spread) else None,
         "noise_90": float(np.quantile(spread, 0.9)) if len(spread) else None,

@@ -49,6 +49,8 @@ def _contents(truth: TruthData) -> dict[str, Any]:
             name: int((status == code).sum()) for code, name in STATUS_NAMES.items() if (status == code).any()
         },
         "jumped to another branch": int(truth.samples["branch_flag"].sum()),
+        "pierced by the collider": int(truth.pierced.sum()),
+        "with inverted cells": int(truth.inverted.sum()),
         "usable for training": int(truth.usable.sum()),
         "contacts, planned": [len(truth.contacts), truth.header.planned_contacts],
         "states, refused": [len(truth.states), len(truth.refused)],

@@ -72,6 +72,7 @@ def summary():
         "name": "held out & strange <name>",
         "n_frames": 40,
         "n_contact": 9,
+        "n_left_out": 3,
         "n_solved": 4,
         "errors_all": error_rows(("full", "bare", "thesis5", "ours", "v1.2 <odd>")),
         "errors_solved": error_rows(MODELS),
@@ -86,6 +87,7 @@ def summary():
                 "last": 1e-4,
                 "max_penetration": 1e-3,
                 "not_converged": 2,
+                "pierced": 1,
             }
         },
         "shown": [
@@ -143,6 +145,9 @@ def summary():
             "noise_floor": 0.012,
             "noise_90": 0.05,
             "flagged": 12,
+            "pierced": 4,
+            "inverted": 1,
+            "usable": 7800,
             "repeats": 240,
             "statuses": {"converged": {"count": 7900, "share": 0.9875}},
         },

@@ -25,6 +25,11 @@ def test_box_has_the_volume_and_the_surface_of_a_box(dim):
     assert mesh.node_volumes.sum() == pytest.approx(mesh.cell_volumes.sum(), rel=ROUND_OFF)
 
 
+def test_spacing_of_surface_nodes(dim):
+    """On a finely divided cube it tends to the length of the edges of its cells."""
+    assert box_mesh([0.0] * dim, [1.0] * dim, [10] * dim).surface_spacing == pytest.approx(0.1, rel=1e-2)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_surface_is_closed_and_points_outward(dim):
     mesh = small_box(dim)

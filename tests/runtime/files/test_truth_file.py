@@ -31,7 +31,8 @@ def header_of(body, planned: int = 2) -> TruthHeader:
     return TruthHeader(body.content_hash, "[experiment]", 7, ("ball",), planned, {"sampling.depths": "2"})
 
 
-def write(path: Path, body, planned: int = 2, change: str = "") -> dict:
+def write(path: Path, body, planned: int = 2, change: str = "", **given) -> dict:
+    """given: columns of the samples."""
     rng = np.random.default_rng(0)
     rotations = np.broadcast_to(np.eye(body.dim), (4, body.dim, body.dim))
     written = {
@@ -44,6 +45,7 @@ def write(path: Path, body, planned: int = 2, change: str = "") -> dict:
             depth_index=[0, 1, 0, 1],
             status=[0, 0, 0, UNREACHED],
             branch_flag=[True, False, False, False],
+            **({"intrusion": [0.001, 0.001, np.nan, 0.001], "min_det_F": [0.4, 0.3, 0.5, 0.2]} | given),
             pose_rotation=rotations,
         ),
         "repeat": table("repeat", body, 2, rng, sample=[0, 3], spread=[0.25, np.nan]),
@@ -84,6 +86,17 @@ def test_round_trip(tmp_path, jelly_body) -> None:
 def test_samples_after_a_jump_and_failures_are_not_used(truth_path) -> None:
     with load_truth(truth_path) as truth:
         np.testing.assert_array_equal(truth.usable, [False, False, True, False])
+
+
+@pytest.mark.parametrize(("column", "times_spacing"), [("intrusion", 1.01), ("min_det_F", -0.01)])
+def test_pierced_and_inverted_samples_are_not_used(tmp_path, jelly2d_body, column, times_spacing) -> None:
+    """Not by the sample that is usable otherwise."""
+    bad = times_spacing * jelly2d_body.mesh.surface_spacing
+    write(tmp_path / "truth.h5", jelly2d_body, **{column: [0.001, 0.001, bad, 0.001]})
+    with load_truth(tmp_path / "truth.h5") as truth:
+        found = truth.pierced if column == "intrusion" else truth.inverted
+        np.testing.assert_array_equal(found, [False, False, True, False])
+        assert not truth.usable.any()
 
 
 def test_a_part_of_the_plan_says_so(tmp_path, jelly2d_body) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,6 +94,18 @@ def test_a_simulated_scene_round_trips(context):
     assert motion.penetration[-1] > 0
     assert {"total", "elastic", "contact"} <= set(motion.timings)
     assert "elastic" in motion.energies
+
+
+def test_pierced_and_inverted_frames_are_invalid(context):
+    SIMULATE.run(options(SIMULATE), context)
+    motion = load_motion(motion_path(context.out_dir, "press", "bare"))
+    deepest = motion.colliders["ball"].intrusion
+    assert not motion.invalid(1.01 * deepest.max()).any()
+    np.testing.assert_array_equal(motion.invalid(0.99 * deepest.max()), deepest > 0.99 * deepest.max())
+    inverted = np.r_[-0.1, motion.min_det_F[1:]]
+    np.testing.assert_array_equal(
+        replace(motion, min_det_F=inverted).invalid(1.0), np.arange(motion.n_frames) == 0
+    )
 
 
 def test_the_side_file_names_every_frame(context):
