@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose, rotation_matrix
@@ -42,6 +44,11 @@ class PiercedColliders:
             (surface, PiercingSearch(own, spacing))
             for (surface, own), spacing in zip(parts, spacings, strict=True)
         ]
+
+    @property
+    def depth(self) -> float:
+        """The depth [m] from which on every collider counts as piercing."""
+        return max((search.limit for _, search in self._parts), default=np.inf)
 
     def found(self, body: BodyEvaluation, poses: Poses, names: Sequence[str] = ()) -> dict[str, Piercing]:
         """The colliders at poses that have pierced the body; names: of those that are asked for, all by default."""

@@ -105,6 +105,11 @@ class Simulator:
         self._free_bodies = FreeBodies(bodies, shapes, among, body.basis[body.surface.nodes])
         self._pierced = PiercedColliders(body, shapes, self._corrections.contact)
 
+    @property
+    def pierced_from(self) -> float:
+        """The depth [m] in the body from which on a collider has pierced it (`runtime/contact/piercing.py`)."""
+        return self._pierced.depth
+
     def rest_state(self, time: float = 0.0, poses: Mapping[str, RigidPose] | None = None) -> ReducedState:
         """The undeformed body with zero velocity; kinematic handles at their positions at ``time`` [s]."""
         rest = self.body.rest_rows

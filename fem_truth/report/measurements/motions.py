@@ -30,9 +30,9 @@ def distances_over_time(motion: Motion, full: Motion) -> Array:
 
 
 def free_running_row(
-    motion: Motion, distances: Array, bare_rms: float | None, pierced: BoolArray
+    motion: Motion, distances: Array, bare_rms: float | None, invalid: BoolArray
 ) -> dict[str, Any]:
-    """A row of the table of free runs; bare_rms: RMS distance of the bare subspace [m], if it was simulated; pierced:
+    """A row of the table of free runs; bare_rms: RMS distance of the bare subspace [m], if it was simulated; invalid:
     (n_frames,), see `Motion.invalid`."""
     rms = root_mean_square(distances)
     return {
@@ -42,7 +42,7 @@ def free_running_row(
         "last": float(distances[-1]),
         "max_penetration": float(motion.penetration.max()),
         "not_converged": int(np.sum(~motion.converged)),
-        "pierced": int(np.sum(pierced)),
+        "invalid": int(np.sum(invalid)),
     }
 
 

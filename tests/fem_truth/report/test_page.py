@@ -87,7 +87,7 @@ def summary():
                 "last": 1e-4,
                 "max_penetration": 1e-3,
                 "not_converged": 2,
-                "pierced": 1,
+                "invalid": 1,
             }
         },
         "shown": [

@@ -1,0 +1,310 @@
+"""Steps of random scenes, in great number: does any of them end in NaN, in an error, or with a collider inside the body
+that no status tells of?
+
+    python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 1000000 --processes 2
+
+Scene k is drawn from the seed and k alone. A shape of the library, of 3 to 30 mm, is thrown at the body with up to 20
+m/s (1 to 1000 g), led across it up to 25 mm deep, or thrown while another one is led; with or without linear mechanics,
+with or without friction, with steps of 1/1000 to 1/30 s. It ends after 100 steps, or ten that are pierced. In every
+tenth step the depth of the colliders is found in all cells of the body (`runtime/contact/intrusion.py`): above the limit
+of the step's own check by half, in a step that says that it has converged, it is *silent*.
+
+Needs `softprint body EXPERIMENT`; mechanics are computed where `softprint train` has not left them. Finished scenes are
+kept in RUN/random_scenes.jsonl: a run that was stopped continues, and a longer one adds to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.colliders import Collider, RigidPose, Sphere
+from softprint.runtime.colliders.library import library_collider
+from softprint.runtime.colliders.path import KeyframedPath
+from softprint.runtime.colliders.surface_points import surface_points
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.contact.intrusion import intrusion
+from softprint.runtime.dynamics import (
+    DynamicsSettings,
+    KinematicHandle,
+    NewtonSettings,
+    PlacedCollider,
+    ReducedState,
+    Simulator,
+    StepResult,
+)
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import load_experiment
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
+from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
+from softprint.runtime.rigid import free_collider
+from softprint.runtime.shapes import SHAPES
+
+STEPS = 100
+CHECKED_EVERY = 10
+_GIVEN_UP = 10
+# The exact depth may exceed that of the check in every step by the error of the latter, half of its limit.
+SILENT = 1.5
+CONTACT_NODES = 3000
+
+
+@dataclass
+class Counted:
+    """What happened in one scene. kind: of scene and model; worst: the deepest that a collider was inside the body in a
+    step that says that it has converged [m]."""
+
+    scene: int
+    kind: str
+    steps: int = 0
+    pierced: int = 0
+    unconverged: int = 0
+    not_finite: int = 0
+    checked: int = 0
+    silent: int = 0
+    worst: float = 0.0
+    error: str = ""
+    first_silent: list[int] = field(default_factory=list)
+
+
+class Scenes:
+    """Random scenes on the body of a run."""
+
+    def __init__(self, experiment: Path, run: Path, seed: int) -> None:
+        self.experiment, self.seed = load_experiment(experiment), seed
+        self.body: ReducedBody = load_body(run / "body.h5")
+        stored = mechanics_path(run, CONTACT_NODES)
+        self.mechanics: BodyMechanics = (
+            load_mechanics(stored, self.body)
+            if stored.is_file()
+            else compute_mechanics(self.body, CONTACT_NODES, True)
+        )
+        self.top = float(self.body.mesh.points[:, -1].max())
+        self.reach = self.body.mesh.points[:, :-1].max(axis=0)
+
+    def play(self, number: int) -> Counted:
+        """One scene, to its end or to the first error."""
+        rng = np.random.default_rng([self.seed, number])
+        thrown, led = [(True, False), (False, True), (True, True)][rng.integers(3)]
+        colliders = [*([self._thrown(rng)] if thrown else []), *([self._led(rng)] if led else [])]
+        with_mechanics, with_friction = rng.random() < 0.7, rng.random() < 0.5
+        words = ["mechanics" if with_mechanics else "bare", *[c.name for c in colliders]]
+        counted = Counted(number, " ".join(words))
+        try:
+            simulator = Simulator(
+                self.body,
+                colliders,
+                contact=PenaltyContact(self.experiment.contact.stiffness),
+                mechanics=self.mechanics if with_mechanics else None,
+                friction=CoulombFriction(0.4) if with_friction else None,
+                gravity=self.experiment.dynamics.gravity,
+                kinematic=[KinematicHandle(frame.name) for frame in self.body.handles.frames[:1]],
+                settings=DynamicsSettings(
+                    float(np.exp(rng.uniform(np.log(1 / 1000), np.log(1 / 30)))),
+                    NewtonSettings(max_iterations=40),
+                ),
+            )
+            state = simulator.rest_state()
+            for step in range(STEPS):
+                result = simulator.step(state)
+                state = result.state
+                self._count(counted, simulator, result, step)
+                if not _finite(state) or counted.pierced == _GIVEN_UP:
+                    break
+        except (SoftprintError, ArithmeticError, ValueError, AssertionError, IndexError) as error:
+            counted.error = f"{type(error).__name__}: {error}"
+        return counted
+
+    def _count(
+        self, counted: Counted, simulator: Simulator, result: StepResult[ReducedState], step: int
+    ) -> None:
+        counted.steps += 1
+        counted.pierced += result.piercing is not None
+        counted.unconverged += not result.converged and result.piercing is None
+        counted.not_finite += not _finite(result.state)
+        if step % CHECKED_EVERY or not result.converged:
+            return
+        counted.checked += 1
+        deepest = self._deepest(simulator, result)
+        counted.worst = max(counted.worst, deepest)
+        if deepest > SILENT * simulator.pierced_from:
+            counted.silent += 1
+            counted.first_silent = counted.first_silent or [step]
+
+    def _deepest(self, simulator: Simulator, result: StepResult[ReducedState]) -> float:
+        """How deep a collider is inside the body, by all of its cells [m]."""
+        touching = [c for c in simulator.colliders if self._is_near(c.collider, result.state.poses[c.name])]
+        if not touching:
+            return 0.0
+        x = self._positions(simulator, result.state)
+        points = {c.name: result.state.poses[c.name].apply(_points(c.collider)) for c in touching}
+        return max(intrusion(there, self.body.mesh, x).depth for there in points.values())
+
+    def _positions(self, simulator: Simulator, state: ReducedState) -> Array:
+        """(n_nodes, dim) [m], with the displacement by condensed contact."""
+        x, solved = simulator.positions(state), state.contact
+        if solved is None:
+            return x
+        v = self.mechanics.surface_compliance.apply(solved.active, solved.rest_force)
+        F = np.einsum("nrj,ra->naj", self.body.node_points().basis_gradient, state.rows)
+        return x + np.einsum("naj,nj->na", F, v)
+
+    def _is_near(self, collider: Collider, pose: RigidPose) -> bool:
+        reach = 2.0 * collider.size
+        return bool((np.abs(pose.translation[:-1]) < self.reach + reach).all()) and bool(
+            -reach < pose.translation[-1] < self.top + reach
+        )
+
+    def _shape(self, rng: np.random.Generator, name: str) -> Collider:
+        size = float(rng.choice([0.003, 0.006, 0.012, 0.02, 0.03]))
+        if rng.random() < 0.3:
+            return Sphere(size, 3, name)
+        return _library(str(rng.choice(sorted(SHAPES))), size, name)
+
+    def _thrown(self, rng: np.random.Generator) -> PlacedCollider:
+        shape = self._shape(rng, "thrown")
+        at = np.append(rng.uniform(-0.6, 0.6, 2) * self.reach, self.top + 1.8 * shape.size + 0.002)
+        pose = RigidPose(Rotation.random(random_state=rng).as_matrix(), at)
+        velocity = np.append(rng.uniform(-0.5, 0.5, 2), -1.0) * np.exp(rng.uniform(np.log(0.1), np.log(20)))
+        mass = float(np.exp(rng.uniform(np.log(1e-3), np.log(1.0))))
+        free = free_collider(shape, pose, mass=mass, velocity=velocity, spin=rng.normal(0.0, 3.0, 3))
+        return PlacedCollider("thrown", shape, free=free)
+
+    def _led(self, rng: np.random.Generator) -> PlacedCollider:
+        """Down to some depth, across, and up again."""
+        shape = self._shape(rng, "led")
+        rotation = Rotation.random(random_state=rng)
+        low = float((rotation.as_matrix() @ _points(shape).T)[2].min())
+        height = self.top - low - np.array([-0.005, *rng.uniform(0.0, 0.025, 3), -0.02])
+        across = rng.uniform(-0.8, 0.8, (5, 2)) * self.reach
+        across[1] = across[0]
+        times = np.cumsum([0.0, *np.exp(rng.uniform(np.log(0.02), np.log(0.5), 4))])
+        turns = np.array([rotation.as_rotvec()] * 5)
+        return PlacedCollider(
+            "led", shape, path=KeyframedPath(times, np.column_stack([across, height]), turns)
+        )
+
+
+@lru_cache(maxsize=1024)
+def _library(entry: str, size: float, name: str) -> Collider:
+    return library_collider(entry, size, name=name)
+
+
+@lru_cache(maxsize=1024)
+def _points(collider: Collider) -> Array:
+    return surface_points(collider)
+
+
+def _finite(state: ReducedState) -> bool:
+    return bool(
+        np.isfinite(state.rows).all()
+        and np.isfinite(state.rows_velocity).all()
+        and all(np.isfinite(pose.matrix).all() for pose in state.poses.values())
+    )
+
+
+_scenes: Scenes | None = None
+
+
+def _begin(experiment: Path, run: Path, seed: int) -> None:
+    global _scenes
+    logging.getLogger("softprint").setLevel(logging.ERROR)  # each warning is counted
+    _scenes = Scenes(experiment, run, seed)
+
+
+def _play(number: int) -> dict[str, Any]:
+    assert _scenes is not None  # made when the process began
+    return vars(_scenes.play(number))
+
+
+def _read(path: Path) -> list[dict[str, Any]]:
+    """The finished scenes; a line that was cut off is not one."""
+    if not path.is_file():
+        return []
+    lines = path.read_text().splitlines()
+    return [json.loads(line) for line in lines if line.endswith("}")]
+
+
+def _table(done: Sequence[dict[str, Any]]) -> Iterator[str]:
+    heads = [
+        "model",
+        "scenes",
+        "steps",
+        "PIERCED",
+        "others not converged",
+        "not finite",
+        "checked in all cells",
+    ]
+    heads += ["silent", "deepest, mm", "errors"]
+    yield "| " + " | ".join(heads) + " |"
+    yield "| --- " * len(heads) + "|"
+    for model in ("bare", "mechanics"):
+        mine = [scene for scene in done if scene["kind"].split()[0] == model]
+        steps = max(1, sum(scene["steps"] for scene in mine))
+
+        def total(key: str) -> int:
+            return sum(scene[key] for scene in mine)  # noqa: B023
+
+        yield (
+            f"| {model} | {len(mine)} | {total('steps')} | {total('pierced') / steps:.2%} | "
+            f"{total('unconverged') / steps:.2%} | {total('not_finite')} | {total('checked')} | {total('silent')} | "
+            f"{1e3 * max((scene['worst'] for scene in mine), default=0.0):.1f} | "
+            f"{sum(bool(scene['error']) for scene in mine)} |"
+        )
+    for scene in done:
+        if scene["error"] or scene["silent"] or scene["not_finite"]:
+            yield f"scene {scene['scene']} ({scene['kind']}): {scene['error'] or scene}"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Plays what is missing, and prints a table in Markdown."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("experiment", type=Path)
+    parser.add_argument("--out", type=Path, help="the run directory; default: runs/NAME")
+    parser.add_argument("--steps", type=int, default=10_000, help="in all, finished ones included")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    run = options.out or Path("runs") / options.experiment.stem
+    record = run / "random_scenes.jsonl"
+    done = _read(record)
+    finished = {scene["scene"] for scene in done}
+    missing = (number for number in count() if number not in finished)
+    played = sum(scene["steps"] for scene in done)
+    with (
+        ProcessPoolExecutor(
+            options.processes, initializer=_begin, initargs=(options.experiment, run, options.seed)
+        ) as pool,
+        record.open("a") as file,
+        tqdm(
+            total=options.steps, initial=min(played, options.steps), unit="step", unit_scale=True
+        ) as progress,
+    ):
+        while played < options.steps:
+            # Some at a time, since scenes differ in length.
+            for scene in pool.map(_play, islice(missing, 4 * options.processes)):
+                done.append(scene)
+                file.write(json.dumps(scene) + "\n")
+                file.flush()
+                played += scene["steps"]
+                progress.update(scene["steps"])
+    print("\n".join(_table(done)))
+
+
+if __name__ == "__main__":
+    main()
