@@ -6,8 +6,8 @@ that no status tells of?
 Scene k is drawn from the seed and k alone. A shape of the library, of 3 to 30 mm, is thrown at the body with up to 20
 m/s (1 to 1000 g), led across it up to 25 mm deep, or thrown while another one is led; with or without linear mechanics,
 with or without friction, with steps of 1/1000 to 1/30 s. It ends after 100 steps, or ten that are pierced. In every
-tenth step the depth of the colliders is found in all cells of the body (`runtime/contact/intrusion.py`): above the limit
-of the step's own check by half, in a step that says that it has converged, it is *silent*.
+tenth step the depth of the colliders is found in all cells of the body (`runtime/contact/intrusion.py`): above the
+limit of the step's own check by half, in a step that says that it has converged, it is *silent*.
 
 Needs `softprint body EXPERIMENT`; mechanics are computed where `softprint train` has not left them. Finished scenes are
 kept in RUN/random_scenes.jsonl: a run that was stopped continues, and a longer one adds to it.

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from softprint.runtime.body.body_file import load_body
+from softprint.runtime.experiment import load_experiment
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.truth.truth_file import load_truth
@@ -90,14 +92,59 @@ def test_from_a_library_to_an_unseen_shape(softprint, tmp_path):
     assert "library.size: 0.02 -> 0.03" in resized.stderr
 
     with load_truth(run / "truth.h5", load_body(run / "body.h5")) as truth:
-        collider = truth.contacts["collider"]
+        collider, roles = truth.contacts["collider"], load_experiment(experiment).library_roles
         assert truth.header.colliders == ("ball", "cushion", "pear", "torus")
         # Three states; two places per shape, one for the testing shape.
         assert np.bincount(collider).tolist() == [6, 6, 6, 3]
-        split = split_by_shape(truth, 1)
+        split = split_by_shape(truth, 1, roles)
         of = collider[truth.samples["contact"]]
         assert set(of[split.train]) == {0, 1}
         assert set(of[split.validation]) == {2}
         assert set(truth.sample_state[split.train]) == {0, 1}
         assert set(truth.sample_state[split.validation]) == {2}
-        assert set(split_by_shape(truth, 3).validation) == set(np.flatnonzero(truth.usable & (of == 2)))
+        assert set(split_by_shape(truth, 3, roles).validation) == set(
+            np.flatnonzero(truth.usable & (of == 2))
+        )
+
+
+@pytest.mark.slow
+def test_meshes_of_ones_own_are_learned_from_and_judged(softprint, tmp_path):
+    """Five files: three to train on, one to choose by and one to judge by, beside no shape of the library."""
+    experiment, run = write_library_experiment(tmp_path), tmp_path / "run"
+    folder = tmp_path / "shapes"
+    folder.mkdir()
+    solids = {
+        "bead": trimesh.creation.icosphere(subdivisions=2, radius=7.0),
+        "brick": trimesh.creation.box([20.0, 30.0, 25.0]),
+        "pill": trimesh.creation.capsule(height=20.0, radius=9.0),
+        "chosen": trimesh.creation.cylinder(height=24.0, radius=12.0),
+        "judged": trimesh.creation.cone(height=30.0, radius=14.0),
+    }
+    for name, solid in solids.items():
+        solid.apply_translation([100.0, 0.0, 40.0])  # `centre` is for them all
+        solid.export(folder / f"{name}.stl")
+    table = [
+        "library.shapes=[]",
+        "library.meshes=['shapes/*.stl']",
+        "library.validation=['shapes/chosen.stl']",
+        "library.test=['shapes/judged.stl']",
+        "training.models=[{name='ours'}]",
+    ]
+    options = [word for setting in table for word in ("--set", setting)]
+    for verb in ("body", "generate", "train"):
+        done = softprint(verb, experiment, "--out", run, "--quiet", *options)
+        assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
+    assert read_header(run / "corrections" / "ours.safetensors").collider == ANY_COLLIDER
+    roles = load_experiment(experiment, table).library_roles
+    with load_truth(run / "truth.h5", load_body(run / "body.h5")) as truth:
+        names = truth.header.colliders
+        assert names == ("bead", "brick", "pill", "chosen", "judged")
+        assert np.bincount(truth.contacts["collider"]).tolist() == [6, 6, 6, 6, 3]
+        split = split_by_shape(truth, 1, roles)
+        of = truth.contacts["collider"][truth.samples["contact"]]
+        assert {names[number] for number in of[split.train]} <= {"bead", "brick", "pill"}
+        assert {names[number] for number in of[split.validation]} == {"chosen"}
+    (folder / "bead.stl").write_bytes((folder / "pill.stl").read_bytes())
+    changed = softprint("train", experiment, "--out", run, "--quiet", "--no-resume", *options)
+    assert changed.returncode == 1
+    assert "library mesh bead file hash" in changed.stderr

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -29,7 +29,7 @@ from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.io.files import file_hash, sources_hash
 from softprint.runtime.learned.correction_file import TrainedCorrection, read_correction
 from softprint.runtime.learned.static_correction import StaticCorrection
-from softprint.runtime.shapes import names, validation_names
+from softprint.runtime.shapes.catalogue import Role
 from softprint.runtime.truth.truth_colliders import require_same_colliders
 from softprint.runtime.truth.truth_file import TruthData
 
@@ -79,7 +79,7 @@ def judge_shapes(
         for name, model in models.items()
     }
     chosen = judged if judged in models else next(iter(models))
-    summary = _summary(truth, errors, chosen)
+    summary = _summary(truth, errors, chosen, context.experiment.library_roles)
     views = [
         _view(truth, body, collider(row["shape"]), models, chosen, row["sample"])
         for row in (summary["worst"] if pictures else ())
@@ -106,8 +106,11 @@ def _measured(
         return measure_samples(truth, body, model, bar.update)
 
 
-def _summary(truth: TruthData, errors: dict[str, SampleErrors], judged: str) -> dict[str, Any]:
-    training, validation = set(names("train")), set(validation_names())
+def _summary(
+    truth: TruthData, errors: dict[str, SampleErrors], judged: str, roles: Mapping[str, Role]
+) -> dict[str, Any]:
+    training = {name for name, role in roles.items() if role != "test"}
+    validation = {name for name, role in roles.items() if role == "validation"}
     sides: dict[str, dict[str, Any]] = {}
     for name, found in errors.items():
         parts = sides_of(truth, found.sample, training, validation).named()

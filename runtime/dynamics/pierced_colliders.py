@@ -7,7 +7,7 @@ takes no iterate in which it is deeper in the body than the limit, or than it wa
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,7 +17,9 @@ from softprint.runtime.colliders.pose import Poses, RigidPose, rotation_matrix
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.piercing import Piercing, PiercingSearch
 from softprint.runtime.dynamics.deformed_surface import BodySurface, CondensedSurface, SampledSurface
+from softprint.runtime.dynamics.state import ReducedState, StepResult
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
+from softprint.runtime.optimise import Status
 
 # A step in which colliders move farther than the limit is checked at so many poses in between, at most.
 _POSES_BETWEEN = 32
@@ -105,6 +107,14 @@ class FreeColliderLimit:
                 self.refused = piercing
                 return False
         return True
+
+
+def with_piercing(result: StepResult[ReducedState], piercing: Piercing | None) -> StepResult[ReducedState]:
+    """The result, with the status PIERCED where a collider has pierced the body."""
+    if piercing is None:
+        return result
+    reason = f"{piercing.sentence}. {Status.PIERCED.sentence}"
+    return replace(result, status=Status.PIERCED, reason=reason, piercing=piercing)
 
 
 def _depth(piercing: Piercing) -> float:

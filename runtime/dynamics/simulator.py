@@ -21,13 +21,12 @@ from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.contact_force import ContactForce
 from softprint.runtime.contact.lagged_friction import SlipStart
-from softprint.runtime.contact.piercing import Piercing
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.corrected_nodes import CorrectedNodes, Snapshot
 from softprint.runtime.dynamics.free_bodies import FreeBodies, FreeStep
 from softprint.runtime.dynamics.free_body_contact import ColliderContact
 from softprint.runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
-from softprint.runtime.dynamics.pierced_colliders import PiercedColliders
+from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, with_piercing
 from softprint.runtime.dynamics.placed_collider import (
     PlacedCollider,
     check_colliders,
@@ -149,7 +148,7 @@ class Simulator:
         piercing = self._pierced.deepest(begin, solved.x.body, released)
         if piercing is None and limit is not None and not solved.converged:
             piercing = limit.refused
-        return _checked(result, piercing)
+        return with_piercing(result, piercing)
 
     def settle(
         self, state: ReducedState | None = None, newton: NewtonSettings | None = None
@@ -233,7 +232,7 @@ class Simulator:
         state = replace(state, motions=begin.motions)
         result = self._result(solved, state, self._no_inertia, timings, None)
         body = solved.x.body
-        return _checked(result, self._pierced.deepest(body, body, ()))
+        return with_piercing(result, self._pierced.deepest(body, body, ()))
 
     @cached_property
     def _no_inertia(self) -> QuadraticForm:
@@ -376,14 +375,6 @@ class Simulator:
 def _solved_contact(body: BodyEvaluation) -> SolvedContact | None:
     """The warm start of the next contact solve."""
     return None if body.contact is None else body.contact.solved
-
-
-def _checked(result: StepResult[ReducedState], piercing: Piercing | None) -> StepResult[ReducedState]:
-    """The result, with the status PIERCED where a collider has pierced the body."""
-    if piercing is None:
-        return result
-    reason = f"{piercing.sentence}. {Status.PIERCED.sentence}"
-    return replace(result, status=Status.PIERCED, reason=reason, piercing=piercing)
 
 
 def _acceleration(body: ReducedBody, gravity: Sequence[float] | Array | None) -> Array:

@@ -6,9 +6,12 @@ import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from softprint.runtime.colliders.surface_mesh.mesh_collider import SUFFIXES
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import LIBRARY, RESERVED, Experiment
+from softprint.runtime.experiment.own_shapes import matches
 from softprint.runtime.experiment.problems import Problem
+from softprint.runtime.experiment.schema.colliders import LibraryTable
 from softprint.runtime.experiment.schema.scene import (
     KeyframeSpec,
     KinematicEntry,
@@ -83,6 +86,7 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
             yield from _known(f"library.shapes[{number}]", name, list(SHAPES), "shape of the library")
             if name in shapes[:number]:
                 yield Problem(f"library.shapes[{number}]", "is listed twice", "name each shape once", name)
+        yield from _own_shapes(experiment, experiment.library)
     elif experiment.sampling.test_places is not None:
         yield Problem(
             "sampling.test_places", "is for the testing shapes of a [library]", "leave it out, or add one"
@@ -111,6 +115,29 @@ def _colliders(experiment: Experiment) -> Iterator[Problem]:
                 "gravity's number of entries sets the dimension",
                 spec.shape,
             )
+
+
+def _own_shapes(experiment: Experiment, library: LibraryTable) -> Iterator[Problem]:
+    names: dict[str, Path] = {}
+    taken = {**dict.fromkeys(SHAPES, "a shape of the library"), **RESERVED}
+    taken |= {spec.name: "a [[colliders]] table" for spec in experiment.colliders}
+    for key in ("meshes", "validation", "test"):
+        for number, pattern in enumerate(getattr(library, key)):
+            where, files = f"library.{key}[{number}]", matches(pattern, experiment.base_dir)
+            if not files:
+                looked = (
+                    f"looked for {experiment.base_dir / pattern}; paths are relative to the experiment file"
+                )
+                yield Problem(where, "matches no file", looked, pattern)
+            for file in files:
+                if file.suffix.lower() not in SUFFIXES:
+                    right = f"one ends with {', '.join(SUFFIXES)}: narrow the pattern"
+                    yield Problem(where, f"matches {file}, which is no mesh", right, pattern)
+                elif file.stem in taken or names.setdefault(file.stem, file) != file:
+                    other = taken.get(file.stem) or names[file.stem]
+                    yield Problem(
+                        where, f"matches {file}, whose name is that of {other}", "rename it", pattern
+                    )
 
 
 def _named_colliders(experiment: Experiment) -> Iterator[Problem]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 
 from pydantic import Field, PrivateAttr
 
 from softprint.runtime.colliders.kinds.registry import ColliderSpec
+from softprint.runtime.experiment.own_shapes import OwnShape, library_roles, own_shapes
 from softprint.runtime.experiment.schema.body import BodySpec
 from softprint.runtime.experiment.schema.colliders import LibraryTable
 from softprint.runtime.experiment.schema.dynamics import ContactSpec, DynamicsSpec
@@ -15,7 +18,8 @@ from softprint.runtime.experiment.schema.sampling import SamplingSpec
 from softprint.runtime.experiment.schema.scene import SceneSpec
 from softprint.runtime.experiment.schema.section import Name, Section
 from softprint.runtime.experiment.schema.training import TrainingSpec
-from softprint.runtime.shapes import SHAPES, names
+from softprint.runtime.shapes import SHAPES
+from softprint.runtime.shapes.catalogue import Role
 
 LIBRARY = "library"  # collider of sampling and training: all shapes of the library
 ANY_COLLIDER = "any"  # collider of a correction that was trained for all colliders
@@ -85,29 +89,44 @@ class Experiment(Section):
     def collider_names(self) -> list[str]:
         """All valid names of `collider`: those of the file, and the library's if there is a [library] table."""
         own = [spec.name for spec in self.colliders]
-        return own if self.library is None else [*own, *(name for name in SHAPES if name not in own)]
+        if self.library is None:
+            return own
+        return [*own, *(name for name in (*self.own_shapes, *SHAPES) if name not in own)]
+
+    @cached_property
+    def own_shapes(self) -> Mapping[str, OwnShape]:
+        """The mesh files of the [library] table by name; none without that table."""
+        return {} if self.library is None else own_shapes(self.library, self.base_dir)
+
+    @property
+    def library_roles(self) -> Mapping[str, Role]:
+        """What every shape that may be in a truth of many colliders is for: training, validation or testing."""
+        return library_roles(self.own_shapes)
 
     def collider(self, name: str) -> ColliderSpec:
         """The collider of that name; KeyError if there is none."""
         for spec in self.colliders:
             if spec.name == name:
                 return spec
+        if self.library is not None and name in self.own_shapes:
+            return self.library.mesh_spec(self.own_shapes[name].file)
         if self.library is not None and name in SHAPES:
             return self.library.spec(name)
         raise KeyError(name)
 
     @property
     def sampled_colliders(self) -> tuple[str, ...]:
-        """The colliders that the truth is made with: one, or all shapes of the library."""
+        """The colliders that the truth is made with: one, or the shapes of the library and one's own."""
         chosen = self.sampling.collider
         if chosen == LIBRARY and self.library is not None:
-            return self.library.shapes or tuple(SHAPES)
+            own = tuple(self.own_shapes)
+            return (*own, *(self.library.shapes or (() if own else SHAPES)))
         return (chosen,)
 
     def contact_places(self, name: str) -> int:
         """Number of contact places of a sampled collider in each state."""
         sampling = self.sampling
-        testing = sampling.collider == LIBRARY and name in names("test")
+        testing = sampling.collider == LIBRARY and self.library_roles[name] == "test"
         return sampling.test_places or sampling.places if testing else sampling.places
 
     @property

@@ -13,6 +13,8 @@ from softprint.runtime.shapes.scene_shapes import HAT
 from softprint.runtime.shapes.shape import Shape
 
 Side = Literal["train", "test"]
+# The side of a shape, with those of the training side told apart that models are chosen by.
+Role = Literal["train", "validation", "test"]
 
 # Each family is on one side only, so that no testing shape is similar to a training shape.
 SPLIT: Mapping[Side, Mapping[str, tuple[Shape, ...]]] = {

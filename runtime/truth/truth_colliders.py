@@ -43,7 +43,8 @@ def _without_nulls(text: str) -> str:
 def sampled_file_hashes(experiment: Experiment, name: str) -> dict[str, str]:
     """Hashes of the files of a sampled collider, under their keys in `TruthHeader.made_from`."""
     files = collider_files(experiment.collider(name), experiment.base_dir)
-    return {f"collider {where} file hash" if where else "collider file hash": files[where] for where in files}
+    which = f"library mesh {name}" if name in experiment.own_shapes else "collider"
+    return {f"{which} {where} file hash" if where else f"{which} file hash": files[where] for where in files}
 
 
 def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
@@ -56,8 +57,10 @@ def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
             present |= flat_table(own[name].model_dump(mode="json"), f"colliders.{name}")
             present |= sampled_file_hashes(experiment, name)
         elif experiment.library is not None:
-            size = experiment.library.model_dump(mode="json", include={"size", "resolution"})
+            size = experiment.library.model_dump(mode="json", include={"size", "resolution", "unit"})
             present |= flat_table(size, "library")
+            if name in experiment.own_shapes:
+                present |= sampled_file_hashes(experiment, name)
     formulas = formulas_hash(experiment, [name for name in truth.header.colliders if name in known])
     if formulas is not None:
         present[FORMULAS] = formulas

@@ -1,20 +1,20 @@
 """Training and validation splits: by state, and with many colliders also by shape.
 
 The split is never by random row, because neighbouring samples are strongly correlated. Samples that are not converged
-or that follow a branch jump are left out and counted. Testing shapes of the library are in neither set, so that no
-choice depends on them.
+or that follow a branch jump are left out and counted. Testing shapes are in neither set, so that no choice depends on
+them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from softprint.runtime.arrays import BoolArray, IntArray
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.shapes import names, validation_names
+from softprint.runtime.shapes.catalogue import Role
 from softprint.runtime.truth.truth_file import TruthData
 
 
@@ -38,13 +38,12 @@ def split_by_state(truth: TruthData, collider: str, validation_states: int) -> S
     )
 
 
-def split_by_shape(truth: TruthData, validation_states: int) -> Split:
-    """Train on the library's training shapes except its validation shapes, which are held out. If there are more than
+def split_by_shape(truth: TruthData, validation_states: int, roles: Mapping[str, Role]) -> Split:
+    """Train on the shapes whose role is training, and hold out those for validation. If there are more than
     `validation_states` states, the last `validation_states` are held out too, and validation uses unseen shapes at
     unseen states."""
-    validation = set(validation_names())
-    shapes = _of_colliders(truth, [name for name in names("train") if name not in validation])
-    others = _of_colliders(truth, [name for name in names("train") if name in validation])
+    shapes = _with_role(truth, roles, "train")
+    others = _with_role(truth, roles, "validation")
     usable = truth.usable & (shapes | others)
     learned, held_out = usable & shapes, usable & others
     if len(np.unique(truth.sample_state[usable])) > validation_states:
@@ -55,11 +54,19 @@ def split_by_shape(truth: TruthData, validation_states: int) -> Split:
         (held_out, "validation shapes"),
     ):
         if not part.any():
+            known = ", ".join(f"{name} ({roles.get(name, 'test')})" for name in truth.header.colliders)
             raise SoftprintError(
-                f"{truth.path}: no usable samples of {what}; validation shapes are {', '.join(sorted(validation))}"
+                f"{truth.path}: no usable samples of {what}; its shapes: {known}. `shapes`, `meshes` and `validation` "
+                "of [library] say what each is for"
             )
     left_out = int((shapes | others).sum() - usable.sum())
     return Split(np.flatnonzero(learned), np.flatnonzero(held_out), left_out)
+
+
+def _with_role(truth: TruthData, roles: Mapping[str, Role], role: Role) -> BoolArray:
+    """Mask of the samples with the shapes of that role."""
+    is_it = np.array([roles.get(name) == role for name in truth.header.colliders], dtype=bool)
+    return np.asarray(is_it[truth.contacts["collider"][truth.samples["contact"]]])
 
 
 def _of_colliders(truth: TruthData, colliders: Sequence[str]) -> BoolArray:

@@ -41,7 +41,9 @@ class TrainingData:
         self.mechanics = mechanics or RunMechanics(context, body)
         self.spec = spec = context.experiment.training
         if spec.collider == LIBRARY:
-            self.split: Split = split_by_shape(truth, spec.validation_states)
+            self.split: Split = split_by_shape(
+                truth, spec.validation_states, context.experiment.library_roles
+            )
             self.collider = ANY_COLLIDER
         else:
             self.split = split_by_state(truth, spec.collider, spec.validation_states)

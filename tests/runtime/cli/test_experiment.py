@@ -304,6 +304,54 @@ def test_a_library_that_does_not_fit_is_refused(file, overrides, words):
     assert all(word in message for word in words), message
 
 
+def meshes(file, *names):
+    """Empty files beside the experiment: what is in them is read when a collider is made."""
+    for name in names:
+        (file.parent / name).parent.mkdir(exist_ok=True)
+        (file.parent / name).touch()
+
+
+def test_files_of_ones_own_are_shapes_with_a_side(file):
+    meshes(file, "own/a.stl", "own/b.obj", "own/c.ply", "own/d.stl", "held/e.stl")
+    table = (
+        "library={size=0.03, meshes=['own/*'], validation=['own/d.stl'], test=['held/e.stl', 'own/b.obj']}"
+    )
+    experiment = load_experiment(file, [table, "sampling={states=2, places=5, test_places=3}"])
+    assert experiment.sampled_colliders == ("a", "c", "d", "e", "b")
+    roles = {name: experiment.library_roles[name] for name in "abcde"}
+    assert roles == {"a": "train", "b": "test", "c": "train", "d": "validation", "e": "test"}
+    assert experiment.library_roles["torus"] == "test"
+    one = experiment.collider("c")
+    assert (one.shape, one.file, one.size, one.centre) == ("mesh", Path("own/c.ply"), 0.03, True)
+    assert experiment.planned_contacts == 2 * (3 * 5 + 2 * 3)
+    both = load_experiment(file, ["library={size=0.03, meshes=['own/a.stl'], shapes=['mug'], unit='mm'}"])
+    assert both.sampled_colliders == ("a", "mug")
+    assert (both.collider("a").size, both.collider("a").unit) == (None, "mm")
+
+
+def test_every_fifth_file_is_for_validation_where_none_is_named(file):
+    meshes(file, *(f"own/m{number}.stl" for number in range(12)))
+    roles = load_experiment(file, ["library={size=0.03, meshes=['own/*.stl']}"]).library_roles
+    mine = [roles[f"m{number}"] for number in range(12)]
+    assert (mine.count("train"), mine.count("validation"), mine.count("test")) == (10, 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("meshes=['own/*.obj']", ["[library.meshes[0]]", "matches no file", "relative to the experiment"]),
+        ("meshes=['own/*']", ["[library.meshes[0]]", "notes.txt, which is no mesh", ".stl"]),
+        ("meshes=['own/a.stl', 'other/a.stl']", ["[library.meshes[1]]", "own/a.stl", "rename it"]),
+        ("meshes=['own/a.stl'], test=['own/mug.ply']", ["[library.test[0]]", "a shape of the library"]),
+        ("validation=['own/ball.stl']", ["[library.validation[0]]", "a [[colliders]] table"]),
+    ],
+)
+def test_files_that_do_not_fit_are_refused(file, table, words):
+    meshes(file, "own/a.stl", "own/notes.txt", "own/mug.ply", "own/ball.stl", "other/a.stl")
+    message = complaint(file, f"library={{size=0.03, {table}}}")
+    assert all(word in message for word in words), message
+
+
 def altered(table: tuple[str, ...], name: str, value: str) -> tuple[str, str]:
     """The `--set` for a key of a table, and the key as in error messages; models are a list."""
     if table == ("training", "models"):
