@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -144,7 +146,35 @@ def test_meshes_of_ones_own_are_learned_from_and_judged(softprint, tmp_path):
         of = truth.contacts["collider"][truth.samples["contact"]]
         assert {names[number] for number in of[split.train]} <= {"bead", "brick", "pill"}
         assert {names[number] for number in of[split.validation]} == {"chosen"}
+    judge_a_copy(softprint, experiment, run, tmp_path / "copy")
     (folder / "bead.stl").write_bytes((folder / "pill.stl").read_bytes())
     changed = softprint("train", experiment, "--out", run, "--quiet", "--no-resume", *options)
     assert changed.returncode == 1
     assert "library mesh bead file hash" in changed.stderr
+
+
+def judge_a_copy(softprint, experiment, run, copy):
+    """Of the trained correction, by a file that it never saw, with an experiment that trains nothing."""
+    text = experiment.read_text()
+    start, end = text.index("[library]"), text.index("[[scenes]]")
+    table = "[library]\nsize = 0.02\nresolution = 12\ntest = ['shapes/judged.stl']\n"
+    text = text[:start] + table + text[end:]
+    judging = experiment.with_name("judging.toml")
+    judging.write_text(
+        "".join(part for part in tables(text) if not part.startswith(("[training", "[[training")))
+    )
+    shutil.copytree(run / "corrections", copy / "corrections")
+    for file in (run / "body.h5", *run.glob("mechanics_*.safetensors")):
+        shutil.copy(file, copy)
+    played = ("simulate", "--model=full", "--model=ours")
+    for verb, *options in (("generate",), played, ("report", "--no-pictures")):
+        done = softprint(verb, judging, "--out", copy, "--quiet", *options)
+        assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
+    shapes = json.loads((copy / "report.json").read_text())["shapes"]
+    assert shapes["testing"] == ["judged"]
+    assert set(shapes["sides"]["ours"]) == {"testing"}
+
+
+def tables(text):
+    """The text of an experiment cut before each of its tables."""
+    return re.split(r"^(?=\[)", text, flags=re.MULTILINE)
