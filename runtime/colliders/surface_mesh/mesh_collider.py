@@ -11,6 +11,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.colliders.surface_mesh.mesh_distance import MeshDistance
+from softprint.runtime.colliders.surface_mesh.ply_strips import read_ply_strips
 from softprint.runtime.colliders.surface_mesh.rebuild import misplaced
 from softprint.runtime.colliders.surface_mesh.repair import OR_REBUILD, closed_surface
 from softprint.runtime.errors import SoftprintError
@@ -36,6 +37,8 @@ def read_surface(path: Path) -> tuple[Array, IntArray]:
         with memory_bound(path):
             # Without materials: an OBJ file may name any file of the machine as one.
             mesh = trimesh.load_mesh(path, process=False, **_OPTIONS.get(path.suffix.lower(), {}))
+            if path.suffix.lower() == ".ply" and not len(getattr(mesh, "faces", ())):
+                mesh = trimesh.Trimesh(*read_ply_strips(path), process=False)
     except Exception as error:  # trimesh's readers raise different exceptions for bad files
         raise SoftprintError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {error}") from error
     vertices = np.asarray(getattr(mesh, "vertices", np.zeros((0, 3))), dtype=float).reshape(-1, 3)

@@ -15,6 +15,7 @@ from softprint.runtime.colliders import (
     polygon_collider,
 )
 from softprint.runtime.colliders.sampled.spline import SplineGrid
+from softprint.runtime.colliders.surface_mesh.mesh_collider import read_surface
 from softprint.runtime.colliders.surface_mesh.repair import closed_surface
 from softprint.runtime.errors import SoftprintError
 
@@ -297,3 +298,27 @@ def test_a_nan_point_has_no_distance_and_does_not_affect_others(name, request):
     for value in (collider.sdf(z), collider.fine.grid.value(z), collider.fine.grid.derivatives(z).value):
         assert np.isnan(value[1])
         assert value[0] == value[2] < 0.0
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_triangle_strips_of_ply_files_are_read(tmp_path, form):
+    """The same triangles, facing the same way, as the mesh that the strips were made of: a tetrahedron as one strip of
+    four triangles, and three as strips of their own."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
+    strips = [[0, 2, 1, 3, 0, 2], [0, 2, 1, -1, 0, 1, 3, -1, 1, 2, 3, -1, 2, 0, 3]]
+    for number, strip in enumerate(strips):
+        head = f"ply\nformat {form} 1.0\nelement vertex 4\n"
+        head += "".join(f"property float {axis}\n" for axis in "xyz")
+        head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+        file = tmp_path / f"{number}.ply"
+        if form == "ascii":
+            rows = [" ".join(map(str, vertex)) for vertex in vertices]
+            file.write_text(head + "\n".join([*rows, " ".join(map(str, [len(strip), *strip]))]) + "\n")
+        else:
+            content = vertices.tobytes() + np.array([len(strip), *strip], "<i4").tobytes()
+            file.write_bytes(head.encode() + content)
+        found, triangles = read_surface(file)
+        np.testing.assert_array_equal(found, vertices)
+        mesh = trimesh.Trimesh(found, triangles, process=False)
+        assert mesh.is_watertight
+        assert mesh.volume == pytest.approx(1 / 6)  # positive: outward
