@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from softprint.runtime.scenes.speed import Speed
 
 REPORT = "bench.json"
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -81,6 +83,10 @@ def run(args: argparse.Namespace, context: Context) -> int:
     scene = find_scene(context.experiment, args.scene or tests[0].name)
     experiment = with_newton(context.experiment, args.iterations)
     body = body_of_run(context)
+    if any(os.environ.get(name) != "1" for name in THREADS):
+        context.say(
+            f"steps are slower with several threads: {' '.join(f'{name}=1' for name in THREADS)} softprint bench"
+        )
     speeds = _measured(args, context, experiment, body, scene)
     sizes = {
         "cells": body.mesh.n_cells,

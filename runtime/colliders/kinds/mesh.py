@@ -10,7 +10,7 @@ from pydantic import Field
 from softprint.runtime.colliders.kinds.from_file import FromFile
 from softprint.runtime.colliders.kinds.table import Tables
 from softprint.runtime.colliders.sampled.grid import GridCollider
-from softprint.runtime.colliders.surface_mesh.mesh_collider import load_mesh_collider
+from softprint.runtime.colliders.surface_mesh.mesh_collider import placed_mesh_collider
 
 
 class MeshSpec(FromFile):
@@ -29,4 +29,4 @@ class MeshSpec(FromFile):
 
     def make(self, name: str, base_dir: Path) -> GridCollider:
         """See `ColliderTable`."""
-        return load_mesh_collider(base_dir / self.file, self.in_metres, self.resolution, name)
+        return placed_mesh_collider(base_dir / self.file, self.in_metres, self.resolution, name)

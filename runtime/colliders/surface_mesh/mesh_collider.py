@@ -80,15 +80,18 @@ def surface_collider(
 
 
 def load_mesh_collider(
-    path: Path,
-    scale: float | Callable[[Array], Array] = 1.0,
-    resolution: int = 48,
-    name: str = "mesh",
+    path: Path, scale: float = 1.0, resolution: int = 48, name: str = "mesh"
 ) -> GridCollider:
-    """`mesh_collider` of a file whose unit is `scale` metres, or whose vertices `scale` brings to metres."""
+    """`mesh_collider` of a file whose unit is `scale` metres."""
+    return placed_mesh_collider(path, lambda vertices: scale * vertices, resolution, name)
+
+
+def placed_mesh_collider(
+    path: Path, in_metres: Callable[[Array], Array], resolution: int, name: str
+) -> GridCollider:
+    """`mesh_collider` of a file whose vertices (v, 3) in_metres brings to where they belong."""
     vertices, triangles = read_surface(path)
-    vertices = scale(vertices) if callable(scale) else scale * vertices
-    collider = mesh_collider(vertices, triangles, resolution, name, source=str(path))
+    collider = mesh_collider(in_metres(vertices), triangles, resolution, name, source=str(path))
     if hint := unit_hint(2.0 * collider.size):
         log.warning("%s: a collider of %.3g m; %s", path, 2.0 * collider.size, hint)
     return collider

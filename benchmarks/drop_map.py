@@ -1,0 +1,163 @@
+"""Balls thrown at a body: which bounce, come to rest, or are too much for it; does any pass unseen?
+
+    python -m benchmarks.drop_map examples/jelly3d_small.toml [--plot drop_map.png]
+
+Balls of 5 to 40 mm diameter and 1 to 1000 g hit the middle of the top with 0.1 to 20 m/s, with time steps of 1/1000,
+1/120 and 1/30 s, in the reduced model alone and with linear mechanics. A run is followed for 0.25 s after the ball
+meets the body. It ends as
+
+    bounced    the ball rose above where it started to touch
+    stayed     it did not, and is not below the top by more than its diameter: at rest, or still in its dent
+    PIERCED    a step said so, before anything else
+    beside     it rolled or was thrown off the top
+    passed     it went through, and no step said so
+
+Needs `softprint body EXPERIMENT`; mechanics are computed where `softprint train` has not left them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections import Counter
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import (
+    DynamicsSettings,
+    KinematicHandle,
+    NewtonSettings,
+    PlacedCollider,
+    Simulator,
+)
+from softprint.runtime.experiment import Experiment, load_experiment
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
+from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
+from softprint.runtime.rigid import free_collider
+
+DIAMETERS = (0.005, 0.01, 0.02, 0.04)  # m
+MASSES = (0.001, 0.01, 0.1, 1.0)  # kg
+SPEEDS = (0.1, 0.5, 2.0, 5.0, 20.0)  # m/s
+RATES = (1000, 120, 30)  # 1/s
+FOLLOWED = 0.25  # s
+CONTACT_NODES = 3000
+ENDS = {
+    "bounced": "#4c9f70",
+    "stayed": "#b9d9c3",
+    "PIERCED": "#e3a857",
+    "beside": "#cccccc",
+    "passed": "#b3261e",
+}
+
+
+def end_of(
+    experiment: Experiment,
+    body: ReducedBody,
+    mechanics: BodyMechanics | None,
+    diameter: float,
+    mass: float,
+    speed: float,
+    rate: int,
+) -> str:
+    """How one run ends."""
+    top, reach = body.mesh.points[:, 2].max(), body.mesh.points[:, :2].max(axis=0)
+    ball, touch = Sphere(0.5 * diameter, 3, "ball"), top + 0.5 * diameter
+    start = RigidPose(np.eye(3), [1e-3, 2e-3, touch + 1e-3])
+    free = free_collider(ball, start, mass=mass, velocity=[0.0, 0.0, -speed])
+    simulator = Simulator(
+        body,
+        [PlacedCollider("ball", ball, free=free)],
+        contact=PenaltyContact(experiment.contact.stiffness),
+        mechanics=mechanics,
+        gravity=experiment.dynamics.gravity,
+        kinematic=[KinematicHandle(frame.name) for frame in body.handles.frames],
+        settings=DynamicsSettings(1.0 / rate, NewtonSettings(max_iterations=60)),
+    )
+    state = simulator.rest_state()
+    for _ in range(int(np.ceil(FOLLOWED * rate))):
+        result = simulator.step(state)
+        state = result.state
+        *aside, height = state.poses["ball"].translation
+        if result.piercing is not None:
+            return "PIERCED"
+        if height > touch + 1e-3 and state.motions["ball"].velocity[2] > 0.0:
+            return "bounced"
+        if (np.abs(aside) > reach).any():
+            return "beside"
+        if height < 0.0:
+            return "passed"
+    return "stayed" if height > touch - 2.0 * diameter - 0.5 * top else "passed"
+
+
+def draw(ends: dict[tuple[str, int], list[str]], path: Path) -> None:
+    """A map for every model and step: speeds along, diameters and masses upward."""
+    models = sorted({model for model, _ in ends})
+    figure = Figure(figsize=(3.2 * len(RATES), 3.4 * len(models)), layout="constrained")
+    axes = np.atleast_2d(figure.subplots(len(models), len(RATES)))
+    names, rows = list(ENDS), list(product(DIAMETERS, MASSES))
+    for (line, model), (column, rate) in product(enumerate(models), enumerate(RATES)):
+        axis = axes[line, column]
+        numbers = [names.index(end) for end in ends[model, rate]]
+        axis.imshow(
+            np.reshape(numbers, (len(rows), len(SPEEDS))),
+            cmap=ListedColormap(list(ENDS.values())),
+            vmin=-0.5,
+            vmax=len(names) - 0.5,
+            aspect="auto",
+            origin="lower",
+        )
+        axis.set_title(f"{model}, steps of 1/{rate} s", fontsize=9)
+        axis.set_xticks(range(len(SPEEDS)), [f"{speed:g}" for speed in SPEEDS], fontsize=7)
+        labels = [f"{1e3 * diameter:g} mm, {1e3 * mass:g} g" for diameter, mass in rows]
+        axis.set_yticks(range(len(rows)), labels if column == 0 else [], fontsize=7)
+        axis.set_xlabel("speed [m/s]", fontsize=8)
+    for name, colour in ENDS.items():
+        axes[0, 0].plot([], [], "s", color=colour, label=name)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(ENDS))
+    figure.savefig(path, dpi=110)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Prints a table in Markdown."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("experiment", type=Path)
+    parser.add_argument("--out", type=Path, help="the run directory; default: runs/NAME")
+    parser.add_argument("--plot", type=Path, metavar="MAP.png")
+    options = parser.parse_args(arguments)
+    logging.getLogger("softprint").setLevel(logging.ERROR)
+    run = options.out or Path("runs") / options.experiment.stem
+    experiment, body = load_experiment(options.experiment), load_body(run / "body.h5")
+    stored = mechanics_path(run, CONTACT_NODES)
+    mechanics = (
+        load_mechanics(stored, body) if stored.is_file() else compute_mechanics(body, CONTACT_NODES, True)
+    )
+    models = {"bare": None, "mechanics": mechanics}
+    throws = list(product(DIAMETERS, MASSES, SPEEDS))
+    ends: dict[tuple[str, int], list[str]] = {}
+    with tqdm(total=len(models) * len(RATES) * len(throws), unit="throw") as progress:
+        for (model, own), rate in product(models.items(), RATES):
+            ends[model, rate] = []
+            for throw in throws:
+                ends[model, rate].append(end_of(experiment, body, own, *throw, rate))
+                progress.update()
+    print("| model | step | " + " | ".join(ENDS) + " |\n" + "| --- " * (2 + len(ENDS)) + "|")
+    for (model, rate), found in ends.items():
+        counts = Counter(found)
+        print(f"| {model} | 1/{rate} s | " + " | ".join(str(counts[end]) for end in ENDS) + " |")
+    if options.plot is not None:
+        draw(ends, options.plot)
+
+
+if __name__ == "__main__":
+    main()
