@@ -108,6 +108,20 @@ FIGURES: Mapping[str, Figure] = {
         (RESULTS,),
         ("demo",),
     ),
+    "ipc_witness": Figure(
+        ("python -m pip install --quiet ipctk==1.6.1", "python -m benchmarks.ipc_witness"), (RESULTS,)
+    ),
+    "drop_map": Figure(
+        ("python -m benchmarks.drop_map examples/jelly3d_small.toml --plot docs/drop_map.png",),
+        (RESULTS,),
+        ("demo",),
+        pictures=("docs/drop_map.png",),
+    ),
+    "random_scenes": Figure(
+        ("python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 130000",),
+        (RESULTS,),
+        ("demo",),
+    ),
     "cubature": Figure(("python -m benchmarks.cubature",), ("docs/method.md",)),
     "near_colliders": Figure(
         ("python -m reproduction.near_colliders runs/jelly3d_small/body.h5",), ("docs/method.md",), ("demo",)

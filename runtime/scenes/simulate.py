@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.surface_points import surface_points
-from softprint.runtime.contact.intrusion import intrusion
-from softprint.runtime.contact.piercing import Piercing
+from softprint.runtime.contact.intrusion import intrusion, pierced_from
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.sources import scene_files
 from softprint.runtime.io.files import content_hash, file_hash
@@ -93,7 +92,7 @@ def simulate_scene(
     tables = collider_tables(experiment, scene)
     header = MotionHeader(model, scene.name, digest, experiment.text, tables)
     seconds, not_converged, untouched = 0.0, 0, set(surfaces)
-    pierced: list[Piercing] = []
+    pierced: list[tuple[float, str, int]] = []  # depth, collider, frame
     with (
         write_motion(path, header, body, n_steps + 1) as writer,
         context.progress(n_steps, unit="steps", desc=f"{scene.name} ({model})") as progress,
@@ -105,12 +104,12 @@ def simulate_scene(
                 for name, surface in surfaces.items()
             }
             writer.add(result, player.rows(result.state), x, intrusions)
+            limit = pierced_from(body.mesh)
+            pierced += [(depth, name, frame) for name, depth in intrusions.items() if depth > limit]
             untouched -= {name for name, contact in result.contacts.items() if contact.points}
             if not result.converged:
                 not_converged += 1
                 log.debug("%s (%s), frame %d: %s", scene.name, model, frame, result.reason)
-            if result.piercing is not None:
-                pierced.append(result.piercing)
             if frame:
                 seconds += result.timings["total"]
                 progress.update()
@@ -120,10 +119,18 @@ def simulate_scene(
             *(scene.name, model, not_converged, n_steps, path),
         )
     if pierced:
-        deepest = max(pierced, key=lambda piercing: piercing.depth)
+        depth, name, frame = max(pierced)
         log.warning(
-            "%s (%s): pierced in %d of %d frames; at worst %s",
-            *(scene.name, model, len(pierced), n_steps + 1, deepest.sentence),
+            "%s (%s): the body is pierced in %d of %d frames, most in frame %d: collider %r is %.1f mm inside it",
+            *(
+                scene.name,
+                model,
+                len({frame for *_, frame in pierced}),
+                n_steps + 1,
+                frame,
+                name,
+                1e3 * depth,
+            ),
         )
     for name in sorted(untouched):
         log.warning("%s (%s): collider %r never touches the body", scene.name, model, name)

@@ -100,6 +100,17 @@ def test_a_collider_that_never_touches_is_named(experiment, softprint):
     assert "collider 'ball' never touches the body" in done.stdout + done.stderr
 
 
+def test_a_pierced_body_is_named(experiment, softprint):
+    """The ball ends in the middle of the block."""
+    experiment.write_text(experiment.read_text().replace("0.072]", "0.03]").replace("0.075]", "0.03]"))
+    centred = ("--set", "colliders.ball.centre=true")
+    softprint("body", experiment, *centred, timeout=300)
+    done = softprint("simulate", experiment, *centred, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "the body is pierced in" in done.stdout + done.stderr
+    assert "collider 'ball' is" in done.stdout + done.stderr
+
+
 def test_a_config_error_under_mpirun_is_said_once(experiment, softprint):
     done = softprint("generate", experiment, "--set", "sampling.places=-3", ranks=2, timeout=120)
     assert done.returncode != 0
