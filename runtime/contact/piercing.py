@@ -93,11 +93,15 @@ class PiercingSearch:
 
     def _inside(self, name: str, surface: DeformedSurface, pose: RigidPose) -> Piercing | None:
         probe, x = self._probes[name], surface.approximate
-        z = pose.apply(probe.points)
-        z = z[in_box(z, *bounds(x))]
+        lower, upper = bounds(x)
+        around = pose.apply(probe.points)
+        around = around[in_box(around, lower, upper)]
+        # No point is deeper in the body than in the box about it.
+        z = around[in_box(around, lower + self.limit, upper - self.limit)]
         if not len(z):
             return None
-        lower, upper = bounds(z)
+        # Contact may have moved nodes of the surface from anywhere along the collider to a point of it.
+        lower, upper = bounds(around)
         near = in_box(x, lower - self.limit, upper + self.limit)
         distance, depth = nearest_depths(z, surface.positions(near), surface.normals(near))
         far = np.flatnonzero(distance > self.limit)
