@@ -45,6 +45,9 @@ def warm_up(dims: Sequence[int] = (2, 3)) -> None:
             for _ in range(_STEPS):
                 state = simulator.step(state).state
             simulator.surface_positions(state)
+            # One that pierces the body.
+            inside = RigidPose(np.eye(dim), np.full(dim, 0.5 * _SIZE))
+            simulator.step(state, {simulator.colliders[0].name: inside})
 
 
 def _simulators(dim: int) -> Iterator[Simulator]:
