@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator, FullSpaceState
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody
@@ -15,6 +17,7 @@ from softprint.runtime.scenes.scene import SceneParts, scene_parts
 
 if TYPE_CHECKING:
     from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+    from softprint.fem_truth.energy.barrier_contact import BarrierLaw
     from softprint.runtime.experiment import Experiment, SceneSpec
 
 
@@ -56,13 +59,23 @@ def full_space_model(
 ) -> FullSpaceModel:
     """A `runtime.scenes.playing.ModelFactory`; ``out`` is not needed."""
     parts = scene_parts(experiment, scene)
-    return FullSpaceModel(scene_simulator(parts, body), parts.held)
+    barrier = None
+    if experiment.contact.model == "barrier":
+        from softprint.fem_truth.energy.barrier_contact import BarrierLaw  # needs the IPC Toolkit
+
+        young = float(np.mean(body.material.young))
+        barrier = BarrierLaw.of(experiment.contact.distance, body.mesh, young)
+    return FullSpaceModel(scene_simulator(parts, body, barrier=barrier), parts.held)
 
 
 def scene_simulator(
-    parts: SceneParts, body: ReducedBody, elasticity: FullSpaceElasticity | None = None
+    parts: SceneParts,
+    body: ReducedBody,
+    elasticity: FullSpaceElasticity | None = None,
+    barrier: BarrierLaw | None = None,
 ) -> FullSpaceSimulator:
-    """The simulator of a scene; elasticity: that of the body, if it is there already."""
+    """The simulator of a scene; elasticity: that of the body, if it is there already; barrier: see
+    `FullSpaceSimulator`."""
     return FullSpaceSimulator(
         body,
         parts.colliders,
@@ -73,6 +86,7 @@ def scene_simulator(
         kinematic=parts.kinematic,
         settings=parts.settings,
         elasticity=elasticity,
+        barrier=barrier,
     )
 
 

@@ -11,17 +11,19 @@ reference for the accuracy and for the speed of every reduced motion.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softprint.fem_truth.dynamics.collision_free_way import CollisionFreeWay
+from softprint.fem_truth.dynamics.full_space_step_energy import Contact, StepEnergy, StepParts
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.energy.full_space_springs import linear_springs
 from softprint.fem_truth.energy.potentials import Gravity, Inertia, Potential
 from softprint.fem_truth.energy.surface_contact import LaggedFriction, SurfaceContact
-from softprint.fem_truth.energy.total_energy import ElasticTangent, Gradient, TotalEnergy
+from softprint.fem_truth.energy.total_energy import ElasticTangent
 from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.fem_truth.parts.body_part import whole_body
 from softprint.fem_truth.statics.newton import FullSpaceSettings, NewtonResult, minimise
@@ -45,7 +47,12 @@ from softprint.runtime.dynamics.placed_collider import poses_at
 from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
+    from softprint.fem_truth.energy.barrier_contact import BarrierLaw, CollisionSurfaces
     from softprint.runtime.body import ReducedBody
+
+# Contact by a barrier: the tolerance of the minimisations before the last of a step, and how many there may be.
+_LOOSE = 1e-2
+_STAGES = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,58 +64,6 @@ class FullSpaceState:
     x: Array
     velocity: Array
     poses: Poses
-
-
-class StepParts(NamedTuple):
-    """The potentials of a step other than elasticity: smooth ones by name; contact and friction by collider."""
-
-    smooth: Mapping[str, Sequence[Potential]]
-    contacts: Mapping[str, SurfaceContact]
-    friction: Mapping[str, LaggedFriction]
-
-
-class StepEnergy(TotalEnergy):
-    """The energy of one step. Force scale: the largest of the forces that balance each other."""
-
-    def __init__(
-        self,
-        elastic: FullSpaceElasticity,
-        tangent: ElasticTangent,
-        null_space: NullSpace,
-        parts: StepParts,
-        friction_updates: int,
-        force_floor: float,
-    ) -> None:
-        smooth = [term for group in parts.smooth.values() for term in group]
-        super().__init__(
-            elastic, (*smooth, *parts.contacts.values(), *parts.friction.values()), null_space, tangent
-        )
-        self._contacts, self._friction = parts.contacts, parts.friction
-        # The call of `lag_friction` at the start counts as the first update.
-        self._updates_left = friction_updates - 1 if parts.friction else 0
-        self._floor = force_floor
-
-    def lag_friction(self, x: Array) -> None:
-        """Update the normal forces of friction to those at x."""
-        for name, friction in self._friction.items():
-            friction.lag(self._contacts[name].terms(x))
-
-    def stepped(self, x: Array, step: Array, before: Gradient, after: Gradient) -> bool:
-        super().stepped(x, step, before, after)
-        if self._updates_left == 0:
-            return False
-        self._updates_left -= 1
-        self.lag_friction(x)
-        return True
-
-    def force_scale(self, x: Array, gradient: Gradient) -> float:
-        contact = sum((contact.gradient(x) for contact in self._contacts.values()), np.zeros_like(x))
-        elastic = float(np.linalg.norm(self.null_space.project(gradient.elastic)))
-        return max(elastic, float(np.linalg.norm(self.null_space.project(contact))), self._floor)
-
-    def energy_scale(self, x: Array) -> float:
-        """1 J: a step is accepted on its residual alone, because inertia leaves no soft modes."""
-        return 1.0
 
 
 class FullSpaceSimulator:
@@ -133,7 +88,9 @@ class FullSpaceSimulator:
         kinematic: Sequence[KinematicHandle] = (),
         settings: DynamicsSettings | None = None,
         elasticity: FullSpaceElasticity | None = None,
+        barrier: BarrierLaw | None = None,
     ) -> None:
+        """barrier: in place of the penalty `contact` (`fem_truth/energy/barrier_contact.py`)."""
         for placed in colliders:
             if placed.free is not None:
                 raise SoftprintError(
@@ -150,6 +107,9 @@ class FullSpaceSimulator:
             )
         self.elasticity = FullSpaceElasticity(body) if elasticity is None else elasticity
         self._contact = contact
+        self._surfaces = {} if barrier is None else _surfaces(body, self.colliders, barrier)
+        if barrier is not None and friction is not None and friction.coefficient > 0:
+            raise SoftprintError("contact by a barrier is without friction: set contact.friction = 0")
         self._contact_points = whole_body(body).contact_points(contact.refinement)
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
         self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
@@ -212,15 +172,10 @@ class FullSpaceSimulator:
         settings: FullSpaceSettings,
     ) -> StepResult[FullSpaceState]:
         started = time.perf_counter()
+        if self._surfaces:
+            return self._solve_without_collision(state, end, poses, inertia, settings, started)
         parts = self._parts(state, end, poses, inertia)
-        energy = StepEnergy(
-            self.elasticity,
-            self._tangent,
-            self._null_space,
-            parts,
-            self.settings.friction_updates,
-            self._force_floor,
-        )
+        energy = self._energy(parts)
         x0 = self._place(state.x, end)
         energy.lag_friction(x0)
         if inertia is not None:
@@ -234,16 +189,70 @@ class FullSpaceSimulator:
         velocity = np.zeros_like(x0) if inertia is None else (result.x - state.x) / h
         return self._report(FullSpaceState(end, result.x, velocity, poses), parts, result, started)
 
-    def _parts(self, state: FullSpaceState, end: float, poses: Poses, inertia: Inertia | None) -> StepParts:
-        """The potentials of a step from ``state`` to the time ``end`` [s]; a static solve has no inertia and no
-        friction."""
-        mesh = self.body.mesh
-        contacts = {
+    def _solve_without_collision(
+        self,
+        state: FullSpaceState,
+        end: float,
+        poses: Poses,
+        inertia: Inertia | None,
+        settings: FullSpaceSettings,
+        started: float,
+    ) -> StepResult[FullSpaceState]:
+        """With a barrier: the colliders are moved as far as they meet nothing, the body is minimised, and so on until
+        they are at their poses."""
+        way = CollisionFreeWay(self._surfaces, state.x, state.poses)
+        way.require_apart()
+        loose = replace(settings, newton=replace(settings.newton, tolerance=_LOOSE))
+        target = self._place(state.x if inertia is None else inertia.predicted, end)
+        iterations = 0
+        for _ in range(_STAGES):
+            arrived, x0 = way.advance(target, self._place(way.x, end), poses)
+            parts = self._parts(state, end, way.poses, inertia, x0)
+            result = minimise(self._energy(parts), x0, settings if arrived else loose)
+            iterations += result.newton_iterations
+            target = self._place(way.continued(result.x), end)
+            if arrived or result.status is Status.NOT_FINITE:
+                break
+        status = result.status if arrived else Status.MAX_ITERATIONS
+        result = replace(result, newton_iterations=iterations, status=status)
+        velocity = np.zeros_like(x0) if inertia is None else (result.x - state.x) / self.settings.time_step
+        return self._report(FullSpaceState(end, result.x, velocity, way.poses), parts, result, started)
+
+    def _energy(self, parts: StepParts) -> StepEnergy:
+        return StepEnergy(
+            self.elasticity,
+            self._tangent,
+            self._null_space,
+            parts,
+            self.settings.friction_updates,
+            self._force_floor,
+        )
+
+    def _contacts(self, poses: Poses, x: Array) -> dict[str, Contact]:
+        """Contact with every collider; with a barrier, from positions x."""
+        if self._surfaces:
+            from softprint.fem_truth.energy.barrier_contact import BarrierContact
+
+            return {name: BarrierContact(own, poses[name], x) for name, own in self._surfaces.items()}
+        return {
             placed.name: SurfaceContact(
                 self._contact, self._contact_points, placed.collider, poses[placed.name]
             )
             for placed in self.colliders
         }
+
+    def _parts(
+        self,
+        state: FullSpaceState,
+        end: float,
+        poses: Poses,
+        inertia: Inertia | None,
+        x: Array | None = None,
+    ) -> StepParts:
+        """The potentials of a step from ``state`` to the time ``end`` [s]; a static solve has no inertia and no
+        friction. x: where the minimisation starts, by default at the state."""
+        mesh = self.body.mesh
+        contacts = self._contacts(poses, state.x if x is None else x)
         friction: dict[str, LaggedFriction] = {}
         if self._friction is not None and inertia is not None:
             points, h = self._contact_points, self.settings.time_step
@@ -310,13 +319,21 @@ def _kinematic_nodes(body: ReducedBody, kinematic: Sequence[KinematicHandle]) ->
     return np.unique(np.concatenate([*nodes, np.empty(0, dtype=np.int64)])).astype(np.int64)
 
 
-def _contact_force(contact: SurfaceContact, friction: LaggedFriction | None, x: Array) -> ContactForce:
+def _surfaces(
+    body: ReducedBody, colliders: Sequence[PlacedCollider], barrier: BarrierLaw
+) -> dict[str, CollisionSurfaces]:
+    from softprint.fem_truth.energy.barrier_contact import CollisionSurfaces  # needs the IPC Toolkit
+
+    return {placed.name: CollisionSurfaces(body.mesh, placed.collider, barrier) for placed in colliders}
+
+
+def _contact_force(contact: Contact, friction: LaggedFriction | None, x: Array) -> ContactForce:
     """The force of the body on the collider: the gradient at a node of the body is the force that the body
     exerts."""
     parts = [(contact.gradient(x), False)]
     if friction is not None:
         parts.append((friction.gradient(x), True))
-    forces, nodes = [], contact.points.nodes
+    forces, nodes = [], contact.nodes
     for gradient, tangential in parts:
         index = np.flatnonzero(gradient[nodes].any(axis=1))
         touched = nodes[index]

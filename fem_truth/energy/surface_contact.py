@@ -66,6 +66,14 @@ class SurfaceContact:
         by_point = positive_part(terms.hessian) if convex else terms.hessian
         matrix.add_facets(*self.points.hessian(terms.index, by_point))
 
+    @property
+    def nodes(self) -> IntArray:
+        """The nodes that contact may act on."""
+        return self.points.nodes
+
+    def accepted(self, x: Array) -> None:
+        """Nothing: a penalty does not depend on where a step starts."""
+
     def touched(self, x: Array) -> IntArray:
         """(k,) nodes that contact acts on, ascending."""
         return np.unique(self.points.corners(self.terms(x).index)[0])

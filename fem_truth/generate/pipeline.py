@@ -94,6 +94,7 @@ def generate(
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
         problem = _problem(groups, experiment, body)
+        on_first_rank(comm, lambda: _refuse_barrier(experiment))
         on_first_rank(comm, lambda: _refuse_bad_collider(experiment, body))
         states, refused = find_states(groups, folder, experiment, problem)
         work = _contact_work(comm, experiment, problem, states)
@@ -236,6 +237,14 @@ def sampled_collider(experiment: Experiment, name: str, body: ReducedBody) -> Co
         )
     check_size(collider, body.mesh.size)
     return collider
+
+
+def _refuse_barrier(experiment: Experiment) -> None:
+    if experiment.contact.model == "barrier":
+        raise SoftprintError(
+            f'{experiment.path}: contact.model = "barrier" is for motions in full space (`softprint simulate --model '
+            "full`); reference samples are solved with a penalty: leave contact.model out to generate them"
+        )
 
 
 def _refuse_bad_collider(experiment: Experiment, body: ReducedBody) -> None:

@@ -133,6 +133,12 @@ class RigidPose:
             self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
         )
 
+    def towards(self, other: RigidPose, share: float) -> RigidPose:
+        """The pose at a fraction of the way to another, at constant velocity."""
+        turn = share * other.compose(self.inverse()).rotation_vector
+        translation = (1.0 - share) * self.translation + share * other.translation
+        return RigidPose.known(rotation_matrix(turn, self.dim) @ self.rotation, translation)
+
     def inverse(self) -> RigidPose:
         return RigidPose.known(self.rotation.T.copy(), -self.rotation.T @ self.translation)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.colliders.pose import Poses, RigidPose, rotation_matrix
+from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.piercing import Piercing, PiercingSearch
 from softprint.runtime.dynamics.deformed_surface import BodySurface, CondensedSurface, SampledSurface
@@ -87,7 +87,7 @@ class PiercedColliders:
             }
             count = min(max(hops.values(), default=1), _POSES_BETWEEN)
             for number in range(1, count):
-                yield {name: _partway(before[name], after[name], number / count) for name in hops}
+                yield {name: before[name].towards(after[name], number / count) for name in hops}
 
 
 @dataclass(eq=False)
@@ -119,10 +119,3 @@ def with_piercing(result: StepResult[ReducedState], piercing: Piercing | None) -
 
 def _depth(piercing: Piercing) -> float:
     return piercing.depth
-
-
-def _partway(before: RigidPose, after: RigidPose, share: float) -> RigidPose:
-    """The pose at a fraction of the way, at constant velocity."""
-    turn = after.compose(before.inverse()).rotation_vector
-    translation = (1.0 - share) * before.translation + share * after.translation
-    return RigidPose.known(rotation_matrix(share * turn, before.dim) @ before.rotation, translation)

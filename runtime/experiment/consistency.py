@@ -32,6 +32,7 @@ def inconsistencies(experiment: Experiment) -> list[Problem]:
     return [
         *_repeated_names(experiment),
         *_body(experiment),
+        *_contact(experiment),
         *_colliders(experiment),
         *_named_colliders(experiment),
         *(
@@ -75,6 +76,16 @@ def _body(experiment: Experiment) -> Iterator[Problem]:
             yield from _vector(experiment, f"body.handles.points[{number}]", point)
     elif body.handles.points == 0 and not body.handles.frames:
         yield Problem("body.handles", "has neither points nor frames", "a reduced body needs handles")
+
+
+def _contact(experiment: Experiment) -> Iterator[Problem]:
+    contact = experiment.contact
+    if contact.model == "barrier" and contact.friction > 0.0:
+        yield Problem(
+            "contact.friction", "needs a penalty", "a barrier is without friction: set 0", contact.friction
+        )
+    if contact.model == "penalty" and contact.distance is not None:
+        yield Problem("contact.distance", "is of a barrier", 'set contact.model = "barrier", or leave it out')
 
 
 def _colliders(experiment: Experiment) -> Iterator[Problem]:

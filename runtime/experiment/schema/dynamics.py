@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from softprint.runtime.experiment.schema.section import Count, NotNegative, Positive, Section, Vector
@@ -10,6 +12,14 @@ from softprint.runtime.experiment.schema.section import Count, NotNegative, Posi
 class ContactSpec(Section):
     """`[contact]`: penalty contact, cubic in the penetration depth, and regularised Coulomb friction."""
 
+    model: Literal["penalty", "barrier"] = Field(
+        "penalty",
+        description="of full-space motions: a barrier lets nothing through, at many times the cost, and has no "
+        "friction",
+    )
+    distance: Positive | None = Field(
+        None, description="of the barrier [m]; a 33rd of the distance between surface nodes if absent"
+    )
     stiffness: Positive = Field(1e10, description="k of the energy density k/3 depth^3 per area [N/m^4]")
     refinement: int = Field(
         0,

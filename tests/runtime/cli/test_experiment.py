@@ -352,6 +352,19 @@ def test_files_that_do_not_fit_are_refused(file, table, words):
     assert all(word in message for word in words), message
 
 
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["contact.model='barrier'"], ["[contact.friction]", "without friction"]),
+        (["contact.distance=1e-4"], ["[contact.distance]", "is of a barrier"]),
+        (["contact.model='hard'"], ["[contact.model]", "'penalty' or 'barrier'"]),
+    ],
+)
+def test_contact_that_does_not_fit_together_is_refused(file, overrides, words):
+    message = complaint(file, *overrides)
+    assert all(word in message for word in words), message
+
+
 def altered(table: tuple[str, ...], name: str, value: str) -> tuple[str, str]:
     """The `--set` for a key of a table, and the key as in error messages; models are a list."""
     if table == ("training", "models"):
