@@ -111,6 +111,15 @@ FIGURES: Mapping[str, Figure] = {
     "ipc_witness": Figure(
         ("python -m pip install --quiet ipctk==1.6.1", "python -m benchmarks.ipc_witness"), (RESULTS,)
     ),
+    "barrier_motion": Figure(
+        (
+            "softprint simulate examples/jelly3d_small.toml --out runs/barrier --model full --set contact.friction=0 "
+            "--set 'contact.model=\"barrier\"'",
+            "softprint simulate examples/jelly3d_small.toml --out runs/facets --model full --set contact.friction=0 "
+            "--set contact.refinement=2 --set contact.stiffness=3e11",
+        ),
+        (RESULTS,),
+    ),
     "drop_map": Figure(
         ("python -m benchmarks.drop_map examples/jelly3d_small.toml --plot docs/drop_map.png",),
         (RESULTS,),
