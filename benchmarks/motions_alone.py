@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("motions", type=Path, nargs="+", metavar="MOTION.h5")
     options = parser.parse_args(arguments)
     full = load_motion(options.full)
-    touched = np.flatnonzero(full.penetration > 0.0)
+    touched = np.flatnonzero(full.in_contact)
     if not touched.size:
         raise SoftprintError(f"{options.full}: nothing is touched in this motion")
     heads = ["model", "mm from full space", *(f"force on {name}, N off" for name in full.colliders)]

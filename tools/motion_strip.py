@@ -42,7 +42,7 @@ def arguments() -> argparse.Namespace:
 
 def shown_frames(motion: Motion) -> list[int]:
     """Evenly over the frames in contact, without the first and the last touch."""
-    touched = np.flatnonzero(motion.penetration > 0)
+    touched = np.flatnonzero(motion.in_contact)
     shares = (np.arange(FRAMES) + 0.5) / FRAMES
     return [int(frame) for frame in touched[np.floor(shares * len(touched)).astype(int)]]
 

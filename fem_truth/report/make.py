@@ -97,7 +97,7 @@ def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: Sce
     full = motions[FULL]
     # Several models in a row read the same frame: cache the last ones.
     motion = HeldOutMotion(
-        full.times, full.colliders[collider.name].poses, lru_cache(maxsize=4)(full.positions)
+        full.times, full.colliders[collider.name].poses, full.in_contact, lru_cache(maxsize=4)(full.positions)
     )
     comparer = Comparer(body, collider, motion, _corrections(files, body, collider))
     contact, depth = comparer.contact_frames()

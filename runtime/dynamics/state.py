@@ -94,6 +94,11 @@ class StepResult(Generic[State]):
         return self.status == 0
 
     @property
+    def in_contact(self) -> bool:
+        """Whether the body touches any collider."""
+        return any(contact.points for contact in self.contacts.values())
+
+    @property
     def penetration(self) -> float:
         """The deepest penetration of any collider [m]."""
         return max((contact.penetration for contact in self.contacts.values()), default=0.0)

@@ -81,6 +81,11 @@ class Motion:
         """(F,)"""
         return np.equal(self.status, 0)
 
+    @property
+    def in_contact(self) -> BoolArray:
+        """(F,) the frames in which the body pushes any collider."""
+        return np.asarray(np.any([track.force.any(axis=1) for track in self.colliders.values()], axis=0))
+
     def invalid(self, pierced_from: float) -> BoolArray:
         """(F,) the frames in which a collider has pierced the body, deeper than `pierced_from` [m], or a cell is
         inverted."""

@@ -80,7 +80,7 @@ def _warm_up(model: SceneModel, n_steps: int, draw: Callable[[Any], object]) -> 
         result = model.step(state)
         state = result.state
         draw(state)
-        if result.penetration > 0:
+        if result.in_contact:
             break
 
 
@@ -102,7 +102,7 @@ def _measure(
         detail = time.perf_counter() - stepped
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu_began
         state = result.state
-        if result.penetration <= 0:
+        if not result.in_contact:
             continue
         walls.append(wall)
         cpus.append(cpu)

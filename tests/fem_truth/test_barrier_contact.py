@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import sys
 from dataclasses import replace
 from itertools import pairwise
@@ -202,14 +203,17 @@ def test_a_scene_is_played_with_a_barrier_and_truth_is_not_generated(softprint, 
     options = ("--out", run, "--quiet", "--set", "contact.model='barrier'", "--set", "contact.friction=0")
     done = softprint("body", experiment, *options)
     assert done.returncode == 0, done.stderr
-    played = softprint(
-        "simulate", experiment, *options, "--model", "full", "--set", "scenes.held_out.duration=0.2"
-    )
+    played = softprint("simulate", experiment, *options, "--model", "full")
     assert played.returncode == 0, played.stderr
     motion = load_motion(motion_path(run, "held_out", "full"))
     assert motion.converged.all()
     assert motion.colliders["ball"].force[-1][2] > 0.05
     assert not motion.colliders["ball"].intrusion.any()
+    # Contact is told by forces: nothing penetrates.
+    reported = softprint("report", experiment, *options, "--no-pictures")
+    assert reported.returncode == 0, reported.stderr
+    (scene,) = json.loads((run / "report.json").read_text())["scenes"]
+    assert scene["n_contact"] == motion.in_contact.sum() > 0
     refused = softprint("generate", experiment, *options)
     assert refused.returncode == 1
     assert "reference samples are solved with a penalty" in refused.stderr

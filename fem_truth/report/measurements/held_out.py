@@ -15,7 +15,7 @@ from softprint.fem_truth.report.measurements.comparison import (
     pool,
 )
 from softprint.fem_truth.report.measurements.solves import FrameSolves
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
@@ -25,11 +25,12 @@ from softprint.runtime.learned.static_correction import StaticCorrection
 
 @dataclass(frozen=True, eq=False)
 class HeldOutMotion:
-    """A full-space motion with one collider: times (n_frames,) [s], one pose per frame, positions read on
-    demand."""
+    """A full-space motion with one collider: times (n_frames,) [s], one pose per frame, in which frames the body pushes
+    the collider (n_frames,), positions read on demand."""
 
     times: Array
     poses: Sequence[RigidPose]
+    in_contact: BoolArray
     positions: Callable[[int], Array]
 
     @property
@@ -66,14 +67,9 @@ class Comparer:
     def contact_frames(self) -> tuple[IntArray, Array]:
         """The frames in which the full-space body touches the collider, and in each of them the penetration depth of
         the collider in the *reduced* body [m], which measures how much there is to correct."""
-        touching: list[int] = []
-        depth: list[float] = []
-        for frame in range(self.motion.n_frames):
-            full, pose = self.motion.positions(frame), self.motion.poses[frame]
-            if self.depth(full, pose).max() > 0:
-                touching.append(frame)
-                depth.append(self.depth(self.reduced(frame), pose).max())
-        return np.array(touching, dtype=np.int64), np.array(depth)
+        touching = np.flatnonzero(self.motion.in_contact)
+        depth = [self.depth(self.reduced(frame), self.motion.poses[frame]).max() for frame in touching]
+        return touching, np.array(depth)
 
     def positions(self, frame: int, solves: FrameSolves | None = None) -> dict[str, Array]:
         """Positions (n_nodes, dim) of every model in a frame, in the order of the tables; those of the solvers if there

@@ -82,7 +82,7 @@ def timing_rows(motions: Mapping[str, Sequence[Motion]]) -> dict[str, dict[str, 
 def _steps_in_contact(motion: Motion) -> BoolArray:
     """(n_frames,) mask. Frame 0 is the start of the scene, which no step computed. The first of several is left out,
     because kernels may be compiled in it."""
-    touching = np.asarray(motion.penetration > 0)
+    touching = motion.in_contact.copy()
     touching[0] = False
     if np.count_nonzero(touching) > 1:
         touching[np.argmax(touching)] = False

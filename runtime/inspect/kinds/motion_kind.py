@@ -37,7 +37,7 @@ def summarise(path: Path, part: Part) -> Summary:
             "frames": motion.n_frames,
             "time [s]": [float(motion.times[0]), float(motion.times[-1])],
             "nodes, dimension": [nodes, dim],
-            "frames in contact": int((motion.penetration > 0).sum()),
+            "frames in contact": int(motion.in_contact.sum()),
         },
         "quality": {
             "converged share": float(motion.converged.mean()),

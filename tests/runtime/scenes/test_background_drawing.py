@@ -163,7 +163,7 @@ class Played:
             time.sleep(took + self.first)
             self.first = 0.0
         return SimpleNamespace(
-            state=at + 1, penetration=float(took > 0), iterations=1, converged=took < 0.02, timings={}
+            state=at + 1, in_contact=took > 0, iterations=1, converged=took < 0.02, timings={}
         )
 
     def surface_positions(self, at):

@@ -92,6 +92,8 @@ def test_a_simulated_scene_round_trips(context):
         assert motion.penetration[frame] == pytest.approx(result.penetration)
     assert motion.converged.all()
     assert motion.penetration[-1] > 0
+    np.testing.assert_array_equal(motion.in_contact, motion.penetration > 0)
+    np.testing.assert_array_equal(motion.in_contact, [result.in_contact for result in frames])
     assert {"total", "elastic", "contact"} <= set(motion.timings)
     assert "elastic" in motion.energies
 
