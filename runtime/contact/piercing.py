@@ -27,9 +27,8 @@ from softprint.runtime.contact.piercing_kernels import bounds, in_box, nearest_d
 _LIMIT = 2.0
 # At least so many points along the longest side of a collider.
 _LEAST_ALONG = 8
-# Collider points farther from all nearby nodes than the limit are either outside the body or deep inside: so many of
-# them are compared with all nodes.
-_FAR_POINTS = 16
+# Of the collider points that seem to be deeper than the limit, so many are compared with all nodes.
+_FAR_POINTS = 64
 
 
 class DeformedSurface(Protocol):
@@ -103,12 +102,16 @@ class PiercingSearch:
         # Contact may have moved nodes of the surface from anywhere along the collider to a point of it.
         lower, upper = bounds(around)
         near = in_box(x, lower - self.limit, upper + self.limit)
-        distance, depth = nearest_depths(z, surface.positions(near), surface.normals(near))
-        far = np.flatnonzero(distance > self.limit)
+        y = surface.positions(near)
+        distance, depth = nearest_depths(z, y, surface.normals(near))
+        # Farther than the limit from every node near the collider: another node may be nearer.
+        far = np.flatnonzero((distance > self.limit) & ((depth > 0.0) | np.isinf(distance)))
         if len(far):
+            everywhere = x.copy()
+            everywhere[near] = y
             depth[far] = 0.0
-            some = far[:: max(1, len(far) // _FAR_POINTS)]
-            _, depth[some] = nearest_depths(z[some], x, surface.normals(np.arange(len(x))))
+            some = far[:: -(-len(far) // _FAR_POINTS)]
+            _, depth[some] = nearest_depths(z[some], everywhere, surface.normals(np.arange(len(x))))
         deepest = int(np.argmax(depth))
         return None if depth[deepest] <= self.limit else Piercing(name, float(depth[deepest]), z[deepest])
 

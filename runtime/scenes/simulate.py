@@ -92,6 +92,7 @@ def simulate_scene(
     tables = collider_tables(experiment, scene)
     header = MotionHeader(model, scene.name, digest, experiment.text, tables)
     seconds, not_converged, untouched = 0.0, 0, set(surfaces)
+    limit = pierced_from(body.mesh)
     pierced: list[tuple[float, str, int]] = []  # depth, collider, frame
     with (
         write_motion(path, header, body, n_steps + 1) as writer,
@@ -104,7 +105,6 @@ def simulate_scene(
                 for name, surface in surfaces.items()
             }
             writer.add(result, player.rows(result.state), x, intrusions)
-            limit = pierced_from(body.mesh)
             pierced += [(depth, name, frame) for name, depth in intrusions.items() if depth > limit]
             untouched -= {name for name, contact in result.contacts.items() if contact.points}
             if not result.converged:
