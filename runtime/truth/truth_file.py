@@ -14,7 +14,6 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -253,7 +252,7 @@ class TruthData:
             )
             self.dim = int(file["mesh/points"].shape[1])
             self.n_nodes = int(file["mesh/points"].shape[0])
-            self._mesh = file["mesh"]
+            self._pierced_from = pierced_from(Mesh(file["mesh/points"][()], file["mesh/cells"][()]))
             self._stack = stack.pop_all()  # valid: keep the file open
 
     def _check_tables(self, file: h5py.File) -> None:
@@ -312,10 +311,6 @@ class TruthData:
     def pierced(self) -> BoolArray:
         """(n_samples,) in which converged samples the collider has pierced the body, see `pierced_from`."""
         return np.asarray(self.samples["intrusion"] > self._pierced_from)
-
-    @cached_property
-    def _pierced_from(self) -> float:
-        return pierced_from(Mesh(self._mesh["points"][()], self._mesh["cells"][()]))
 
     @property
     def inverted(self) -> BoolArray:
