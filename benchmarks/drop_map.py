@@ -76,7 +76,7 @@ def end_of(
     simulator = Simulator(
         body,
         [PlacedCollider("ball", ball, free=free)],
-        contact=PenaltyContact(experiment.contact.stiffness),
+        contact=PenaltyContact.of(experiment.contact),
         mechanics=mechanics,
         gravity=experiment.dynamics.gravity,
         kinematic=[KinematicHandle(frame.name) for frame in body.handles.frames],
@@ -93,7 +93,7 @@ def end_of(
             return "bounced"
         if (np.abs(aside) > reach).any():
             return "beside"
-        if height < 0.0:
+        if height < 0.0 and not result.contacts["ball"].points:
             return "passed"
     return "stayed" if height > touch - 2.0 * diameter - 0.5 * top else "passed"
 

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 
 import igl
 import numpy as np
-import scipy.sparse as sp
 import trimesh
 from scipy.sparse.linalg import splu
 
@@ -31,7 +30,7 @@ from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasti
 from softprint.fem_truth.energy.surface_contact import SurfaceContact
 from softprint.fem_truth.verify.problems.equilibrium import Solid, equilibrium
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.colliders import RigidPose
+from softprint.runtime.colliders import Collider, RigidPose
 from softprint.runtime.colliders.library import library_surface
 from softprint.runtime.colliders.surface_mesh.mesh_collider import mesh_collider
 from softprint.runtime.contact import PenaltyContact
@@ -78,6 +77,10 @@ class Triangles:
         vertices, faces = library_surface(name, size)
         coarse, triangles, _, _ = igl.decimate(vertices, faces, _TRIANGLES)
         return cls._lowered(coarse, triangles.astype(np.int64))
+
+    def collider(self) -> Collider:
+        """With a signed distance sampled from the triangles."""
+        return mesh_collider(self.vertices, self.faces, RESOLUTION, "solid")
 
     @classmethod
     def _lowered(cls, vertices: Array, faces: IntArray) -> Triangles:
@@ -139,17 +142,12 @@ class Block:
     ) -> Iterator[Pressed]:
         """Pressed by Softprint: refinement 0 is contact at nodes."""
         mesh = self.mesh
-        collider = mesh_collider(solid.vertices, solid.faces, RESOLUTION, "solid")
-        points = (
-            SurfaceQuadrature.on_facets(mesh.points, mesh.facets, refinement)
-            if refinement
-            else SurfaceQuadrature.at_nodes(mesh.surface_nodes, mesh.surface_areas)
-        )
+        collider, points = solid.collider(), SurfaceQuadrature.of(mesh, refinement)
         x, held, before = mesh.points.copy(), np.repeat(self.held[:, None], 3, axis=1), 0.0
         for depth in depths:
             for part in np.linspace(before, depth, 1 + max(1, round((depth - before) / STEP)))[1:]:
-                pose = RigidPose(np.eye(3), [0.0, 0.0, SIZE[2] - part])
-                contact = SurfaceContact(PenaltyContact(stiffness), points, collider, pose)
+                law = PenaltyContact(stiffness, refinement)
+                contact = SurfaceContact(law, points, collider, _at(SIZE[2] - part))
                 x = equilibrium(self.elasticity, held, x, (contact,), tolerance=1e-6)
             before = depth
             yield Pressed(x, float(contact.gradient(x)[:, 2].sum()), -contact.max_depth(x))
@@ -177,94 +175,64 @@ class Block:
     def intrusion(self, solid: Triangles, x: Array, depth: float) -> float:
         """How deep the solid is inside the block [m]."""
         dense = trimesh.Trimesh(solid.vertices, solid.faces).subdivide_to_size(5e-4)
-        return intrusion(_raised(np.asarray(dense.vertices), SIZE[2] - depth), self.mesh, x).depth
+        return intrusion(_at(SIZE[2] - depth).apply(np.asarray(dense.vertices)), self.mesh, x).depth
 
 
 class _Barrier:
     """The energy of the block and of the barrier between it and a solid that is held at a height."""
 
     def __init__(self, block: Block, solid: Triangles, distance: float) -> None:
-        import ipctk
+        from softprint.fem_truth.energy import barrier_contact  # needs the IPC Toolkit
 
-        self._toolkit, self._block, self._distance = ipctk, block, distance
-        mesh, self._solid = block.mesh, solid.vertices
+        self._barrier, self._block = barrier_contact, block
         self._free = np.flatnonzero(np.repeat(~block.held, 3))
-        self._surface = mesh.surface_nodes
-        n = len(self._surface)
-        faces = np.vstack([np.searchsorted(self._surface, mesh.facets), solid.faces + n]).astype(np.int32)
-        rest = np.vstack([mesh.points[self._surface], _raised(self._solid, 2.0 * SIZE[2])])
-        self._mesh = ipctk.CollisionMesh(rest, ipctk.edges(faces), faces)
-        of_solid = np.r_[np.zeros(n, dtype=np.int32), np.ones(len(self._solid), dtype=np.int32)]
-        self._mesh.can_collide = ipctk.make_vertex_patches_filter(of_solid)
-        self._potential = ipctk.BarrierPotential(distance, BARRIER_STIFFNESS, True)
-        # d vertices of the block's surface / d x, for derivatives
-        rows = np.arange(3 * n)
-        columns = (3 * self._surface[:, None] + np.arange(3)).ravel()
-        self._pick = sp.csr_matrix((np.ones(3 * n), (rows, columns)), shape=(3 * len(rest), mesh.points.size))
-
-    def _vertices(self, x: Array, height: float) -> Array:
-        return np.asfortranarray(np.vstack([x[self._surface], _raised(self._solid, height)]))
+        law = barrier_contact.BarrierLaw(distance, BARRIER_STIFFNESS)
+        self._surfaces = barrier_contact.CollisionSurfaces(block.mesh, solid.collider(), law)
 
     def free_share(self, x: Array, height: float, x_end: Array, height_end: float) -> float:
         """The share of a motion that is free of collisions."""
-        return float(
-            self._toolkit.compute_collision_free_stepsize(
-                self._mesh, self._vertices(x, height), self._vertices(x_end, height_end)
-            )
-        )
-
-    def _collisions(self, vertices: Array) -> object:
-        found = self._toolkit.NormalCollisions()
-        found.use_area_weighting = True
-        found.build(self._mesh, vertices, self._distance)
-        return found
-
-    def energy(self, x: Array, height: float) -> float:
-        """Elastic energy and barrier [J]."""
-        vertices = self._vertices(x, height)
-        barrier = self._potential(self._collisions(vertices), self._mesh, vertices)
-        return self._block.elasticity.energy(x) + float(barrier)
+        start, end = self._surfaces.vertices(x, _at(height)), self._surfaces.vertices(x_end, _at(height_end))
+        return self._surfaces.free_share(start, end)
 
     def equilibrium(self, x: Array, height: float) -> Array:
         """Newton's method, each step as long as nothing collides. Raises SoftprintError where it does not converge."""
         elasticity, free = self._block.elasticity, self._free
+        contact = self._barrier.BarrierContact(self._surfaces, _at(height), x)
         for _ in range(_ITERATIONS):
-            vertices = self._vertices(x, height)
-            collisions = self._collisions(vertices)
             elastic = elasticity.gradient(x)
-            barrier = self._pick.T @ self._potential.gradient(collisions, self._mesh, vertices)
-            gradient = (elastic.ravel() + barrier)[free]
+            gradient = (elastic + contact.gradient(x)).ravel()[free]
             scale = max(float(np.linalg.norm(elastic)), 1e-4 * elasticity.unit_force)
             if np.linalg.norm(gradient) <= _TOLERANCE * scale:
                 return x
-            clamp = self._toolkit.PSDProjectionMethod.CLAMP
-            curvature = self._potential.hessian(collisions, self._mesh, vertices, clamp)
-            hessian = elasticity.hessian(x).sparse() + self._pick.T @ curvature @ self._pick
+            matrix = elasticity.hessian(x)
+            contact.add_hessian(x, matrix, convex=True)
+            hessian = matrix.sparse()
             direction = np.zeros(x.size)
             direction[free] = -splu(hessian[free][:, free].tocsc()).solve(gradient)
             step = direction.reshape(x.shape)
-            slope, before = float(gradient @ direction[free]), self.energy(x, height)
+            before = elasticity.energy(x) + contact.energy(x)
+            slope = float(gradient @ direction[free])
             if -slope <= max(_DECREMENT * before, _FLOOR * elasticity.unit_energy):
                 return x
             share = min(1.0, 0.9 * self.free_share(x, height, x + step, height))
-            while self.energy(x + share * step, height) > before + 1e-4 * share * slope:
+            y = x + share * step
+            while elasticity.energy(y) + contact.energy(y) > before + 1e-4 * share * slope:
                 share *= 0.5
                 if share < 1e-8:
                     raise SoftprintError(f"the barrier's line search failed at height {height}")
-            x = x + share * step
+                y = x + share * step
+            x = y
+            contact.accepted(x)
         raise SoftprintError(f"the barrier did not converge at height {height}")
 
     def force_and_gap(self, x: Array, height: float) -> tuple[float, float]:
         """The force on the solid, upward [N], and the least distance between the surfaces [m]."""
-        vertices = self._vertices(x, height)
-        collisions = self._collisions(vertices)
-        gradient = self._potential.gradient(collisions, self._mesh, vertices).reshape(-1, 3)
-        force = -float(gradient[len(self._surface) :, 2].sum())
-        return force, float(np.sqrt(collisions.compute_minimum_distance(self._mesh, vertices)))
+        contact = self._barrier.BarrierContact(self._surfaces, _at(height), x)
+        return float(contact.gradient(x)[:, 2].sum()), contact.gap(x)
 
 
-def _raised(vertices: Array, height: float) -> Array:
-    return vertices + height * np.eye(3)[2]
+def _at(height: float) -> RigidPose:
+    return RigidPose(np.eye(3), [0.0, 0.0, height])
 
 
 def _until_failure(pressed: Iterator[Pressed], count: int) -> list[Pressed | None]:

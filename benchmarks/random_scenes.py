@@ -50,6 +50,7 @@ from softprint.runtime.dynamics import (
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
+from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
 from softprint.runtime.rigid import free_collider
 from softprint.runtime.shapes import SHAPES
@@ -92,6 +93,9 @@ class Scenes:
             if stored.is_file()
             else compute_mechanics(self.body, CONTACT_NODES, True)
         )
+        self.law = PenaltyContact.of(self.experiment.contact)
+        compliance = self.mechanics.surface_compliance
+        self.points = LoadedPoints.of_compliance(self.body, compliance, self.law.reduced_points)
         self.top = float(self.body.mesh.points[:, -1].max())
         self.reach = self.body.mesh.points[:, :-1].max(axis=0)
 
@@ -107,7 +111,7 @@ class Scenes:
             simulator = Simulator(
                 self.body,
                 colliders,
-                contact=PenaltyContact(self.experiment.contact.stiffness),
+                contact=self.law,
                 mechanics=self.mechanics if with_mechanics else None,
                 friction=CoulombFriction(0.4) if with_friction else None,
                 gravity=self.experiment.dynamics.gravity,
@@ -158,7 +162,7 @@ class Scenes:
         x, solved = simulator.positions(state), state.contact
         if solved is None:
             return x
-        v = self.mechanics.surface_compliance.apply(solved.active, solved.rest_force)
+        v = self.mechanics.surface_compliance.apply(*self.points.to_nodes(solved.active, solved.rest_force))
         F = np.einsum("nrj,ra->naj", self.body.node_points().basis_gradient, state.rows)
         return x + np.einsum("naj,nj->na", F, v)
 

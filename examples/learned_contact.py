@@ -37,7 +37,7 @@ mechanics = softprint.load_mechanics(run / "mechanics_3000.safetensors", body)
 correction = softprint.load_correction(run / "corrections" / "ours.safetensors", body, shape, mechanics)
 
 # %% [markdown]
-# Everything else is the same in both simulators. The contact stiffness has to be the one of the training data.
+# Everything else is the same in both simulators. Contact has to be that of the training data.
 
 
 # %%
@@ -45,7 +45,7 @@ def simulator(mechanics=None, correction=None):
     return softprint.Simulator(
         body,
         [softprint.PlacedCollider(placed.name, shape, path, correction)],
-        contact=softprint.PenaltyContact(experiment.contact.stiffness),
+        contact=softprint.PenaltyContact.of(experiment.contact),
         mechanics=mechanics,
         gravity=experiment.dynamics.gravity,
         kinematic=[softprint.KinematicHandle("base")],

@@ -18,6 +18,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 
 RADIUS, DEPTH, STIFFNESS = 0.015, 0.003, 3e10  # m, m, N/m^4
@@ -29,7 +30,7 @@ SIDES = {"left": -1.0, "right": 1.0}
 def contact_with(body: ReducedBody, mechanics: BodyMechanics, *names: str) -> CondensedContact:
     """Of the body with some of the balls."""
     balls = {name: Sphere(RADIUS, body.dim, name) for name in names}
-    return CondensedContact.of(body, mechanics, balls, STIFFNESS)
+    return CondensedContact.of(body, mechanics, balls, PenaltyContact(STIFFNESS))
 
 
 def energy_and_force(contact: CondensedContact, rows: Array, poses: Poses) -> tuple[float, float]:

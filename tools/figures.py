@@ -103,7 +103,7 @@ FIGURES: Mapping[str, Figure] = {
     "contact_points": Figure(
         (
             "python -m benchmarks.contact_points examples/jelly3d_small.toml --contacts 40 --refinements 0 2 4 "
-            "--stiffness 1 10 100",
+            "--stiffness 0.1 1 10",
         ),
         (RESULTS,),
         ("demo",),
@@ -116,9 +116,26 @@ FIGURES: Mapping[str, Figure] = {
             "softprint simulate examples/jelly3d_small.toml --out runs/barrier --model full --set contact.friction=0 "
             "--set 'contact.model=\"barrier\"'",
             "softprint simulate examples/jelly3d_small.toml --out runs/facets --model full --set contact.friction=0 "
-            "--set contact.refinement=2 --set contact.stiffness=3e11",
+            "--set contact.refinement=2 --set contact.stiffness=3e12",
         ),
         (RESULTS,),
+    ),
+    "press_depth": Figure(
+        (
+            "python -m benchmarks.press_depth examples/jelly3d_small.toml",
+            "python -m benchmarks.press_depth examples/jelly3d_small.toml --set contact.reduced_refinement=2",
+        ),
+        (RESULTS,),
+        ("demo",),
+    ),
+    "motions_alone": Figure(
+        (
+            "python -m benchmarks.motions_alone runs/jelly3d_small/motions/held_out_full.h5 "
+            "runs/jelly3d_small/motions/held_out_bare.h5 runs/jelly3d_small/motions/held_out_mechanics.h5 "
+            "runs/jelly3d_small/motions/held_out_ours.h5",
+        ),
+        (RESULTS,),
+        ("demo",),
     ),
     "drop_map": Figure(
         ("python -m benchmarks.drop_map examples/jelly3d_small.toml --plot docs/drop_map.png",),
@@ -147,6 +164,15 @@ FIGURES: Mapping[str, Figure] = {
             f"softprint report {_SMALL}",
         ),
         (ANY, RESULTS),
+    ),
+    "thin_shapes": Figure(
+        (
+            "python -m benchmarks.thin_shapes examples/jelly_library_small.toml",
+            "python -m benchmarks.thin_shapes examples/jelly_library_small.toml --models mechanics "
+            "--set contact.reduced_refinement=2",
+        ),
+        (RESULTS,),
+        ("jelly_library_small",),
     ),
     "hat": Figure(
         (

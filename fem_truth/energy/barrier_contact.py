@@ -156,6 +156,11 @@ class BarrierContact:
         """(k,) nodes that contact acts on, ascending."""
         return np.flatnonzero(self.gradient(x).any(axis=1))
 
+    def gap(self, x: Array) -> float:
+        """The least distance between the surfaces where they repel each other [m]."""
+        self._find(x)
+        return float(np.sqrt(self._collisions.compute_minimum_distance(self._surfaces.mesh, self._vertices)))
+
     def max_depth(self, x: Array) -> float:
         """0: nothing penetrates."""
         return 0.0

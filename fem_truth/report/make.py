@@ -156,6 +156,7 @@ def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider
     problem = {
         "gravity": experiment.dynamics.gravity,
         "stiffness": experiment.contact.stiffness,
+        "refinement": experiment.contact.refinement,
         "collider": experiment.collider(collider.name).model_dump(mode="json"),
     }
     return content_hash(

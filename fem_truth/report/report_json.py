@@ -53,6 +53,7 @@ def experiment_summary(experiment: Experiment) -> dict[str, Any]:
         "time_step": experiment.dynamics.time_step,
         "gravity": list(experiment.dynamics.gravity),
         "contact_stiffness": experiment.contact.stiffness,
+        "contact_refinement": experiment.contact.refinement,
         "friction": experiment.contact.friction,
         "text": experiment.text,
     }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+
+import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 
@@ -29,6 +31,11 @@ class MaterialPoints:
     @property
     def dim(self) -> int:
         return int(self.rest.shape[1])
+
+    def followed_by(self, other: MaterialPoints) -> MaterialPoints:
+        """These points, and then the others."""
+        columns = ((getattr(part, field.name) for part in (self, other)) for field in fields(self))
+        return MaterialPoints(*(np.concatenate(list(column)) for column in columns))
 
     def take(self, index: IntArray | slice) -> MaterialPoints:
         """The points of the given indices, mask or slice."""

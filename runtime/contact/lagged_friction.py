@@ -15,8 +15,8 @@ from softprint.runtime.contact.friction import LaggedContact
 
 
 @dataclass(frozen=True, eq=False)
-class SlidingNodes:
-    """k active nodes of a condensed contact with one collider: their normal forces, normals and anchors, and their
+class SlidingPoints:
+    """k active points of a condensed contact with one collider: their normal forces, normals and anchors, and their
     positions as an affine function of the rows: position (k, dim) [m] at rows (n_rows, dim), jacobian (k, dim,
     n_rows*dim)."""
 
@@ -34,20 +34,20 @@ class SlidingNodes:
 @dataclass(frozen=True, eq=False)
 class SlipStart:
     """The start of a step of length time_step [s], from which slip is measured: the surface samples (s, dim) [m] and
-    the poses; contact_nodes: computes the deformed positions (m, dim) of contact nodes (m,) there."""
+    the poses; contact_points: computes the deformed positions (m, dim) of contact points (m,) there."""
 
     surface: Array
     poses: Poses
     time_step: float
-    contact_nodes: Callable[[IntArray], Array]
+    contact_points: Callable[[IntArray], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class LaggedFriction:
-    """Lagged friction by collider: surface, at the surface samples; nodes, at the active nodes of condensed contact;
+    """Lagged friction by collider: surface, at the surface samples; points, at the active points of condensed contact;
     bodies: by pair of colliders, for the surface points of the first inside the second."""
 
     start: SlipStart
     surface: Mapping[str, LaggedContact]
-    nodes: Mapping[str, SlidingNodes]
+    points: Mapping[str, SlidingPoints]
     bodies: Mapping[tuple[str, str], LaggedContact]

@@ -63,23 +63,27 @@ class ContactTable(Protocol):
     def stiffness(self) -> float: ...
     @property
     def refinement(self) -> int: ...
+    @property
+    def reduced_refinement(self) -> int: ...
 
 
 @dataclass(frozen=True)
 class PenaltyContact:
     """Contact energy (stiffness / 3) depth^3 per unit of surface area; stiffness in N/m^4.
 
-    refinement: in full space, contact is evaluated at refinement^(dim-1) points of every facet of the surface
-    (`surface_quadrature.py`); 0: at its nodes.
+    refinement: 0 for contact at nodes. Otherwise contact is evaluated on facets: in full space at refinement^(dim-1)
+    points of every facet of the surface (`surface_quadrature.py`), in reduced models at reduced_refinement^(dim-1)
+    points (`runtime/mechanics/loaded_points.py`): one is enough unless tips and edges are finer than a facet.
     """
 
     stiffness: float
     refinement: int = 0
+    reduced_refinement: int = 1
 
     @classmethod
     def of(cls, table: ContactTable) -> PenaltyContact:
         """That of the [contact] table of an experiment."""
-        return cls(table.stiffness, table.refinement)
+        return cls(table.stiffness, table.refinement, table.reduced_refinement)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.stiffness) and self.stiffness > 0):
@@ -88,6 +92,15 @@ class PenaltyContact:
             )
         if self.refinement < 0:
             raise SoftprintError(f"the refinement of contact must be zero or positive, not {self.refinement}")
+        if self.reduced_refinement < 1:
+            raise SoftprintError(
+                f"the refinement of contact in reduced models must be at least 1, not {self.reduced_refinement}"
+            )
+
+    @property
+    def reduced_points(self) -> int:
+        """The contact points of reduced models along an edge of a facet; 0: at nodes."""
+        return self.reduced_refinement if self.refinement else 0
 
     def energy(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> float:
         """The contact energy [J] without derivatives, for line searches; arguments as for `terms`."""

@@ -1,8 +1,8 @@
 """Whether a collider has pierced the surface of a reduced body: found without the contact law, in every step.
 
 Contact acts at points of the body's surface, and a collider can pass between them, or be pressed farther than the body
-gives way. Points on the collider's surface are therefore compared with the nearest nodes of the deformed surface: one
-on the inner side of its nearest node is as deep in the body as it is far from that node. This measure is right to about
+gives way. Points on the collider's surface are therefore compared with the nearest contact points of the deformed
+surface: one on the inner side of its nearest point is as deep in the body as it is far from that point. This measure is right to about
 the distance between nodes, so that a collider counts as piercing from a multiple of that distance. A body thinner than
 twice that depth can be passed unseen. `intrusion.py` has the exact depth, from all cells of the body.
 """
@@ -32,7 +32,7 @@ _FAR_POINTS = 64
 
 
 class DeformedSurface(Protocol):
-    """The surface nodes of a body at a state."""
+    """The contact points of a body at a state."""
 
     @property
     def approximate(self) -> Array:
@@ -74,6 +74,11 @@ class PiercingSearch:
     def names(self) -> list[str]:
         """The names of the colliders."""
         return list(self._probes)
+
+    @property
+    def bounded(self) -> list[str]:
+        """The names of the colliders that have bounds."""
+        return [name for name, probe in self._probes.items() if len(probe.points)]
 
     def found(self, surface: DeformedSurface, poses: Poses) -> dict[str, Piercing]:
         """Those of the colliders with poses that have pierced the surface."""

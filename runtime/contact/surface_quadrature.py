@@ -20,7 +20,8 @@ from softprint.runtime.arrays import Array, IntArray, scatter_sum
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.lazy import lazy
-from softprint.runtime.mesh.mesh import facet_vectors
+from softprint.runtime.mesh.mesh import Mesh, facet_vectors
+from softprint.runtime.mesh.midpoints import midpoints
 from softprint.runtime.mesh.simplex_kernels import bounding_balls
 
 # Allowance for signed distances that are interpolated or smoothed, and so may change faster than the way.
@@ -35,6 +36,13 @@ class SurfaceQuadrature:
     facets: IntArray
     shares: Array
     areas: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, refinement: int) -> SurfaceQuadrature:
+        """The points of a whole surface; refinement: see `PenaltyContact`."""
+        if refinement == 0:
+            return cls.at_nodes(mesh.surface_nodes, mesh.surface_areas)
+        return cls.on_facets(mesh.points, mesh.facets, refinement)
 
     @classmethod
     def at_nodes(cls, nodes: IntArray, areas: Array) -> SurfaceQuadrature:
@@ -92,15 +100,3 @@ class SurfaceQuadrature:
         blocks = pairs[own][..., None, None] * by_point[:, None, None]
         summed = np.add.reduceat(blocks, first, axis=0) if len(first) else np.empty((0, c, c, dim, dim))
         return self.facets[facet[first]], summed
-
-
-def midpoints(parts: int, dim: int) -> Array:
-    """Barycentric coordinates (parts^(dim-1), dim) of the centres of equal parts of an edge or a triangle."""
-    if dim == 2:
-        along = (np.arange(parts) + 0.5) / parts
-        return np.column_stack([1.0 - along, along])
-    i, j = np.meshgrid(np.arange(parts), np.arange(parts), indexing="ij")
-    upright, inverted = i + j < parts, i + j < parts - 1
-    a = np.concatenate([i[upright] + 1 / 3, i[inverted] + 2 / 3]) / parts
-    b = np.concatenate([j[upright] + 1 / 3, j[inverted] + 2 / 3]) / parts
-    return np.column_stack([1.0 - a - b, a, b])

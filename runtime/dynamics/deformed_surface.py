@@ -12,17 +12,20 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.piercing import DeformedSurface
-from softprint.runtime.contact.solver.contact_nodes import ContactNodes
+from softprint.runtime.contact.solver.contact_points import ContactPoints
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
+from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.linalg.row_products import placed
 
 
 class BodySurface(Protocol):
-    """Surface nodes of a body. nodes: without static condensation."""
+    """Points of the surface of a body, without static condensation. n_nodes: the nodes that they are or lie between."""
 
     @property
-    def nodes(self) -> ContactNodes: ...
+    def points(self) -> ContactPoints: ...
+    @property
+    def n_nodes(self) -> int: ...
 
     def at(self, body: BodyEvaluation) -> DeformedSurface:
         """At a state."""
@@ -30,21 +33,22 @@ class BodySurface(Protocol):
 
 
 class SampledSurface:
-    """The surface samples, which are in penalty contact."""
+    """The points of penalty contact."""
 
-    def __init__(self, body: ReducedBody) -> None:
-        self.nodes = _without_condensation(body, body.surface.nodes)
+    def __init__(self, contact: SurfaceContactEnergy) -> None:
+        self.points = ContactPoints(contact.material, None)
+        self.n_nodes = len(contact.nodes)
 
     def at(self, body: BodyEvaluation) -> DeformedSurface:
         """See `BodySurface`."""
-        return _SampledAt(self.nodes, body.at.rows, body.positions)
+        return _SampledAt(self.points, body.at.rows, body.positions)
 
 
 @dataclass(frozen=True, eq=False)
 class _SampledAt:
     """approximate: exact in fact."""
 
-    nodes: ContactNodes
+    points: ContactPoints
     rows: Array
     approximate: Array
 
@@ -54,30 +58,31 @@ class _SampledAt:
 
     def normals(self, index: IntArray) -> Array:
         """See `DeformedSurface`."""
-        return _normals(self.nodes, self.rows, index)
+        return _normals(self.points, self.rows, index)
 
 
 class CondensedSurface:
-    """The nodes of condensed contact, which lie outside rigid frames, and the surface samples in rigid frames."""
+    """The points of condensed contact, which lie outside rigid frames, and the surface samples in rigid frames."""
 
     def __init__(self, body: ReducedBody, condensed: CondensedContact) -> None:
-        own, samples = condensed.nodes.mesh_nodes, body.surface.nodes
-        rigid = samples[np.isin(samples, body.handles.frame_nodes)]
+        own, samples = condensed.points.material, body.surface.nodes
+        rigid = body.node_points(samples[np.isin(samples, body.handles.frame_nodes)])
         self.n_contact = len(own)
-        self.nodes = _without_condensation(body, np.concatenate([own, rigid]))
+        self.points = ContactPoints(own.followed_by(rigid), None)
+        self.n_nodes = len(condensed.nodes) + len(rigid)
 
     def at(self, body: BodyEvaluation) -> DeformedSurface:
         """See `BodySurface`."""
         contact, rows = body.contact, body.at.rows
         assert contact is not None  # there is condensed contact, so that every evaluation has one
-        rigid = placed(self.nodes.points.basis[self.n_contact :], rows)
-        approximate = np.concatenate([contact.nodes.bounded_positions(rows)[0], rigid])
-        return _CondensedAt(self.nodes, self.n_contact, contact, approximate)
+        rigid = placed(self.points.material.basis[self.n_contact :], rows)
+        approximate = np.concatenate([contact.points.bounded_positions(rows)[0], rigid])
+        return _CondensedAt(self.points, self.n_contact, contact, approximate)
 
 
 @dataclass(frozen=True, eq=False)
 class _CondensedAt:
-    nodes: ContactNodes
+    points: ContactPoints
     n_contact: int
     contact: ContactEvaluation
     approximate: Array
@@ -90,14 +95,10 @@ class _CondensedAt:
 
     def normals(self, index: IntArray) -> Array:
         """See `DeformedSurface`."""
-        return _normals(self.nodes, self.contact.rows, index)
+        return _normals(self.points, self.contact.rows, index)
 
 
-def _normals(nodes: ContactNodes, rows: Array, index: IntArray) -> Array:
+def _normals(points: ContactPoints, rows: Array, index: IntArray) -> Array:
     """cof(F) N (m, dim): the deformed surface normals, without the displacement by contact."""
-    normal = nodes.points.surface_normal[index]
-    return np.asarray((cofactor(nodes.deformation(rows, index)) @ normal[..., None])[..., 0])
-
-
-def _without_condensation(body: ReducedBody, mesh_nodes: IntArray) -> ContactNodes:
-    return ContactNodes(body.node_points(mesh_nodes), None, body.handles, mesh_nodes)
+    normal = points.material.surface_normal[index]
+    return np.asarray((cofactor(points.deformation(rows, index)) @ normal[..., None])[..., 0])

@@ -11,14 +11,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.contact_force import ContactForce
 from softprint.runtime.contact.piercing import Piercing, PiercingSearch
 from softprint.runtime.dynamics.deformed_surface import BodySurface, CondensedSurface, SampledSurface
 from softprint.runtime.dynamics.state import ReducedState, StepResult
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
+from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
 from softprint.runtime.optimise import Status
 
 # A step in which colliders move farther than the limit is checked at so many poses in between, at most.
@@ -29,19 +32,21 @@ class PiercedColliders:
     """Finds the colliders of a scene that have pierced the body."""
 
     def __init__(
-        self, body: ReducedBody, colliders: Mapping[str, Collider], condensed: CondensedContact | None
+        self,
+        body: ReducedBody,
+        colliders: Mapping[str, Collider],
+        condensed: CondensedContact | None,
+        penalty: SurfaceContactEnergy,
     ) -> None:
-        """condensed: contact with some of the colliders; the others are in penalty contact at the surface samples."""
+        """condensed: contact with some of the colliders; penalty: with the others."""
         area, by_force = body.surface.areas.sum(), {} if condensed is None else condensed.searches
         parts: list[tuple[BodySurface, dict[str, Collider]]] = []
         if condensed is not None:
             parts.append((CondensedSurface(body, condensed), {name: colliders[name] for name in by_force}))
         others = {name: shape for name, shape in colliders.items() if name not in by_force}
         if others:
-            parts.append((SampledSurface(body), others))
-        spacings = [
-            float(area / len(surface.nodes.mesh_nodes)) ** (1.0 / (body.dim - 1)) for surface, _ in parts
-        ]
+            parts.append((SampledSurface(penalty), others))
+        spacings = [float(area / surface.n_nodes) ** (1.0 / (body.dim - 1)) for surface, _ in parts]
         self._parts = [
             (surface, PiercingSearch(own, spacing))
             for (surface, own), spacing in zip(parts, spacings, strict=True)
@@ -74,6 +79,17 @@ class PiercedColliders:
                 after = self.found(end, poses, list(before))
                 pierced += [min(before[name], after[name], key=_depth) for name in after]
         return max(pierced, key=_depth, default=None)
+
+    def penetrating(self, contacts: Mapping[str, ContactForce]) -> Piercing | None:
+        """The collider in which points of the body are deepest, where this is deeper than the limit, so that a crushed
+        body counts as pierced too; None where none is. Colliders without bounds do not count."""
+        found = [
+            Piercing(name, contacts[name].penetration, _strongest(contacts[name]))
+            for _, search in self._parts
+            for name in search.bounded
+            if name in contacts and contacts[name].penetration > search.limit
+        ]
+        return max(found, key=_depth, default=None)
 
     def limit(self, begin: BodyEvaluation, names: Sequence[str]) -> FreeColliderLimit:
         """The limit for the free colliders with these names, in a step from a state."""
@@ -115,6 +131,12 @@ def with_piercing(result: StepResult[ReducedState], piercing: Piercing | None) -
         return result
     reason = f"{piercing.sentence}. {Status.PIERCED.sentence}"
     return replace(result, status=Status.PIERCED, reason=reason, piercing=piercing)
+
+
+def _strongest(contact: ContactForce) -> Array:
+    """Where the largest of the point forces acts (dim,) [m]."""
+    part = contact.parts[0]
+    return np.asarray(part.points[np.argmax(np.square(part.forces).sum(axis=1))])
 
 
 def _depth(piercing: Piercing) -> float:

@@ -122,7 +122,7 @@ def _check_contact_correction(
     mechanics: BodyMechanics | None,
     contact: PenaltyContact,
 ) -> None:
-    """Raises SoftprintError where its mechanics or stiffness are not those of the simulator."""
+    """Raises SoftprintError where its mechanics or contact law are not those of the simulator."""
     own = correction.mechanics.compliance
     given = None if mechanics is None else mechanics.compliance
     if own is None or given is None or not own.equals(given):
@@ -130,8 +130,20 @@ def _check_contact_correction(
             f"correction {correction.name!r} of collider {placed.name!r} corrects forces of the body's mechanics: give "
             "Simulator(mechanics=...) those that it was trained with, `correction.mechanics`"
         )
-    if not np.isclose(correction.stiffness, contact.stiffness, rtol=1e-9):
+    law = correction.law
+    if not np.isclose(law.stiffness, contact.stiffness, rtol=1e-9):
         raise SoftprintError(
-            f"correction {correction.name!r} was trained for a contact stiffness of {correction.stiffness:g} N/m^4, "
-            f"not for {contact.stiffness:g}: give PenaltyContact({correction.stiffness:g}), or train it for this one"
+            f"correction {correction.name!r} was trained for a contact stiffness of {law.stiffness:g} N/m^4, "
+            f"not for {contact.stiffness:g}: give PenaltyContact({law.stiffness:g}), or train it for this one"
         )
+    if law.reduced_points != contact.reduced_points:
+        raise SoftprintError(
+            f"correction {correction.name!r} was trained for contact {_points(law)}, not {_points(contact)}: give "
+            f"contact={law}, or train it for this"
+        )
+
+
+def _points(law: PenaltyContact) -> str:
+    """Where a law has contact in reduced models."""
+    count = law.reduced_points
+    return f"at {count} points along an edge of a facet" if count else "at nodes"

@@ -102,7 +102,7 @@ class Simulator:
         bodies = free_colliders(self.colliders)
         among = ColliderContact(bodies, shapes, contact, friction)
         self._free_bodies = FreeBodies(bodies, shapes, among, body.basis[body.surface.nodes])
-        self._pierced = PiercedColliders(body, shapes, self._corrections.contact)
+        self._pierced = PiercedColliders(body, shapes, self._corrections.contact, self._terms.surface)
 
     @property
     def pierced_from(self) -> float:
@@ -146,6 +146,8 @@ class Simulator:
         result = self._result(solved, reached, inertia, timings, free)
         released = {name for name, contact in result.contacts.items() if not contact.points}
         piercing = self._pierced.deepest(begin, solved.x.body, released)
+        if piercing is None:
+            piercing = self._pierced.penetrating(result.contacts)
         if piercing is None and limit is not None and not solved.converged:
             piercing = limit.refused
         return with_piercing(result, piercing)
@@ -204,20 +206,22 @@ class Simulator:
         frame = self._terms.in_frame(state.frame)
         body = self._evaluated(frame, state, timings)
 
-        def contact_nodes(index: IntArray) -> Array:
+        def contact_points(index: IntArray) -> Array:
             found = self._contact_at(state, body)
             assert found is not None  # called by condensed contact only
             return found.deformed_positions(index)
 
-        slip = SlipStart(body.positions, state.poses, self.settings.time_step, contact_nodes)
+        slip = SlipStart(body.positions, state.poses, self.settings.time_step, contact_points)
         return SlidingStep(slip, self.settings.friction_updates)
 
     def _contact_at(self, state: ReducedState, body: BodyEvaluation) -> ContactEvaluation | None:
         """The condensed contact of a state: the stored one if it was solved at the rows of the state."""
-        contact, nodes = self._corrections.contact, body.frame.contact_nodes
-        if contact is None or nodes is None:
+        contact, points = self._corrections.contact, body.frame.contact_points
+        if contact is None or points is None:
             return None
-        return contact.evaluation(nodes, state.rows, state.contact) if state.contact_is_here else body.contact
+        return (
+            contact.evaluation(points, state.rows, state.contact) if state.contact_is_here else body.contact
+        )
 
     def _static(self, state: ReducedState, timings: Timings) -> tuple[StepEnergy, StepPoint]:
         """The energy without inertia in the frame of a state, and its point at that state."""

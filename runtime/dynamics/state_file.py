@@ -16,7 +16,7 @@ import numpy as np
 
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.solver.contact_solve import ContactSolution
-from softprint.runtime.contact.solver.solved_contact import NearNodes, SolvedContact
+from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
 from softprint.runtime.dynamics.state import KeptFactorisation, ReducedState
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
 from softprint.runtime.errors import SoftprintError
@@ -24,14 +24,14 @@ from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_sof
 from softprint.runtime.optimise.descent import Descent
 from softprint.runtime.rigid.flight import RigidMotion
 
-KIND, VERSION = "state", 1
+KIND, VERSION = "state", 2
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (
         ReducedState,
         RigidMotion,
         SolvedContact,
-        NearNodes,
+        NearPoints,
         ContactSolution,
         KeptFactorisation,
         Descent,

@@ -12,6 +12,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.invariants import determinant
 from softprint.runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
 from softprint.runtime.mesh import Mesh
@@ -45,9 +46,9 @@ class FieldSet:
 def fields_of(body: ReducedBody, contact: PenaltyContact, deformed: Deformed) -> FieldSet:
     """Displacement from rest [m], Green strain, Cauchy and von Mises stress [Pa], det F, contact pressure [Pa].
 
-    The pressure at a surface node is k depth^2 for each unit of *rest* area (see
-    :mod:`runtime.contact.penalty`); with the node's own share of that area it gives ``contact_force`` [N],
-    the force on the body, whose sum over the nodes is the total force.
+    The pressure at a surface node is the mean of k depth^2 for each unit of *rest* area (see
+    :mod:`runtime.contact.penalty`) over the contact points around it; with the node's own share of that area it gives
+    the normal force. The sum of ``contact_force`` [N], the force on the body, over the nodes is the total force.
     """
     x = deformed.positions
     F = in_three_dimensions(body.mesh.deformation_gradients(x))
@@ -73,11 +74,15 @@ def fields_of(body: ReducedBody, contact: PenaltyContact, deformed: Deformed) ->
 
 def contact_fields(mesh: Mesh, contact: PenaltyContact, deformed: Deformed) -> tuple[Array, Array]:
     """Pressure (n_nodes,) [Pa] and force (n_nodes, dim) [N] of all colliders on every surface node."""
-    pressure, force = np.zeros(mesh.n_nodes), np.zeros((mesh.n_nodes, mesh.dim))
-    surface = deformed.positions[mesh.surface_nodes]
+    normal, force = np.zeros((mesh.n_nodes, 1)), np.zeros((mesh.n_nodes, mesh.dim))
+    points, x = SurfaceQuadrature.of(mesh, contact.refinement), deformed.positions
     for collider, pose in deformed.colliders:
-        terms = contact.terms(surface, mesh.surface_areas, collider, pose)
-        nodes = mesh.surface_nodes[terms.index]
-        pressure[nodes] += contact.stiffness * terms.depth**2
-        force[nodes] -= terms.gradient
+        near = points.near(x, collider, pose)
+        terms = contact.terms(points.positions(x, near), points.area(near), collider, pose)
+        index = near[terms.index]
+        pushed = contact.stiffness * points.area(index) * terms.depth**2
+        normal += points.gradient(index, pushed[:, None], mesh.n_nodes)
+        force -= points.gradient(index, terms.gradient, mesh.n_nodes)
+    pressure = np.zeros(mesh.n_nodes)
+    pressure[mesh.surface_nodes] = normal[mesh.surface_nodes, 0] / mesh.surface_areas
     return pressure, force

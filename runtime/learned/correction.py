@@ -21,6 +21,7 @@ from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
@@ -91,14 +92,15 @@ class BoundContactCorrection(Protocol):
 
 @runtime_checkable
 class ContactCorrection(Protocol):
-    """Learned contact forces. shape: the collider; mechanics: of the body, those used in training; stiffness: of the
-    penalty law [N/m^4]; band [m]: nodes up to this distance outside the collider are included."""
+    """Learned contact forces. shape: the collider; mechanics: of the body, those used in training; law: the
+    stiffness of contact, and whether it is on facets; band [m]: contact points up to this distance outside the collider
+    are included."""
 
     name: str
     collider: str
     shape: Collider
     mechanics: BodyMechanics
-    stiffness: float
+    law: PenaltyContact
     band: float
 
     def bind(self, points: MaterialPoints, contact: CondensedContact, name: str) -> BoundContactCorrection:

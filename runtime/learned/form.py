@@ -11,6 +11,7 @@ from torch import nn
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.correction import Correction
 from softprint.runtime.learned.registry import FORMS
@@ -51,7 +52,7 @@ class LearnedForm(Generic[ModelT]):
 
     name: in experiment files and headers, and of its folder; line: a description for `softprint inspect`;
     needs_mechanics: whether it adds to the linear mechanics of the body, which are then passed to `correction`;
-    options: makes them from a [[training.models]] table, a body and the stiffness of contact [N/m^4];
+    options: makes them from a [[training.models]] table, a body and the contact law;
     model: makes an untrained one from the options of a header, dim and n_rows;
     correction: makes one from a name, a trained model, a body, a collider and the mechanics of the body.
     """
@@ -59,7 +60,7 @@ class LearnedForm(Generic[ModelT]):
     name: str
     line: str
     needs_mechanics: bool
-    options: Callable[[ModelSpec, ReducedBody, float], ModelOptions]
+    options: Callable[[ModelSpec, ReducedBody, PenaltyContact], ModelOptions]
     model: Callable[[Mapping[str, Any], int, int], ModelT]
     correction: Callable[[str, ModelT, ReducedBody, Collider, BodyMechanics | None], Correction]
 

@@ -23,7 +23,7 @@ class StaticCorrection:
         if isinstance(correction, ContactCorrection):
             colliders = {correction.collider: correction.shape}
             self._contact: CondensedContact | None = CondensedContact.of(
-                body, correction.mechanics, colliders, correction.stiffness, correction.band
+                body, correction.mechanics, colliders, correction.law, correction.band
             )
             self._bound = correction.bind(points, self._contact, correction.collider)
         else:
@@ -38,8 +38,8 @@ class StaticCorrection:
         correction, or without contact."""
         if self._contact is None:
             return None
-        nodes, start = self._contact.in_frame(rows), self._contact.resume(near)
-        return self._contact.evaluate(nodes, rows, {self._name: pose}, start).solved
+        points, start = self._contact.in_frame(rows), self._contact.resume(near)
+        return self._contact.evaluate(points, rows, {self._name: pose}, start).solved
 
     def displacement(self, rows: Array, pose: RigidPose, near: SolvedContact | None = None) -> Array:
         """u (n, dim) [m] by contact, in the world frame; near: see `solve`."""

@@ -83,6 +83,37 @@ def gathered(pairs: NDArray[np.float32], index: IntArray) -> NDArray[np.float32]
     return result.reshape(m * dim, m * dim)
 
 
+def _interpolated(G: NDArray[np.float32], corners: IntArray, shares: Array) -> Array:
+    m, dim = len(corners), len(G) // (1 + corners.max())
+    at = G.reshape(-1, dim, len(G) // dim, dim)[corners[:, :, None, None], :, corners, :]
+    return np.einsum("pa,paqbij,qb->piqj", shares, at, shares).reshape(m * dim, m * dim)
+
+
+@summing(reference=_interpolated)
+def interpolated(G: NDArray[np.float32], corners: IntArray, shares: Array) -> NDArray[np.float32]:
+    """N G N^T (m*dim, m*dim) [m/N] among m points, of the symmetric G (k*dim, k*dim) among the nodes at their corners
+    (m, c), with shares N (m, c). Symmetric; the entries of two points do not depend on the other points."""
+    m, c = corners.shape
+    dim = len(G) // (1 + corners.max())
+    kind = G.dtype.type
+    rows, result = np.empty((dim, len(G)), G.dtype), np.empty((m * dim, m * dim), G.dtype)
+    for p in range(m):
+        rows[:] = kind(0.0)
+        for a in range(c):
+            share = kind(shares[p, a])
+            for i in range(dim):
+                rows[i] += share * G[corners[p, a] * dim + i]
+        for q in range(p + 1):
+            for i in range(dim):
+                for j in range(dim):
+                    entry = kind(0.0)
+                    for b in range(c):
+                        entry += kind(shares[q, b]) * rows[i, corners[q, b] * dim + j]
+                    result[p * dim + i, q * dim + j] = entry
+                    result[q * dim + j, p * dim + i] = entry
+    return result
+
+
 @summing(
     reference=lambda pairs, at, index, forces: np.einsum("ijab,jb->ia", pairs[np.ix_(at, index)], forces)
 )

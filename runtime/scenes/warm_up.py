@@ -51,17 +51,20 @@ def warm_up(dims: Sequence[int] = (2, 3)) -> None:
 
 
 def _simulators(dim: int) -> Iterator[Simulator]:
-    """Bare, and with mechanics of one rotation and of several; smooth and rough; all kinds of colliders."""
+    """Bare, and with mechanics of one rotation and of several; contact at nodes and on facets; smooth and rough; all
+    kinds of colliders."""
     one, several = _block(dim, 1), _block(dim, 2)
     gravity = [0.0] * (dim - 1) + [-9.81]
-    for body, with_mechanics in ((one, False), (one, True), (several, True)):
+    bodies = ((one, False, 0), (one, False, 1), (one, True, 0), (several, True, 1))
+    for body, with_mechanics, refinement in bodies:
+        law = PenaltyContact(_STIFFNESS, refinement)
         mechanics = compute_mechanics(body, 60, True, gravity) if with_mechanics else None
         for friction in (None, CoulombFriction(0.3)):
             for free in (False, True):
                 yield Simulator(
                     body,
-                    _placed(body, mechanics, free),
-                    contact=PenaltyContact(_STIFFNESS),
+                    _placed(body, mechanics, free, law),
+                    contact=law,
                     mechanics=mechanics,
                     friction=friction,
                     gravity=gravity,
@@ -83,7 +86,9 @@ def _block(dim: int, frames: int) -> ReducedBody:
     return assemble_body(mesh, handles, make_material("stable_neo_hookean", 2e4, 0.4), 1000.0, name="block")
 
 
-def _placed(body: ReducedBody, mechanics: BodyMechanics | None, free: bool) -> list[PlacedCollider]:
+def _placed(
+    body: ReducedBody, mechanics: BodyMechanics | None, free: bool, law: PenaltyContact
+) -> list[PlacedCollider]:
     """Shapes that touch the top of the block, the first of them led, and one that moves freely."""
     dim = body.dim
     placed = []
@@ -92,7 +97,7 @@ def _placed(body: ReducedBody, mechanics: BodyMechanics | None, free: bool) -> l
         above[-1] = 1.08 * _SIZE
         lower = above - 2e-3 * np.eye(dim)[-1]
         path = KeyframedPath([0.0, 0.05], [above, lower])
-        correction = None if mechanics is None else _correction(body, shape, mechanics)
+        correction = None if mechanics is None else _correction(body, shape, mechanics, law)
         placed.append(PlacedCollider(shape.name, shape, path, correction))
     if free:
         ball = Sphere(0.1 * _SIZE, dim, "free")
@@ -115,7 +120,9 @@ def _shapes(dim: int) -> list[Collider]:
     ]
 
 
-def _correction(body: ReducedBody, shape: Collider, mechanics: BodyMechanics) -> ForceCorrection:
+def _correction(
+    body: ReducedBody, shape: Collider, mechanics: BodyMechanics, law: PenaltyContact
+) -> ForceCorrection:
     """Untrained."""
-    options = ForceModelOptions((4,), "silu", 5e-4, _BAND, _STIFFNESS)
+    options = ForceModelOptions((4,), "silu", 5e-4, _BAND, law.stiffness, points=law.reduced_points)
     return ForceCorrection("warm_up", ForceModel(options, body.dim, body.n_rows), body, shape, mechanics)

@@ -1,4 +1,4 @@
-"""Training data of learned contact forces: the samples of a truth file at their contact nodes."""
+"""Training data of learned contact forces: the samples of a truth file at their contact points."""
 
 from __future__ import annotations
 
@@ -25,17 +25,21 @@ from softprint.surrogate.force.loss import ForceMetric
 
 @dataclass(frozen=True, eq=False)
 class ForceData:
-    """s samples, padded to the largest number m of contact nodes. local: (s, m, n_local); depth: (s,); force:
-    (s, m, dim); lever: (s, m, DIRECTIONS, dim); index: (s, m) into the contact nodes of the body;
-    present: (s, m) 1 at contact nodes, 0 in the padding; h: (s, m, dim) and squared: (s,), the h and c of `loss.py`
+    """s samples, padded to the largest number m of contact points. local: (s, m, n_local); depth: (s,); force:
+    (s, m, dim); lever: (s, m, DIRECTIONS, dim); present: (s, m) 1 at contact points, 0 in the padding; nodes: (s, n)
+    the contact nodes that their forces act on, n_nodes (s,) of them and then padding; corners: (s, m, c) which of
+    these, and shares: (s, m, c), see `LoadedPoints`; h: (s, m, dim) and squared: (s,), the h and c of `loss.py`
     with the edge term; volume_h, volume_squared: the same without it."""
 
     local: Tensor
     depth: Tensor
     force: Tensor
     lever: Tensor
-    index: Tensor
     present: Tensor
+    nodes: Tensor
+    n_nodes: Tensor
+    corners: Tensor
+    shares: Tensor
     h: Tensor
     squared: Tensor
     volume_h: Tensor
@@ -60,7 +64,8 @@ def read_force_data(
     progress: Callable[[int], None] | None = None,
 ) -> ForceData:
     """The given rows of a truth file. Samples in which the reduced body has no contact are dropped."""
-    probe = ContactStateProbe(body, collider, mechanics, options.stiffness, options.band)
+    probe = ContactStateProbe(body, collider, mechanics, options.law, options.band)
+    loaded = probe.contact.loaded
     gradient = body.node_points().basis_gradient
     state = -1
     columns: list[tuple[Tensor, ...]] = []
@@ -70,15 +75,20 @@ def read_force_data(
             to_rest = np.linalg.inv(rows.T @ gradient)
         u = truth.displacement(sample).astype(np.float64)
         w = (to_rest @ u[..., None])[..., 0]
-        h, squared, volume_h, volume_squared = metric.of_field(w, contact.index)
+        nodes, corners, shares = loaded.among(contact.index)
+        at_nodes, squared, volume_at_nodes, volume_squared = metric.of_field(w, nodes)
+        h, volume_h = ((shares[..., None] * at[corners]).sum(axis=1) for at in (at_nodes, volume_at_nodes))
         columns.append(
             (
                 torch.from_numpy(contact.inputs).float(),
                 torch.tensor(contact.depth),
                 torch.from_numpy(contact.force).float(),
                 torch.from_numpy(contact.lever).float(),
-                torch.from_numpy(contact.index),
                 torch.ones(len(contact.index)),
+                torch.from_numpy(nodes),
+                torch.tensor(len(nodes)),
+                torch.from_numpy(corners),
+                torch.from_numpy(shares).float(),
                 torch.from_numpy(h).float(),
                 torch.tensor(squared),
                 torch.from_numpy(volume_h).float(),
@@ -90,26 +100,30 @@ def read_force_data(
             f"{truth.path}: in none of the {len(samples)} requested samples does the reduced body touch the collider"
         )
     names = list(ForceData.__dataclass_fields__)
-    whole = {"depth", "squared", "volume_squared"}
+    whole = {"depth", "n_nodes", "squared", "volume_squared"}
     stacked = (
-        torch.stack(column).float() if name in whole else pad_sequence(list(column), batch_first=True)
+        torch.stack(column).to(column[0].dtype if name == "n_nodes" else torch.float32)
+        if name in whole
+        else pad_sequence(list(column), batch_first=True)
         for name, column in zip(names, zip(*columns, strict=True), strict=True)
     )
     return ForceData(*stacked)
 
 
 def join_force_data(parts: Sequence[ForceData]) -> ForceData:
-    """Concatenate the samples of all parts, padded to the largest number of contact nodes."""
-    most = max(part.index.shape[1] for part in parts)
-    joined = {
-        field.name: torch.cat([_padded(getattr(part, field.name), most) for part in parts])
-        for field in fields(ForceData)
-    }
-    return ForceData(**joined)
+    """Concatenate the samples of all parts, padded to the largest number of contact points and nodes."""
+    columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(ForceData)}
+    return ForceData(**{name: _joined(column) for name, column in columns.items()})
+
+
+def _joined(column: Sequence[Tensor]) -> Tensor:
+    """The same column of all parts; where a sample has several values, its second axis is padded."""
+    if column[0].ndim < 2:
+        return torch.cat(list(column))
+    most = max(part.shape[1] for part in column)
+    return torch.cat([_padded(part, most) for part in column])
 
 
 def _padded(column: Tensor, most: int) -> Tensor:
-    """Pad the node axis (the second) with zeros; columns with one value per sample are returned unchanged."""
-    if column.ndim < 2:
-        return column
+    """Pad the second axis with zeros."""
     return pad(column, (0, 0) * (column.ndim - 2) + (0, most - column.shape[1]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from softprint.runtime.arrays import IntArray
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModelOptions
@@ -18,9 +19,9 @@ from softprint.surrogate.form import TrainingForm
 
 def task(data: TrainingData, spec: ModelSpec) -> ForceTask:
     """The training task of a [[training.models]] table."""
-    own = options(spec, data.body, data.context.experiment.contact.stiffness)
+    own = options(spec, data.body, PenaltyContact.of(data.context.experiment.contact))
     # Networks on the same mechanics share their data.
-    key = ("force", spec.contact_nodes, spec.static_condensation, own.band, own.stiffness)
+    key = ("force", spec.contact_nodes, spec.static_condensation, own.band, own.law)
     training, validation = data.once(key, lambda: _read(data, spec, own))
     return ForceTask(own, metric(data, spec), training, validation, data.body.n_rows)
 

@@ -4,7 +4,8 @@ The displacement is linear in the contact forces phi. Pulled back to rest coordi
 
     |G^T phi - w|_M^2 = phi^T Gamma phi - 2 phi^T h + c,    Gamma = G M G^T,    h = G M w,    c = w^T M w,
 
-where M holds both terms of thesis 5.3.1: node volumes, and the graph Laplacian of the surface edges,
+with phi the forces on contact nodes: those on contact points act on the nodes of their facets (`on_nodes`). M holds
+both terms of thesis 5.3.1: node volumes, and the graph Laplacian of the surface edges,
 
     w^T M w = sum_i V_i |w_i|^2 / sum V + edge_weight * sum_edges |w_a - w_b|^2 / n_edges.
 
@@ -76,6 +77,14 @@ class ForceMetric:
         weighted = np.stack([both.ravel(), volume.ravel()], axis=1).astype(np.float32)
         h, volume_h = (rows @ weighted).T.reshape(2, len(nodes), -1)
         return h, float(np.vdot(field, both)), volume_h, float(np.vdot(field, volume))
+
+
+def on_nodes(phi: Tensor, corners: Tensor, shares: Tensor, n: int) -> Tensor:
+    """Forces (b, n, dim) on contact nodes by forces phi (b, m, dim) on contact points; corners, shares: (b, m, c)."""
+    b, _, dim = phi.shape
+    shared = (shares[..., None] * phi[:, :, None]).reshape(b, -1, dim)
+    at = corners.reshape(b, -1, 1).expand(-1, -1, dim)
+    return phi.new_zeros(b, n, dim).scatter_add(1, at, shared)
 
 
 def quadratic_form(gamma: Tensor, nodes: Tensor, count: Tensor, phi: Tensor) -> Tensor:

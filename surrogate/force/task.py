@@ -10,7 +10,7 @@ from torch import Tensor
 from softprint.runtime.learned.force.confidence import squared_ratio
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.surrogate.force.data import ForceData
-from softprint.surrogate.force.loss import ForceMetric, quadratic_form
+from softprint.surrogate.force.loss import ForceMetric, on_nodes, quadratic_form
 from softprint.surrogate.learning_task import HeldOutError, seeded, some_samples
 
 # kappa of `loss.py`. Compared with infinity, the error on validation shapes is the same, and on the shallower half of
@@ -95,9 +95,11 @@ class ForceTask:
         """(squared error (b,), squared displacement (b,)) of the samples `index` (b,)."""
         count = data.present[index].sum(1).long()
         m = int(count.max())
-        nodes, present = data.index[index, :m], data.present[index, :m, None]
+        present = data.present[index, :m, None]
         lever = data.lever[index, :m]
         phi = model(data.local[index, :m], data.depth[index], data.force[index, :m], lever) * present
         h, c = (data.volume_h, data.volume_squared) if volume_only else (data.h, data.squared)
-        quadratic = quadratic_form(gamma, nodes, count, phi)
+        nodes, n_nodes = data.nodes[index], data.n_nodes[index]
+        forces = on_nodes(phi, data.corners[index, :m], data.shares[index, :m], int(n_nodes.max()))
+        quadratic = quadratic_form(gamma, nodes, n_nodes, forces)
         return quadratic - 2.0 * (phi * h[index, :m]).sum((1, 2)) + c[index], c[index]

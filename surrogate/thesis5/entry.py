@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.thesis5.entry import options
 from softprint.surrogate.data.training_data import TrainingData
@@ -16,10 +17,10 @@ def task(data: TrainingData, spec: ModelSpec) -> ContactCentricTask:
     """The training task of a [[training.models]] table."""
     settings = data.spec.thesis5
     gains = InputGains(settings.input_gain, settings.position_gain)
-    stiffness = data.context.experiment.contact.stiffness
+    law = PenaltyContact.of(data.context.experiment.contact)
     training, validation = data.once("thesis5", lambda: _read(data))
     return ContactCentricTask(
-        options(spec, data.body, stiffness), training, validation, data.spec.edge_weight, gains
+        options(spec, data.body, law), training, validation, data.spec.edge_weight, gains
     )
 
 

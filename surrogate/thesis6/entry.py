@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from softprint.runtime.arrays import IntArray
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.thesis6.entry import options
 from softprint.runtime.learned.thesis6.model import DescriptorModelOptions
@@ -22,7 +23,10 @@ from softprint.surrogate.thesis6.task import DescriptorTask
 
 def task(data: TrainingData, spec: ModelSpec) -> DescriptorTask:
     """The training task of a [[training.models]] table."""
-    own, settings = options(spec, data.body, data.context.experiment.contact.stiffness), data.spec.thesis6
+    own, settings = (
+        options(spec, data.body, PenaltyContact.of(data.context.experiment.contact)),
+        data.spec.thesis6,
+    )
     training = descriptors(data, own, data.split.train, drawing(data))
     validation = descriptors(data, own, data.held_out, None)
     return DescriptorTask(

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from softprint.runtime.cli.context import Context
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.learned.correction_file import save_correction
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModel
@@ -56,7 +57,7 @@ def test_a_correction_of_another_recipe_is_not_kept(trained):
 def test_a_correction_with_other_mechanics_is_not_kept(tmp_path, jelly2d_body, caplog):
     context = Context(write_experiment(tmp_path, 2), out=tmp_path / "run", quiet=True, rank=0)
     spec = next(model for model in context.experiment.training.models if model.name == "ours")
-    model = ForceModel(options(spec, jelly2d_body, 1e9), 2, jelly2d_body.n_rows)
+    model = ForceModel(options(spec, jelly2d_body, PenaltyContact(1e9)), 2, jelly2d_body.n_rows)
     training = {**recipe_of(context.experiment, spec, "abc"), "program": program_hash()}
     path = correction_path(context.out_dir, "ours")
     path.parent.mkdir()

@@ -3,6 +3,7 @@ learned."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,7 @@ def truth_path(jelly2d_body: ReducedBody, mechanics, tmp_path_factory: pytest.Te
     times too large, and some more to the side. Sample 3 failed, and the last of contact 5 jumped."""
     body, rng = jelly2d_body, np.random.default_rng(0)
     top = float(body.mesh.points[:, -1].max())
-    probe = ContactStateProbe(body, BALL, mechanics, OPTIONS.stiffness, OPTIONS.band)
+    probe = ContactStateProbe(body, BALL, mechanics, OPTIONS.law, OPTIONS.band)
     correction = ForceCorrection("truth", ForceModel(OPTIONS, 2, body.n_rows), body, BALL, mechanics)
     teacher = correction.model
     teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0, 0.0])
@@ -182,6 +183,29 @@ def test_force_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
         block = gamma[nodes][:, nodes].double().numpy()
         value = np.einsum("xi,xyij,yj->", phi, block, phi) - 2.0 * (phi * linear).sum() + constant
         assert value == pytest.approx(expected, rel=1e-5)  # Gamma is float32
+
+
+@pytest.mark.parametrize("points", [0, 1, 2], ids=["at nodes", "on facets", "two along a facet"])
+def test_error_of_forces_on_contact_points_is_that_of_their_field(truth, jelly2d_body, mechanics, points):
+    """Of linear mechanics, whose field a correction without training draws."""
+    body, options = jelly2d_body, replace(OPTIONS, points=points)
+    samples = split_by_state(truth, "ball", 1).validation
+    metric = ForceMetric(body, mechanics.compliance, 0.3)
+    data = read_force_data(truth, body, BALL, mechanics, options, metric, samples)
+    task = ForceTask(options, metric, data, data, body.n_rows)
+    model = ForceModel(options, 2, body.n_rows)
+    static = StaticCorrection(ForceCorrection("mechanics", model, body, BALL, mechanics), body)
+    missed = whole = 0.0
+    for sample in samples:
+        rows = truth.states["rows"][truth.sample_state[sample]]
+        to_rest = np.linalg.inv(rows.T @ body.node_points().basis_gradient)
+        expected = to_rest @ truth.displacement(sample)[..., None].astype(np.float64)
+        found = to_rest @ static.displacement_along(rows, truth.approach_path(sample))[..., None]
+        volumes = body.mesh.node_volumes[:, None, None]
+        missed += (volumes * (found - expected) ** 2).sum()
+        whole += (volumes * expected**2).sum()
+    # Gamma is float32.
+    assert task.held_out_error(model).rms == pytest.approx(np.sqrt(missed / whole), rel=1e-3)
 
 
 def test_quadratic_form_and_its_derivative():

@@ -115,7 +115,7 @@ def _write(context: Context, body: ReducedBody, name: str, count: int, series: I
     from softprint.runtime.contact import PenaltyContact
     from softprint.runtime.fields.series import write_series
 
-    contact = PenaltyContact(context.experiment.contact.stiffness)
+    contact = PenaltyContact.of(context.experiment.contact)
     with context.progress(count, "files", "fields") as bar:
         path = write_series(context.out_dir / FOLDER, name, body, contact, series, bar.update)
     context.say(f"{path}: {count} {'step' if count == 1 else 'steps'} for ParaView")

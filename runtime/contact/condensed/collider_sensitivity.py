@@ -21,8 +21,8 @@ from softprint.runtime.rigid.twist import point_motion, relative_curvature, rota
 
 
 class ColliderSensitivity:
-    """The derivatives for one collider. contact: one with active nodes; centre: c (dim,) [m]; owned: (k,) which of the
-    active nodes touch this collider. Nodes that touch another collider do not move with this one."""
+    """The derivatives for one collider. contact: one with active points; centre: c (dim,) [m]; owned: (k,) which of the
+    active points touch this collider. Points that touch another collider do not move with this one."""
 
     def __init__(self, contact: LinearisedContact, centre: Array, owned: BoolArray) -> None:
         self._contact = contact

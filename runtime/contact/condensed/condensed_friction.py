@@ -1,14 +1,14 @@
-"""Friction of condensed contact, at its active nodes.
+"""Friction of condensed contact, at its active points.
 
-An active node sits at y(q) = x(q) + F(q) v, v being its contact displacement in rest coordinates. Lagged Coulomb
+An active point sits at y(q) = x(q) + F(q) v, v being its contact displacement in rest coordinates. Lagged Coulomb
 friction (`runtime/contact/friction.py`) fixes not only the normal forces p |g| and the normals g / |g| of the last
 contact solve, but v too, so that y is affine in the handle rows q and
 
     D(q) = sum_j mu N_j f0(|P_j u_j|),    u_j = y_j(q) - T_end T_start^-1 y_j,start,
     dD   = sum_j f_j . dy_j,              dy = dx + dF v,
 
-is an ordinary friction potential of the rows. y_start are the positions of the same nodes at the start of the step,
-with the contact displacement of that state: a dent that travels over the body slips as far as its nodes do.
+is an ordinary friction potential of the rows. y_start are the positions of the same points at the start of the step,
+with the contact displacement of that state: a dent that travels over the body slips as far as its points do.
 
 The contact displacement itself is that of frictionless contact. The displacement by tangential tractions is neglected,
 since a state would have to store it as history. So where the contact sticks, only the subspace follows the collider
@@ -25,13 +25,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, point_coupling
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
+from softprint.runtime.contact.contact_force import ContactForce, resultant
 from softprint.runtime.contact.friction import CoulombFriction, FrictionTerms, LaggedContact
-from softprint.runtime.contact.lagged_friction import SlidingNodes, SlipStart
+from softprint.runtime.contact.lagged_friction import SlidingPoints, SlipStart
 from softprint.runtime.linalg.chain_rule import through_jacobian
 
 
@@ -41,16 +41,16 @@ class CondensedFriction:
 
     law: CoulombFriction
 
-    def lag(self, contact: ContactEvaluation, poses: Poses, start: SlipStart) -> dict[str, SlidingNodes]:
-        """Fix the active nodes of a contact by collider, with the colliders at their poses at the end of the step."""
+    def lag(self, contact: ContactEvaluation, poses: Poses, start: SlipStart) -> dict[str, SlidingPoints]:
+        """Fix the active points of a contact by collider, with the colliders at their poses at the end of the step."""
         return {name: self._lagged(name, contact, poses[name], start) for name in contact.colliders}
 
     def _lagged(
         self, name: str, contact: ContactEvaluation, pose: RigidPose, start: SlipStart
-    ) -> SlidingNodes:
-        active = contact.active_nodes(name)
+    ) -> SlidingPoints:
+        active = contact.active_points(name)
         length = np.linalg.norm(active.normal, axis=1)
-        before = start.contact_nodes(active.index)
+        before = start.contact_points(active.index)
         lagged = LaggedContact(
             index=np.arange(len(active.index)),
             force=active.pressure * length,
@@ -58,27 +58,27 @@ class CondensedFriction:
             anchor=pose.apply(start.poses[name].apply_inverse(before)),
             pose=pose,
         )
-        return SlidingNodes(lagged, active.index, contact.rows, active.position, active.jacobian())
+        return SlidingPoints(lagged, active.index, contact.rows, active.position, active.jacobian())
 
-    def terms(self, sliding: SlidingNodes, rows: Array, pose: RigidPose, time_step: float) -> FrictionTerms:
+    def terms(self, sliding: SlidingPoints, rows: Array, pose: RigidPose, time_step: float) -> FrictionTerms:
         """Friction with one collider at a pose, at handle rows (n_rows, dim)."""
         return self.law.terms(sliding.positions(rows), sliding.lagged.at(pose), time_step)
 
     def energy(
-        self, sliding: Mapping[str, SlidingNodes], rows: Array, poses: Poses, time_step: float
+        self, sliding: Mapping[str, SlidingPoints], rows: Array, poses: Poses, time_step: float
     ) -> float:
         """D [J] of all colliders."""
         return sum(self.terms(own, rows, poses[name], time_step).energy for name, own in sliding.items())
 
     def linearise(
         self,
-        sliding: Mapping[str, SlidingNodes],
+        sliding: Mapping[str, SlidingPoints],
         rows: Array,
         poses: Poses,
         centres: Centres,
         time_step: float,
     ) -> tuple[Array, Array | None, list[Coupling]]:
-        """dD/drows (n_rows, dim) [N], its Hessian (n_rows*dim, n_rows*dim) [N/m], None where no node slides, and the
+        """dD/drows (n_rows, dim) [N], its Hessian (n_rows*dim, n_rows*dim) [N/m], None where no point slides, and the
         couplings of the colliders that move freely, about their centres."""
         gradient, hessian, couplings = np.zeros_like(rows), None, []
         for name, own in sliding.items():
@@ -96,20 +96,17 @@ class CondensedFriction:
     def with_friction(
         self,
         forces: Mapping[str, ContactForce],
-        sliding: Mapping[str, SlidingNodes],
-        mesh_nodes: IntArray,
-        rows: Array,
+        sliding: Mapping[str, SlidingPoints],
+        contact: ContactEvaluation,
         poses: Poses,
         time_step: float,
     ) -> dict[str, ContactForce]:
-        """The contact forces on the colliders with friction added; mesh_nodes: mesh indices of the contact nodes."""
-        result = {}
+        """The forces of a contact on the colliders with friction added."""
+        result, rows = {}, contact.rows
         for name, force in forces.items():
             own = sliding[name]
             terms = self.terms(own, rows, poses[name], time_step)
-            friction = SurfaceForces(
-                mesh_nodes, own.index, own.positions(rows), terms.gradient, tangential=True
-            )
+            friction = contact.surface_forces(own.index, own.positions(rows), terms.gradient, tangential=True)
             parts = [*force.parts, friction]
             total = resultant(parts, poses[name].translation)
             result[name] = ContactForce(*total, force.penetration, force.points, parts)

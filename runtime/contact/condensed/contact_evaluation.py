@@ -14,14 +14,15 @@ from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSen
 from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
 from softprint.runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
-from softprint.runtime.contact.solver.contact_nodes import CorotatedNodes
+from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.warm_start import WarmStart
+from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 
 @dataclass(frozen=True, eq=False)
-class ActiveNodes:
-    """The k active nodes of one collider. index: (k,) contact nodes; position, normal: (k, dim) deformed position and
+class ActivePoints:
+    """The k active points of one collider. index: (k,) contact points; position, normal: (k, dim) deformed position and
     gradient of the signed distance there, world frame; pressure: p (k,) [N]; penetration: e (k,) > 0 [m]; jacobian:
     computes d position / d rows (k, dim, n_rows*dim) with the displacement fixed in rest coordinates."""
 
@@ -35,10 +36,12 @@ class ActiveNodes:
 
 @dataclass(frozen=True, eq=False)
 class ContactEvaluation:
-    """The contact of a body at handle rows (n_rows, dim) with all colliders of a scene. contact: None where the body
-    touches no collider."""
+    """The contact of a body at handle rows (n_rows, dim) with all colliders of a scene. nodes: (n_contact,) the contact
+    nodes in the mesh; contact: None where the body touches no collider."""
 
-    nodes: CorotatedNodes
+    loaded: LoadedPoints
+    nodes: IntArray
+    points: CorotatedPoints
     rows: Array
     colliders: tuple[str, ...]
     contact: LinearisedContact | None
@@ -70,28 +73,28 @@ class ContactEvaluation:
 
     @property
     def hessian(self) -> RowHessian | None:
-        """d2W/drows2, computed when called; None where no node is active."""
+        """d2W/drows2, computed when called; None where no point is active."""
         return None if self._active is None else self._active.hessian
 
     @property
     def _active(self) -> LinearisedContact | None:
-        """The contact, if any node is active."""
+        """The contact, if any point is active."""
         contact = self.contact
         return None if contact is None or not contact.solved.solution.active.size else contact
 
-    def active_nodes(self, name: str) -> ActiveNodes:
-        """The active nodes in contact with one collider."""
+    def active_points(self, name: str) -> ActivePoints:
+        """The active points in contact with one collider."""
         contact = self._active
         if contact is None or name not in contact.solved.near:
             n_rows, dim = self.rows.shape
             index, vectors, scalars = np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty(0)
             jacobian = np.empty((0, dim, n_rows * dim))
-            return ActiveNodes(index, vectors, vectors, scalars, scalars, lambda: jacobian)
+            return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: jacobian)
         solved, owned = contact.solved, contact.solved.owned_by(name)
         b = solved.solution.active[owned]
         position = solved.deformed_position[b]
         shape = len(solved.active), self.rows.shape[1], self.rows.size
-        return ActiveNodes(
+        return ActivePoints(
             solved.index[b],
             position,
             solved.solution.normal[b],
@@ -105,10 +108,10 @@ class ContactEvaluation:
         return {name: self._force(name) for name in self.colliders}
 
     def _force(self, name: str) -> ContactForce:
-        active = self.active_nodes(name)
-        # A node pushes the collider against the gradient of its signed distance.
+        active = self.active_points(name)
+        # A point pushes the collider against the gradient of its signed distance.
         push = -active.pressure[:, None] * active.normal
-        parts = [SurfaceForces(self.nodes.nodes.mesh_nodes, active.index, active.position, push)]
+        parts = [self.surface_forces(active.index, active.position, push)]
         origin = (
             np.zeros(self.rows.shape[1])
             if self.solved is None or name not in self.solved.poses
@@ -116,6 +119,14 @@ class ContactEvaluation:
         )
         penetration = float(active.penetration.max(initial=0.0))
         return ContactForce(*resultant(parts, origin), penetration, len(active.index), parts)
+
+    def surface_forces(
+        self, index: IntArray, position: Array, force: Array, tangential: bool = False
+    ) -> SurfaceForces:
+        """The forces (m, dim) on a collider at contact points (m,), at their deformed positions (m, dim)."""
+        nodes, forces = self.loaded.felt(index, force)
+        places = np.repeat(position, self.loaded.nodes.shape[1], axis=0)
+        return SurfaceForces(self.nodes, nodes, places, forces, tangential)
 
     def couplings(self, centres: Centres) -> tuple[list[Coupling], list[Link]]:
         """The couplings of freely moving colliders, about their centres of mass, with the body, and with each other
@@ -134,11 +145,11 @@ class ContactEvaluation:
         return couplings, [Link(*pair, partial(touched[pair[0]].link, touched[pair[1]])) for pair in pairs]
 
     def deformed_positions(self, index: IntArray) -> Array:
-        """Deformed positions y = x + F v (m, dim) [m] of any contact nodes (m,)."""
-        x = self.nodes.positions(self.rows, index)
+        """Deformed positions y = x + F v (m, dim) [m] of any contact points (m,)."""
+        x = self.points.positions(self.rows, index)
         if self.contact is None:
             return x
         solved = self.contact.solved
         v = self.contact.start.compliance.displacement(index, solved.active, solved.rest_force)
-        F = self.nodes.nodes.deformation(self.rows, index)
+        F = self.points.points.deformation(self.rows, index)
         return np.asarray(x + kernels.to_world(F, v))

@@ -1,9 +1,9 @@
 """The condensed energy of contact and its derivatives by the handle rows.
 
-The contact nodes near the colliders are in equilibrium (`contact_solve.py`) at reduced positions x(q), static
+The contact points near the colliders are in equilibrium (`contact_solve.py`) at reduced positions x(q), static
 condensation included. Let f = p g be the contact forces, D the contact stiffness, G the compliance at rest and
-G_w = F G F^T the compliance in the deformed configuration. With dxi = dx + dF v the motion of a node whose displacement
-v is fixed in rest coordinates, and dphi = dF^T f,
+G_w = F G F^T the compliance in the deformed configuration. With dxi = dx + dF v the motion of a point whose
+displacement v is fixed in rest coordinates, and dphi = dF^T f,
 
     (I + G_w D) dy = dxi + F G dphi =: c,    df = -D dy.
 
@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.solver import contact_node_kernels as kernels
-from softprint.runtime.contact.solver.contact_nodes import CorotatedNodes
+from softprint.runtime.contact.solver import contact_point_kernels as kernels
+from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
@@ -33,10 +33,10 @@ from softprint.runtime.linalg.sparse_directions import times_directions
 
 @dataclass(frozen=True, eq=False)
 class LinearisedContact:
-    """A solved contact in the corotated frame of a step; k nodes are active, R = n_rows * dim."""
+    """A solved contact in the corotated frame of a step; k points are active, R = n_rows * dim."""
 
     start: WarmStart
-    nodes: CorotatedNodes
+    points: CorotatedPoints
 
     @property
     def solved(self) -> SolvedContact:
@@ -45,7 +45,7 @@ class LinearisedContact:
 
     @property
     def factor(self) -> WoodburyFactor:
-        """The Woodbury factorisation of the active nodes."""
+        """The Woodbury factorisation of the active points."""
         return self.start.factor
 
     @property
@@ -53,7 +53,7 @@ class LinearisedContact:
         """dW/drows (n_rows, dim) [N]."""
         solved, b = self.solved, self.solved.solution.active
         v = solved.solution.rest_displacement[b]
-        return -self.nodes.handle_forces(solved.active, solved.solution.force[b], v)
+        return -self.points.handle_forces(solved.active, solved.solution.force[b], v)
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
@@ -67,12 +67,12 @@ class LinearisedContact:
 
     @property
     def position_jacobian(self) -> Array:
-        """dx + dF v (k*dim, R) of the active nodes: their motion with the displacement v fixed in rest coordinates."""
+        """dx + dF v (k*dim, R) of the active points: their motion with the displacement v fixed in rest coordinates."""
         return self._jacobians[0]
 
     @property
     def force_jacobian(self) -> Array:
-        """dphi = dF^T f (k*dim, R) of the active nodes: the change of their rest forces with the contact forces
+        """dphi = dF^T f (k*dim, R) of the active points: the change of their rest forces with the contact forces
         fixed."""
         return self._jacobians[1]
 
@@ -91,7 +91,7 @@ class LinearisedContact:
     def _jacobians(self) -> tuple[Array, Array]:
         solution = self.solved.solution
         b = solution.active
-        motion = self.nodes.motion(self.solved.active)
+        motion = self.points.motion(self.solved.active)
         return kernels.contact_jacobians(
             solution.rest_displacement[b], solution.force[b], motion.position, motion.basis_gradient
         )

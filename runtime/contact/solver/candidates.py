@@ -1,4 +1,4 @@
-"""Contact candidates: the contact nodes near a collider, and their signed distance to it."""
+"""Contact candidates: the contact points near a collider, and their signed distance to it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider, SdfDerivatives
-from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.lazy import lazy
 
@@ -30,10 +30,11 @@ class PosedCollider:
 
 
 @dataclass(frozen=True, eq=False)
-class NodeDistance:
-    """The signed distance of each of m nodes to the collider that it is in contact with. owner: (m,) number of that
-    collider."""
+class PointDistance:
+    """The signed distance of each of m points to the collider that it is in contact with. names: of the colliders in
+    their scene; owner: (m,) number of that collider."""
 
+    names: tuple[str, ...]
     colliders: tuple[PosedCollider, ...]
     owner: IntArray
 
@@ -46,9 +47,26 @@ class NodeDistance:
             found[mine] = collider.value(x[mine])
         return found
 
-    def among(self, which: BoolArray) -> NodeDistance:
-        """For some of the nodes (m,)."""
-        return NodeDistance(self.colliders, self.owner[which])
+    def motion_since(self, before: PointDistance, y: Array) -> tuple[Array, Array]:
+        """How far the colliders carry points at y (m, dim) along from where they were `before`, (m, dim) [m], and by
+        which rotations (m, dim, dim)."""
+        follows, rotations = np.empty_like(y), np.empty((*y.shape, y.shape[1]))
+        for mine, start, end in zip(self._owned, before.colliders, self.colliders, strict=True):
+            follows[mine] = end.pose.apply(start.pose.apply_inverse(y[mine])) - y[mine]
+            rotations[mine] = end.pose.rotation @ start.pose.rotation.T
+        return follows, rotations
+
+    def among(self, which: BoolArray | IntArray) -> PointDistance:
+        """For some of the points (m,)."""
+        return PointDistance(self.names, self.colliders, self.owner[which])
+
+    def at(self, poses: Poses) -> PointDistance:
+        """With the colliders at other poses, those that have one there."""
+        moved = (
+            replace(one, pose=poses.get(name, one.pose))
+            for name, one in zip(self.names, self.colliders, strict=True)
+        )
+        return PointDistance(self.names, tuple(moved), self.owner)
 
     def __call__(self, x: Array) -> SdfDerivatives:
         if len(self.colliders) == 1:
@@ -62,13 +80,13 @@ class NodeDistance:
 
     @lazy
     def _owned(self) -> list[IntArray]:
-        """For each collider, its nodes."""
+        """For each collider, its points."""
         return [np.flatnonzero(self.owner == number) for number in range(len(self.colliders))]
 
 
 @dataclass(frozen=True, eq=False)
 class ActiveSet:
-    """The active nodes (k,) of a state, ascending, with their F (k, dim, dim), the gradient of the signed distance
+    """The active points (k,) of a state, ascending, with their F (k, dim, dim), the gradient of the signed distance
     there, normal (k, dim), and the largest displacement of any of them [m]."""
 
     index: IntArray
@@ -89,8 +107,8 @@ class ActiveSet:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Nodes (n,), ascending, near a collider. distance: (n,) [m] and position: (n, dim) [m], without contact
-    displacement; depth: estimate of their contact displacement [m], usually the depth of the deepest node;
+    """Points (n,), ascending, near a collider. distance: (n,) [m] and position: (n, dim) [m], without contact
+    displacement; depth: estimate of their contact displacement [m], usually the depth of the deepest point;
     may_be_active: (n,) which of them take part in the contact solve."""
 
     index: IntArray
@@ -100,7 +118,7 @@ class Candidates:
     may_be_active: BoolArray
 
     def extended(self, index: IntArray, position: Array) -> Candidates:
-        """With other nodes (m,), ascending, that may be active wherever their reduced positions are. Their distance
+        """With other points (m,), ascending, that may be active wherever their reduced positions are. Their distance
         counts as zero."""
         joined, n = np.concatenate([self.index, index]), len(index)
         order = np.argsort(joined)
@@ -114,17 +132,17 @@ class Candidates:
 
     @property
     def any_inside(self) -> bool:
-        """Whether any node is inside the collider."""
+        """Whether any point is inside the collider."""
         return bool((self.distance < 0.0).any())
 
     def with_possibly_active(self, more: BoolArray) -> Candidates:
-        """With more nodes (n,) that may be active."""
+        """With more points (n,) that may be active."""
         return replace(self, may_be_active=self.may_be_active | more)
 
 
 def merge(parts: Sequence[Candidates]) -> tuple[Candidates, IntArray]:
-    """The candidates of several colliders together: every node once, ascending, and its owner, the number of the part
-    in which it is deepest. A node may be active if it may be in any part."""
+    """The candidates of several colliders together: every point once, ascending, and its owner, the number of the part
+    in which it is deepest. A point may be active if it may be in any part."""
     if len(parts) == 1:
         return parts[0], np.zeros(len(parts[0].index), dtype=np.int64)
     index = np.concatenate([part.index for part in parts])

@@ -1,6 +1,6 @@
 """The contact solve: equilibrium contact forces between a collider and a linearly elastic surface.
 
-At the m contact nodes near the collider, with reduced positions x_j, deformation gradients F_j, compliance G (see
+At the m contact points near the collider, with reduced positions x_j, deformation gradients F_j, compliance G (see
 `surface_compliance.py`) and the penalty law of the truth (thesis 5.4), displacements u, deformed positions y and forces
 f satisfy
 
@@ -13,9 +13,9 @@ phi = F^T f, the compliance is constant: v = G phi. These are the conditions for
 
 Newton's method treats the displacements and the penetrations e_j = -s(y_j) as separate unknowns, which keeps the stiff
 penalty law out of the linearisation: it takes two to six iterations, usually from any start. Where it fails (a collider
-so deep that a node slides off its tip, or walls so thin that it could go to either side), E is minimised instead, with
+so deep that a point slides off its tip, or walls so thin that it could go to either side), E is minimised instead, with
 a line search. This, too, starts from the warm start: E may have several minima, and only the one nearest to the last
-contact is a continuous motion. Only the active set, ten to a hundred nodes in all, enters the linear systems:
+contact is a continuous motion. Only the active set, ten to a hundred points in all, enters the linear systems:
 
     (I + G F^T D F) dv = ...,    D_j = S_j g g^T - p_j H_j,    S = dp/de,    H = dg/dy,
 
@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import SdfDerivatives
-from softprint.runtime.contact.solver import contact_node_kernels
+from softprint.runtime.contact.solver import contact_point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.lazy import lazy
 
@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 # The starting point of a solve: penetrations e (m,) [m] and normals (m, dim).
 StartingPoint = tuple[Array, Array]
 
-# Converged when the residual of every node is below this fraction of the deepest penetration. E is then right to the
+# Converged when the residual of every point is below this fraction of the deepest penetration. E is then right to the
 # square of it.
 _TOLERANCE = 1e-5
 _ITERATIONS = 12
@@ -60,7 +60,7 @@ _FIRST_GUESS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
-    """The result of a contact solve at m nodes. penetration: e (m,) [m] (negative: a gap); normal: g (m, dim) and
+    """The result of a contact solve at m points. penetration: e (m,) [m] (negative: a gap); normal: g (m, dim) and
     curvature: H (m, dim, dim) [1/m] at the deformed positions; pressure: p (m,) [N]; rest_displacement: v (m, dim) [m],
     in rest coordinates, and displacement: u = F v (m, dim) [m]; energy: E [J]; converged, iterations and residual [m]:
     how the solve ended."""
@@ -78,7 +78,7 @@ class ContactSolution:
 
     @lazy
     def active(self) -> IntArray:
-        """(k,) the active set: which of the m nodes carry pressure."""
+        """(k,) the active set: which of the m points carry pressure."""
         return np.flatnonzero(self.pressure > 0.0)
 
     @lazy
@@ -88,12 +88,12 @@ class ContactSolution:
 
     @lazy
     def largest_displacement(self) -> float:
-        """The largest displacement of an active node [m]."""
-        return contact_node_kernels.largest_norm(self.displacement, self.active)
+        """The largest displacement of an active point [m]."""
+        return contact_point_kernels.largest_norm(self.displacement, self.active)
 
     def extended(self, old: BoolArray) -> StartingPoint:
-        """A starting point for n nodes, of which `old` (n,) are the m nodes of this solution; the others start without
-        pressure."""
+        """A starting point for n points, of which `old` (n,) are the m points of this solution; the others start
+        without pressure."""
         penetration, normal = np.full(len(old), -np.inf), np.zeros((len(old), self.normal.shape[1]))
         penetration[old], normal[old] = self.penetration, self.normal
         return penetration, normal
@@ -101,7 +101,7 @@ class ContactSolution:
 
 @dataclass(frozen=True, eq=False)
 class ContactProblem:
-    """The contact problem of the m contact nodes near the colliders.
+    """The contact problem of the m contact points near the colliders.
 
     compliance: G (m*dim, m*dim) [m/N] at rest, in any precision; F (m, dim, dim); stiffness: a_j k (m,) [N/m^2];
     position: x (m, dim) [m] in the world; depth: estimate of the contact displacement [m]; distance: computes the
@@ -117,8 +117,8 @@ class ContactProblem:
 
     def solve(self, start: StartingPoint | None = None) -> ContactSolution:
         """The equilibrium contact forces; start: the warm start. Logs a warning where they do not converge."""
-        found, began = self._newton(start)
-        if not found.converged or (start is not None and found.energy > _HIGHER * began):
+        found = self.follow(start)
+        if found is None:
             found = self._descend(start)
         if not found.converged:
             log.warning(
@@ -127,6 +127,13 @@ class ContactProblem:
                 found.residual,
             )
         return found
+
+    def follow(self, start: StartingPoint | None) -> ContactSolution | None:
+        """The equilibrium by Newton's method alone; None where it does not converge, or to one farther off than the
+        next to the warm start."""
+        found, began = self._newton(start)
+        farther = start is not None and found.energy > _HIGHER * began
+        return found if found.converged and not farther else None
 
     def _newton(self, near: StartingPoint | None) -> tuple[ContactSolution, float]:
         """The solution by Newton's method, and E at its starting point. A solution with a higher E is not the minimum
@@ -150,7 +157,7 @@ class ContactProblem:
                 break
             try:
                 v, e = kernels.newton_step(G, F, k, e, pressure, v, lag, *at)
-            except np.linalg.LinAlgError:  # a node is about to slide off a tip
+            except np.linalg.LinAlgError:  # a point is about to slide off a tip
                 break
         phi = kernels.pulled_back(F, pressure, at.gradient)
         return self._solution(e, at, phi, lag, converged, iteration, residual), began

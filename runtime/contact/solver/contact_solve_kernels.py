@@ -1,7 +1,7 @@
 """Compiled linear systems of the contact solve: one iteration of `ContactProblem`, and the parts of `WoodburyFactor`.
 
 Everything is in rest coordinates: forces phi = F^T f, displacements v = F^-1 u = G phi, normals F^T g. At the active
-nodes the contact stiffness D = S g g^T - p H is decomposed into principal directions, D = sum_c l_c w_c w_c^T. Few of
+points the contact stiffness D = S g g^T - p H is decomposed into principal directions, D = sum_c l_c w_c w_c^T. Few of
 them are significant: the one normal to the surface, and others where the collider is curved or the pressure high. With
 V = F^T W,
 
@@ -89,7 +89,7 @@ def energy(k: Array, phi: Array, v: Array, penetration: Array) -> float:
 def balance(
     G: Floats, F: Array, k: Array, e: Array, v: Array, value: Array, gradient: Array
 ) -> tuple[Array, Array, Array, float]:
-    """Penetrations e (m,), updated to -s at nodes without pressure; pressure p (m,); lag = v - G phi (m, dim); and the
+    """Penetrations e (m,), updated to -s at points without pressure; pressure p (m,); lag = v - G phi (m, dim); and the
     residual [m], the largest of |F lag| and, where there is pressure, |e + s|."""
     m = len(v)
     e, pressure = e.copy(), np.empty(m)
@@ -101,7 +101,7 @@ def balance(
             e[j] = -value[j]
         pressure[j] = k[j] * max(e[j], 0.0) ** 2
     lag = v - product(G, pulled_back(F, pressure, gradient))
-    # A diverged node makes all of them nan, for which every comparison is false.
+    # A diverged point makes all of them nan, for which every comparison is false.
     if not np.isfinite(lag.sum()):
         return e, pressure, lag, np.inf
     return e, pressure, lag, max(residual, np.abs(to_world(F, lag)).max())
@@ -153,10 +153,10 @@ def stiffness_directions(
     hessian: Array,
     least: float,
 ) -> tuple[IntArray, Array, Array, Array]:
-    """The principal directions of D at the nodes `active` (n,) with |l| v . G_jj v > least: the node (r,) of each,
+    """The principal directions of D at the points `active` (n,) with |l| v . G_jj v > least: the point (r,) of each,
     numbered as in G, its stiffness l (r,) [N/m], w and v = F^T w (r, dim)."""
     n, dim = len(active), gradient.shape[1]
-    node, stiff = np.empty(n * dim, dtype=np.int64), np.empty(n * dim)
+    point, stiff = np.empty(n * dim, dtype=np.int64), np.empty(n * dim)
     w, v = np.empty((n * dim, dim)), np.empty((n * dim, dim))
     D, W, r = np.empty((dim, dim)), np.empty((dim, dim)), 0
     for j in active:
@@ -177,50 +177,50 @@ def stiffness_directions(
                 for b in range(dim):
                     compliance += v[r, a] * G[j * dim + a, j * dim + b] * v[r, b]
             if abs(D[c, c]) * compliance > least:
-                node[r], stiff[r] = j, D[c, c]
+                point[r], stiff[r] = j, D[c, c]
                 for a in range(dim):
                     w[r, a] = W[a, c]
                 r += 1
-    return node[:r], stiff[:r], w[:r], v[:r]
+    return point[:r], stiff[:r], w[:r], v[:r]
 
 
 @summing
-def woodbury_system(G: Floats, node: IntArray, stiff: Array, v: Array) -> tuple[Floats, Floats]:
+def woodbury_system(G: Floats, point: IntArray, stiff: Array, v: Array) -> tuple[Floats, Floats]:
     """V^T G (r, m*dim) and K = L^-1 + V^T G V (r, r), in the precision of v."""
     r, dim = v.shape
     displacements, K = np.zeros((r, G.shape[1]), v.dtype), np.empty((r, r), v.dtype)
     for c in range(r):
         row = displacements[c]
         for a in range(dim):
-            column, share = G[node[c] * dim + a], v[c, a]
+            column, share = G[point[c] * dim + a], v[c, a]
             for at in range(len(row)):
                 row[at] += share * column[at]
         for d in range(c + 1):
-            entry = row[node[d] * dim] * v[d, 0]
+            entry = row[point[d] * dim] * v[d, 0]
             for b in range(1, dim):
-                entry += row[node[d] * dim + b] * v[d, b]
+                entry += row[point[d] * dim + b] * v[d, b]
             K[c, d] = K[d, c] = entry
         K[c, c] += 1.0 / stiff[c]
     return displacements, K
 
 
 @summing
-def _woodbury_forces(G: Floats, node: IntArray, stiff: Array, v: Floats, right: Array) -> Array:
-    """F^T D F dv (m, dim) where (I + G F^T D F) dv = right (m, dim), with D given by its directions `node`, l and v,
+def _woodbury_forces(G: Floats, point: IntArray, stiff: Array, v: Floats, right: Array) -> Array:
+    """F^T D F dv (m, dim) where (I + G F^T D F) dv = right (m, dim), with D given by its directions `point`, l and v,
     solved in the precision of v."""
     r, dim = v.shape
     reaction = np.zeros(right.shape)
     if r == 0:
         return reaction
-    K = woodbury_system(G, node, stiff, v)[1]
+    K = woodbury_system(G, point, stiff, v)[1]
     along = np.zeros(r, v.dtype)
     for c in range(r):
         for a in range(dim):
-            along[c] += v[c, a] * right[node[c], a]
+            along[c] += v[c, a] * right[point[c], a]
     y = np.linalg.solve(K, along)
     for c in range(r):
         for a in range(dim):
-            reaction[node[c], a] += v[c, a] * y[c]
+            reaction[point[c], a] += v[c, a] * y[c]
     return reaction
 
 
@@ -240,9 +240,9 @@ def newton_step(
     """One Newton step: the next v and e. With n = F^T g, linearising in both unknowns gives dv = -lag + G (S n de + p
     F^T H F dv) and de = -(e + s) - n . dv, so
 
-        (I + G F^T D F) dv = -lag - G S n (e + s)    at the active nodes.
+        (I + G F^T D F) dv = -lag - G S n (e + s)    at the active points.
 
-    Raises numpy.linalg.LinAlgError where a node is about to slide off a tip.
+    Raises numpy.linalg.LinAlgError where a point is about to slide off a tip.
     """
     m, dim = v.shape
     active = np.flatnonzero(e > 0.0)
@@ -250,9 +250,9 @@ def newton_step(
     for j in active:
         pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j])
     right = -lag - product(G, pulled_back(F, pushed, gradient))
-    node, stiff, _, v_c = stiffness_directions(G, F, active, k, e, pressure, gradient, hessian, _SLIGHT)
+    point, stiff, _, v_c = stiffness_directions(G, F, active, k, e, pressure, gradient, hessian, _SLIGHT)
     # In the precision of G, usually single: the next iteration corrects the rounding error of this one.
-    dv = right - product(G, _woodbury_forces(G, node, stiff, v_c.astype(G.dtype), right))
+    dv = right - product(G, _woodbury_forces(G, point, stiff, v_c.astype(G.dtype), right))
     moved, e = to_world(F, dv), e.copy()
     for j in active:
         e[j] = -value[j]
@@ -277,8 +277,8 @@ def descent_direction(
     """Newton's step on E(phi): a change of the forces phi (m, dim), the displacements that it causes (m, dim), and the
     slope of the energy along it. balanced: (m, dim) the contact forces at the displacements of phi."""
     active = np.flatnonzero(e > 0.0)
-    node, stiff, _, v = stiffness_directions(G, F, active, k, e, pressure, gradient, hessian, _SLIGHT)
-    reaction = _woodbury_forces(G, node, stiff, v.astype(G.dtype), -lag)
+    point, stiff, _, v = stiffness_directions(G, F, active, k, e, pressure, gradient, hessian, _SLIGHT)
+    reaction = _woodbury_forces(G, point, stiff, v.astype(G.dtype), -lag)
     change = balanced - phi - reaction
     # The displacements of exactly this change, whatever its precision.
     along = -lag - product(G, reaction)

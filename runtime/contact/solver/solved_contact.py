@@ -16,8 +16,8 @@ from softprint.runtime.lazy import lazy
 
 
 @dataclass(frozen=True, eq=False)
-class NearNodes:
-    """Contact nodes (n,), ascending, near a collider at a pose, and their positions without contact displacement (n,
+class NearPoints:
+    """Contact points (n,), ascending, near a collider at a pose, and their positions without contact displacement (n,
     dim) [m]."""
 
     pose: RigidPose
@@ -29,16 +29,16 @@ class NearNodes:
 class SolvedContact:
     """The contact of a body at handle rows (n_rows, dim) with the colliders that it touches, by name.
 
-    frame_rows: (n_rows, dim) of the corotated frame; poses: of these colliders; near: the nodes near each of them;
-    index: (m,), ascending, the nodes that took part in the contact solve; owner: (m,) number of the collider of each;
-    position: x (m, dim) [m] and F (m, dim, dim) of these nodes; depth: estimate of the contact displacement [m];
-    solution: of these nodes.
+    frame_rows: (n_rows, dim) of the corotated frame; poses: of these colliders; near: the points near each of them;
+    index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider of each;
+    position: x (m, dim) [m] and F (m, dim, dim) of these points; depth: estimate of the contact displacement [m];
+    solution: of these points.
     """
 
     rows: Array
     frame_rows: Array
     poses: Poses
-    near: Mapping[str, NearNodes]
+    near: Mapping[str, NearPoints]
     index: IntArray
     owner: IntArray
     position: Array
@@ -53,7 +53,7 @@ class SolvedContact:
 
     @lazy
     def active(self) -> IntArray:
-        """(k,) the contact nodes that carry pressure."""
+        """(k,) the contact points that carry pressure."""
         return self.index[self.solution.active]
 
     @lazy
@@ -63,12 +63,12 @@ class SolvedContact:
 
     @lazy
     def rest_force(self) -> Array:
-        """F^T f (k, dim) [N] on the active nodes."""
+        """F^T f (k, dim) [N] on the active points."""
         b, solution = self.solution.active, self.solution
         return kernels.pulled_back(self.F[b], solution.pressure[b], solution.normal[b])
 
     def owned_by(self, name: str) -> BoolArray:
-        """(k,) which of the active nodes touch the collider."""
+        """(k,) which of the active points touch the collider."""
         if name not in self.near:
             return np.zeros(len(self.active), dtype=bool)
         return np.equal(self.owner[self.solution.active], self.names.index(name))

@@ -1,23 +1,25 @@
 """Warm start of the contact solve: the contact forces of a state, predicted from those of a nearby solved state.
 
-Active nodes are predicted to first order. With dx and dF the changes of their positions and deformation gradients, T
-the rotation of the collider since then, and dc the displacement of a node that moves rigidly with the collider,
+Active points are predicted to first order. With dx and dF the changes of their positions and deformation gradients, T
+the rotation of the collider since then, and dc the displacement of a point that moves rigidly with the collider,
 
     dr = (I + G_w D)^-1 (dx + dF v - dc + F G dphi),    dphi = (F + dF)^T T f - F^T f,
     de = -g . dr,    g + dg = T (g + H dr),
 
-which is exact where body and collider move rigidly. A node that was outside at a gap s and has since entered the
-collider starts with the normal of the side where it entered, as if that side were flat and the node alone,
+which is exact where body and collider move rigidly. A point that was outside at a gap s and has since entered the
+collider starts with the normal of the side where it entered, as if that side were flat and those that enter were alone,
 
-    d = -s - g . (dx + dF v - dc),    k e^2 n . G_jj n = d,    n = (F + dF)^T T g,
+    d = -s - g . (dx + dF v - dc),    sum_j n_i . G_ij n_j k e_j^2 = d_i,    n = (F + dF)^T T g,
 
-because the collider surface nearest to its present position may be on the other side of a thin wall.
+because the collider surface nearest to its present position may be on the other side of a thin wall. So does a point
+that was not looked at before: its gap is that of its present position, displaced by the earlier forces, to the collider
+where it was.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,38 +27,66 @@ from numpy.typing import NDArray
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.compiled import compiled
-from softprint.runtime.contact.solver.contact_node_kernels import places
+from softprint.runtime.contact.solver.candidates import PointDistance
+from softprint.runtime.contact.solver.contact_point_kernels import places
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, StartingPoint
+from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
 from softprint.runtime.lazy import lazy
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
 
 Floats = NDArray[np.floating[Any]]
 
-# Where nodes have moved by more than this multiple of the contact displacement, the warm start is not used.
+# Points between nodes hardly move apart: the compliance among them is regularised by this fraction of its diagonal.
+_DAMPED = 0.1
+# Of the force that a point which enters would need alone, the least that it starts with.
+_LEAST = 0.01
+# Where points have moved by more than this multiple of the contact displacement, the warm start is not used.
 _TOO_FAR = 2.0
+
+
+class PointCompliance(Protocol):
+    """The compliance among the contact points of a body: `LocalCompliance` or `InterpolatedCompliance`."""
+
+    @property
+    def dtype(self) -> np.dtype[np.float32]: ...
+    def among(self, points: IntArray, /) -> NDArray[np.float32]: ...
+    def displacement(self, at: IntArray, points: IntArray, forces: Array, /) -> Array: ...
+
+
+class _Earlier(NamedTuple):
+    """m points in an earlier contact: e (m,) [m], p (m,) [N], g (m, dim) and H (m, dim, dim) [1/m]; moved: (m, dim) [m]
+    since then, less the motion of their colliders; rotations: T (m, dim, dim)."""
+
+    penetration: Array
+    pressure: Array
+    normal: Array
+    curvature: Array
+    moved: Array
+    rotations: Array
 
 
 @dataclass(frozen=True, eq=False)
 class WarmStart:
-    """A solved contact from which the contact solves of nearby states start. compliance: among the contact nodes of the
-    body; stiffness: a k (n_nodes,) [N/m^2] of all of them."""
+    """A solved contact from which the contact solves of nearby states start. compliance: among the contact points of
+    the body; stiffness: a k (n_nodes,) [N/m^2] of all of them."""
 
     solved: SolvedContact
-    compliance: LocalCompliance
+    compliance: PointCompliance
     stiffness: Array
 
     @lazy
     def factor(self) -> WoodburyFactor:
-        """The Woodbury factorisation of the active nodes, for predictions, Hessians and sensitivities."""
+        """The Woodbury factorisation of the active points, for predictions, Hessians and sensitivities."""
         own = self.solved
         G = self.compliance.among(own.index)
         return WoodburyFactor(G, own.F, self.stiffness[own.index], own.solution)
 
-    def predict(self, index: IntArray, problem: ContactProblem, poses: Poses) -> StartingPoint | None:
-        """The starting point at the nodes `index` (n,) of the problem, with the colliders at poses; None for a state
-        that is too far away."""
+    def predict(
+        self, index: IntArray, problem: ContactProblem, poses: Poses, after: PointDistance
+    ) -> StartingPoint | None:
+        """The starting point at the points `index` (n,) of the problem, with the colliders at poses; None for a state
+        that is too far away. after: the distance of these points."""
         near, solution = self.solved, self.solved.solution
         b, g, pressure = solution.active, solution.normal, solution.pressure
         follows, rotations = _with_colliders(near, poses)
@@ -71,12 +101,31 @@ class WarmStart:
             factor = self.factor
             displacement = factor.to_world(factor.rest_displacement(force_change.reshape(-1, 1)))
             moved[b] = factor.relaxed(moved[b].reshape(-1, 1) + displacement).reshape(len(b), -1)
-        state = solution.penetration, pressure, g, solution.curvature
-        return _start(at, *state, moved, rotations, problem.F, problem.stiffness, problem.compliance)
+        state = _Earlier(solution.penetration, pressure, g, solution.curvature, moved, rotations)
+        new = np.flatnonzero(places(index, near.index) < 0)
+        if b.size and new.size:
+            beside = self._beside(index[new], new, problem, after)
+            at = np.concatenate([at, new])
+            state = _Earlier(*map(np.concatenate, zip(state, beside, strict=True)))
+        return _start(at, *state, problem.F, problem.stiffness, problem.compliance)
+
+    def _beside(
+        self, index: IntArray, at: IntArray, problem: ContactProblem, after: PointDistance
+    ) -> _Earlier:
+        """Points `index` (n,) that were not in the earlier contact, numbers `at` of the problem: at their present
+        positions, displaced by the earlier forces, and with the colliders where they were."""
+        near, after = self.solved, after.among(at)
+        v = self.compliance.displacement(index, near.active, near.rest_force)
+        y = problem.position[at] + to_world(problem.F[at], v)
+        before = after.at(near.poses)
+        distance = before(y)
+        follows, rotations = after.motion_since(before, y)
+        nothing = np.zeros(len(index))
+        return _Earlier(-distance.value, nothing, distance.gradient, distance.hessian, -follows, rotations)
 
 
 def _with_colliders(near: SolvedContact, poses: Poses) -> tuple[Array, Array]:
-    """dc (m, dim) [m] and T (m, dim, dim) of the nodes, by the motion of their colliders."""
+    """dc (m, dim) [m] and T (m, dim, dim) of the points, by the motion of their colliders."""
     y = near.deformed_position
     follows, rotations = np.empty_like(y), np.empty((*y.shape, y.shape[1]))
     for number, name in enumerate(near.names):
@@ -101,8 +150,8 @@ def _motion_and_force_change(
     rotations: Array,
     active: IntArray,
 ) -> tuple[Array, Array]:
-    """dx + dF v - dc (m, dim) of the m nodes of the earlier contact, and dphi (k, dim) of its active nodes. Nodes that
-    are not in the new problem (`at` is -1) count as moving rigidly with the collider."""
+    """dx + dF v - dc (m, dim) of the m points of the earlier contact, and dphi (k, dim) of its active points. Points
+    that are not in the new problem (`at` is -1) count as moving rigidly with the collider."""
     m, dim = v.shape
     moved, force_change = np.zeros((m, dim)), np.zeros((len(active), dim))
     for j in range(m):
@@ -137,11 +186,11 @@ def _start(
     stiffness: Array,
     G: Floats,
 ) -> tuple[Array, Array]:
-    """The starting point e (n,) and g (n, dim). Forces, proportional to e^2, change linearly; a node that is about to
+    """The starting point e (n,) and g (n, dim). Forces, proportional to e^2, change linearly; a point that is about to
     lose contact keeps a small penetration, so that it stays in the active set."""
     dim = normal.shape[1]
     e, g = np.full(len(F), -np.inf), np.zeros((len(F), dim))
-    gradient, n = np.empty(dim), np.empty(dim)
+    gradient, gap = np.empty(dim), np.zeros(len(F))
     for j in range(len(at)):
         i, along = at[j], 0.0
         for a in range(dim):
@@ -159,14 +208,35 @@ def _start(
         if pressure[j] > 0.0:
             e[i] = penetration[j] * np.sqrt(max(1.0 - 2.0 * along / penetration[j], 0.01))
             continue
-        compliance = 0.0
-        for a in range(dim):
-            n[a] = 0.0
-            for b in range(dim):
-                n[a] += F[i, b, a] * g[i, b]
-        for a in range(dim):
-            for b in range(dim):
-                compliance += n[a] * G[i * dim + a, i * dim + b] * n[b]
-        if compliance > 0.0:
-            e[i] = np.sqrt((penetration[j] - along) / (stiffness[i] * compliance))
+        gap[i] = along - penetration[j]
+    entering = np.flatnonzero(gap < 0.0)
+    forces = _pushed_out(entering, gap, g, F, G)
+    for k, i in enumerate(entering):
+        e[i] = np.sqrt(forces[k] / stiffness[i])
     return e, g
+
+
+@compiled
+def _pushed_out(entering: IntArray, gap: Array, g: Array, F: Array, G: Floats) -> Array:
+    """The forces (k,) [N] that together push points (k,) back by -gap along their normals g, at least a small part of
+    what each would need alone."""
+    k, dim = len(entering), g.shape[1]
+    n, K = np.zeros((k, dim)), np.empty((k, k))
+    for r, i in enumerate(entering):
+        for a in range(dim):
+            for b in range(dim):
+                n[r, a] += F[i, b, a] * g[i, b]
+    for r, i in enumerate(entering):
+        for s, j in enumerate(entering):
+            K[r, s] = 0.0
+            for a in range(dim):
+                for b in range(dim):
+                    K[r, s] += n[r, a] * G[i * dim + a, j * dim + b] * n[s, b]
+    alone = np.empty(k)
+    for r, i in enumerate(entering):
+        alone[r] = -gap[i] / K[r, r] if K[r, r] > 0.0 else 0.0
+        K[r, r] *= 1.0 + _DAMPED
+    if k < 2 or not (np.diag(K) > 0.0).all():
+        return alone
+    together = np.linalg.solve(K, -gap[entering])
+    return np.minimum(np.maximum(together, _LEAST * alone), alone)

@@ -1,10 +1,10 @@
-"""The linearised relation between forces and displacements of the active contact nodes, factorised.
+"""The linearised relation between forces and displacements of the active contact points, factorised.
 
 It is in the precision of the compliance, usually single: it only gives Newton's method a direction, and the contact
 solve a warm start.
 
 With the compliance in the deformed configuration, G_w = F G F^T, and the contact stiffness D = W L W^T in its principal
-directions (`contact_solve_kernels.py`), for any displacements c of k nodes in the world frame
+directions (`contact_solve_kernels.py`), for any displacements c of k points in the world frame
 
     (I + G_w D)^-1 c = c - F G V K^-1 W^T c,    D (I + G_w D)^-1 c = W K^-1 W^T c,    K = L^-1 + V^T G V,  V = F^T W.
 """
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.solver import contact_node_kernels as node_kernels
+from softprint.runtime.contact.solver import contact_point_kernels as point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
 from softprint.runtime.contact.solver.contact_solve import ContactSolution
 
@@ -29,7 +29,7 @@ _NEGLIGIBLE = 1e-9
 
 
 class WoodburyFactor:
-    """The factorisation at the k active nodes of a contact solution at m nodes; arrays are (k*dim, n).
+    """The factorisation at the k active points of a contact solution at m points; arrays are (k*dim, n).
 
     compliance: G (m*dim, m*dim) [m/N]; F (m, dim, dim); stiffness: a k (m,) [N/m^2].
     """
@@ -37,7 +37,7 @@ class WoodburyFactor:
     def __init__(self, compliance: Floats, F: Array, stiffness: Array, solution: ContactSolution) -> None:
         active, dim = solution.active, F.shape[1]
         self._F = F[active]
-        self._compliance = node_kernels.submatrix(compliance, active, dim)
+        self._compliance = point_kernels.submatrix(compliance, active, dim)
         state = stiffness[active], solution.penetration[active], solution.pressure[active]
         distance = solution.normal[active], solution.curvature[active]
         self._node, stiff, self._w, v = solve_kernels.stiffness_directions(
@@ -46,7 +46,7 @@ class WoodburyFactor:
         self._displacements, K = solve_kernels.woodbury_system(
             self._compliance, self._node, stiff, v.astype(self._kind)
         )
-        # Nodes that barely touch have no significant direction.
+        # Points that barely touch have no significant direction.
         self._factor = lu_factor(K, overwrite_a=True, check_finite=False) if len(K) else None
 
     @property
@@ -59,15 +59,15 @@ class WoodburyFactor:
 
     def to_world(self, v: Floats) -> Floats:
         """F v, in the world frame."""
-        return node_kernels.blocks_to_world(self._F, v)
+        return point_kernels.blocks_to_world(self._F, v)
 
     def to_rest(self, forces: Floats) -> Floats:
         """F^T f, in rest coordinates."""
-        return node_kernels.blocks_to_world(np.ascontiguousarray(self._F.transpose(0, 2, 1)), forces)
+        return point_kernels.blocks_to_world(np.ascontiguousarray(self._F.transpose(0, 2, 1)), forces)
 
     def effective_stiffness(self, c: Floats) -> Floats:
         """D (I + G_w D)^-1 c: the contact forces by displacements c of the compliant body."""
-        return node_kernels.expanded(self._node, self._w, self._solve(self._projected(c)), len(c))
+        return point_kernels.expanded(self._node, self._w, self._solve(self._projected(c)), len(c))
 
     def relaxed(self, c: Floats) -> Floats:
         """(I + G_w D)^-1 c: displacements c after the contact forces have relaxed the compliant body."""
@@ -80,7 +80,7 @@ class WoodburyFactor:
 
     def _projected(self, c: Floats) -> Floats:
         """W^T c (r, n)."""
-        return node_kernels.projected(self._node, self._w, c.astype(self._kind, copy=False))
+        return point_kernels.projected(self._node, self._w, c.astype(self._kind, copy=False))
 
     def _solve(self, right: Floats) -> Floats:
         """K^-1 right (r, n)."""

@@ -53,7 +53,7 @@ def find_corrections(
     if mechanics is None or mechanics.compliance is None or not condensed:
         return Corrections(fields, of_contact, None)
     band = max((correction.band for correction in of_contact.values()), default=0.0)
-    solver = CondensedContact.of(body, mechanics, condensed, contact.stiffness, band)
+    solver = CondensedContact.of(body, mechanics, condensed, contact, band)
     return Corrections(fields, of_contact, solver)
 
 
@@ -78,13 +78,12 @@ def build_terms(
     )
     solver = corrections.contact
     penalised = {name: s for name, s in shapes.items() if solver is None or name not in solver.searches}
-    samples = None if condensation is None or not penalised else condensation.at(body.surface.nodes)
     return BodyTerms(
         points=points,
         weight=Weight(body, gravity, condensation),
         elastic=elastic,
         reuse=HessianReuse.if_expensive(elastic, body.reduced_elasticity),
-        surface=SurfaceContactEnergy(body, points, penalised, contact, friction, samples),
+        surface=SurfaceContactEnergy(body, points, penalised, contact, friction, condensation),
         condensed=solver,
         condensed_friction=None if friction is None or solver is None else CondensedFriction(friction),
     )

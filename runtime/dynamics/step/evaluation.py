@@ -77,11 +77,11 @@ class BodyEvaluation:
     @lazy
     def contact(self) -> ContactEvaluation | None:
         """Condensed contact; None where no collider uses it."""
-        condensed, nodes = self.frame.terms.condensed, self.frame.contact_nodes
-        if condensed is None or nodes is None:
+        condensed, points = self.frame.terms.condensed, self.frame.contact_points
+        if condensed is None or points is None:
             return None
         with self.timings.contact:
-            return condensed.evaluate(nodes, *self.at, self.warm_start)
+            return condensed.evaluate(points, *self.at, self.warm_start)
 
     def elastic_hessian(self, compute: RowHessian, along: Array | None) -> Array:
         """The elastic Hessian, see `RowHessian`: the kept one while the strain has changed little, otherwise that of

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from softprint.runtime.arrays import Array
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.condensed_friction import CondensedFriction
-from softprint.runtime.contact.solver.contact_nodes import CorotatedNodes
+from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticInFrame
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import HessianReuse
@@ -61,7 +61,7 @@ class CorotatedFrame:
         return self.terms.surface.in_frame(self.rows)
 
     @lazy
-    def contact_nodes(self) -> CorotatedNodes | None:
-        """The nodes of condensed contact."""
+    def contact_points(self) -> CorotatedPoints | None:
+        """The points of condensed contact."""
         condensed = self.terms.condensed
         return None if condensed is None else condensed.in_frame(self.rows)

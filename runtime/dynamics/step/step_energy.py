@@ -157,14 +157,14 @@ class StepEnergy:
         # A linearisation follows: field corrections are evaluated once, with their Jacobians.
         _, contact = body.field, body.contact
         with self.timings.contact:
-            nodes = (
+            points = (
                 {}
                 if contact is None or terms.condensed_friction is None
                 else terms.condensed_friction.lag(contact, body.at.poses, start)
             )
             free = self.free_bodies
             bodies = {} if free is None else free.bodies.contact.lag(body.at.poses, start)
-            return LaggedFriction(start, body.surface.lag(start), nodes, bodies)
+            return LaggedFriction(start, body.surface.lag(start), points, bodies)
 
     def slope(self, body: BodyEvaluation, contact: Array) -> Array:
         """The gradient (n_free,) [N] at a state of the body, with the contact gradient (n_free,) of another state."""
@@ -202,8 +202,8 @@ class StepPoint:
             return 0.0
         total = body.surface.friction_energy(lagged)
         condensed = body.frame.terms.condensed_friction
-        if condensed is not None and lagged.nodes:
-            total += condensed.energy(lagged.nodes, *body.at, lagged.start.time_step)
+        if condensed is not None and lagged.points:
+            total += condensed.energy(lagged.points, *body.at, lagged.start.time_step)
         return total
 
     @lazy
@@ -236,7 +236,7 @@ class StepPoint:
                 couplings += more
             if condensed is not None and lagged is not None:
                 h = lagged.start.time_step
-                slope, sliding, more = condensed.linearise(lagged.nodes, rows, poses, centres, h)
+                slope, sliding, more = condensed.linearise(lagged.points, rows, poses, centres, h)
                 gradient, couplings = gradient + slope, couplings + more
                 hessians += [] if sliding is None else [known_hessian(sliding)]
         return gradient, hessians, couplings, links
@@ -297,8 +297,8 @@ class StepPoint:
                 normal += contact.energy
                 own: Mapping[str, ContactForce] = contact.forces()
                 if condensed is not None and lagged is not None:
-                    h, nodes = lagged.start.time_step, contact.nodes.nodes.mesh_nodes
-                    own = condensed.with_friction(own, lagged.nodes, nodes, *body.at, h)
+                    h, poses = lagged.start.time_step, body.at.poses
+                    own = condensed.with_friction(own, lagged.points, contact, poses, h)
                 forces |= own
             among = (0.0, 0.0) if free is None else free.among(body.at.poses, lagged)
         return normal + among[0], self._friction_energy + among[1], forces

@@ -1,4 +1,6 @@
-"""W_contact of thesis eq. 5.5 at the body's surface samples, and friction, against any number of colliders.
+"""W_contact of thesis eq. 5.5 at points of the body's surface, and friction, against any number of colliders.
+
+The points are the surface samples, or on the facets between them.
 
 With world gradients f_i and Hessians H_i of contact and friction at the points in contact x_i and J_i =
 dx_i/drows,
@@ -29,15 +31,18 @@ from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import CorrectionField
 from softprint.runtime.linalg.chain_rule import through_basis, through_jacobian
+from softprint.runtime.linalg.means import means
 from softprint.runtime.linalg.row_products import placed
-from softprint.runtime.mechanics.static_condensation import CorotatedCondensation, StaticCondensation
+from softprint.runtime.mechanics.loaded_points import LoadedPoints
+from softprint.runtime.mechanics.point_condensation import CorotatedPointCondensation, PointCondensation
+from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 Terms = ContactTerms | FrictionTerms
 
 
 class SurfaceContactEnergy:
     """Contact and friction of a body with its colliders, by name. Displacements and fields are those of the
-    `CorrectedPoints`; x (s, dim) [m] are the positions of the surface samples, none without colliders."""
+    `CorrectedPoints`; x (n, dim) [m] are the positions of the contact points."""
 
     def __init__(
         self,
@@ -48,14 +53,23 @@ class SurfaceContactEnergy:
         friction: CoulombFriction | None,
         condensation: StaticCondensation | None = None,
     ) -> None:
-        """condensation: of the surface samples."""
-        samples = slice(None) if colliders else slice(0)
-        self.points, self.samples = points, points.samples[samples]
-        self.nodes = body.surface.nodes[samples]
-        self.basis = np.ascontiguousarray(body.basis[self.nodes])
-        self.condensation = condensation if colliders else None
-        self.areas = body.surface.areas[samples]
+        """condensation: of all nodes of the body. Without colliders nothing is evaluated at any point."""
+        loaded = LoadedPoints.of_samples(body, contact.reduced_points)
+        self.points, self.loaded = points, loaded if colliders else loaded.take(slice(0))
+        self.samples, self.nodes = points.samples[self.loaded.nodes], body.surface.nodes
+        self.material = self.loaded.material(body)
+        self.basis = np.ascontiguousarray(self.material.basis)
+        self.condensation = (
+            None
+            if condensation is None or not colliders
+            else PointCondensation.at(body, condensation, self.loaded.corners, self.loaded.weights)
+        )
         self.colliders, self.contact, self.friction = colliders, contact, friction
+
+    @property
+    def areas(self) -> Array:
+        """(n,) [m^(dim-1)] of the contact points."""
+        return self.loaded.areas
 
     def in_frame(self, frame_rows: Array) -> SurfaceInFrame:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
@@ -65,32 +79,35 @@ class SurfaceContactEnergy:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceInFrame:
-    """The surface samples in the corotated frame of one step: without corrections x is affine in the handle rows."""
+    """The contact points in the corotated frame of one step: without corrections x is affine in the handle rows."""
 
     term: SurfaceContactEnergy
-    condensation: CorotatedCondensation | None
+    condensation: CorotatedPointCondensation | None
 
     def positions(self, rows: Array, displacement: Array | None) -> Array:
         """x at handle rows (n_rows, dim); displacement: u (n, dim) [m] of the corrections."""
         x = placed(self.term.basis, rows)
         if self.condensation is not None:
             x += self.condensation.displacement(rows)
-        return x if displacement is None else x + displacement[self.term.samples]
+        return (
+            x if displacement is None else x + means(displacement, self.term.samples, self.term.loaded.shares)
+        )
 
     def jacobian(self, index: IntArray, dim: int, field: CorrectionField | None) -> Array:
-        """J (m*dim, n_rows*dim) of some of the surface samples (m,)."""
+        """J (m*dim, n_rows*dim) of some of the contact points (m,)."""
         term = self.term
         jacobian: Array = np.einsum("mr,ik->mirk", term.basis[index], np.eye(dim))
         if self.condensation is not None:
             jacobian += self.condensation.jacobian(index)
         if field is not None:
             slots = term.points.slots(field)[term.samples[index]]
-            active = np.flatnonzero(slots >= 0)
-            jacobian[active] += field.jacobian[slots[active]]
+            for corner, share in zip(slots.T, term.loaded.shares[index].T, strict=True):
+                active = np.flatnonzero(corner >= 0)
+                jacobian[active] += share[active, None, None, None] * field.jacobian[corner[active]]
         return jacobian.reshape(len(index) * dim, -1)
 
     def evaluate(self, x: Array, poses: Poses) -> SurfaceContactEvaluation:
-        """Contact of samples at x with the colliders at poses."""
+        """Contact of points at x with the colliders at poses."""
         return SurfaceContactEvaluation(self, x, poses)
 
 
@@ -186,18 +203,21 @@ class SurfaceContactEvaluation:
 
     def forces(self, lagged: LaggedFriction | None) -> dict[str, ContactForce]:
         """The force on each collider."""
-        nodes, friction = self.frame.term.nodes, self.friction(lagged)
-        forces = {}
+        friction, forces = self.friction(lagged), {}
         for name, contact in self.terms.items():
-            index = contact.index
-            parts = [SurfaceForces(nodes, index, self.x[index], contact.gradient)]
+            parts = [self._surface_forces(contact, tangential=False)]
             if name in friction:
-                index, tangential = friction[name].index, friction[name].gradient
-                parts.append(SurfaceForces(nodes, index, self.x[index], tangential, tangential=True))
+                parts.append(self._surface_forces(friction[name], tangential=True))
             total = resultant(parts, self.poses[name].translation)
             depth = float(contact.depth.max(initial=0.0))
             forces[name] = ContactForce(*total, depth, len(contact.index), parts)
         return forces
+
+    def _surface_forces(self, terms: Terms, tangential: bool) -> SurfaceForces:
+        term, index = self.frame.term, terms.index
+        nodes, forces = term.loaded.felt(index, terms.gradient)
+        places = np.repeat(self.x[index], term.loaded.nodes.shape[1], axis=0)
+        return SurfaceForces(term.nodes, nodes, places, forces, tangential)
 
 
 def _summed(terms: Sequence[Terms], dim: int) -> tuple[IntArray, Array, Array]:

@@ -25,7 +25,10 @@ class ContactSpec(Section):
         0,
         ge=0,
         le=64,
-        description="full space: contact at n points along an edge of every surface facet; 0: at nodes",
+        description="contact on surface facets, in full space at n points along an edge of each; 0: at nodes",
+    )
+    reduced_refinement: int = Field(
+        1, ge=1, le=8, description="points along an edge of a facet in reduced models, with contact on facets"
     )
     friction: NotNegative = Field(0.3, description="Coulomb coefficient; 0: frictionless")
     slip_velocity: Positive = Field(1e-3, description="below this speed friction sticks smoothly [m/s]")

@@ -36,11 +36,11 @@ class ModelSpec(Section):
         5e-4, description="depth of contact below which the correction fades out [m]"
     )
     contact_nodes: Count = Field(
-        3000, description="form force: limit of surface nodes that carry contact forces"
+        3000, description="form force: limit of surface nodes that contact forces act on"
     )
     band: Positive = Field(
         2e-3,
-        description="form force: contact nodes up to this distance outside the collider are included [m]",
+        description="form force: contact points up to this distance outside the collider are included [m]",
     )
     static_condensation: bool = Field(
         True,

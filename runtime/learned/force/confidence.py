@@ -6,7 +6,7 @@ forces l_j is multiplied by one factor for the whole contact,
     t = 1 / (1 + (N / N0)^2) * 1 / (1 + (rho / rho0)^8),
     N^2 = sum_j |l_j|^2 sum_k n_jk^2 / sum_j |l_j|^2,        rho^2 = sum_j |c_j|^2 / sum_j |l_j|^2,
 
-n_jk the distance of input k of contact node j from its range in training, in widths of that range, and rho the size of
+n_jk the distance of input k of contact point j from its range in training, in widths of that range, and rho the size of
 the correction relative to the forces; rho0 is 1.5 times the rho that 99 of 100 training contacts stay below. Both
 factors fall off smoothly, and what remains is linear mechanics. N0 and rho0 are as small as leaves the error on
 validation shapes unchanged.
@@ -32,7 +32,7 @@ _NOTHING = 1e-30
 
 
 class Confidence(nn.Module):
-    """t of contacts with n_local normalised inputs per contact node. Buffers: lowest, highest (n_local,) input, and
+    """t of contacts with n_local normalised inputs per contact point. Buffers: lowest, highest (n_local,) input, and
     rho0; before any training t is 1."""
 
     lowest: Tensor

@@ -1,6 +1,6 @@
-"""The inputs of the force model: the contact nodes near the collider, and the forces on them by linear mechanics.
+"""The inputs of the force model: the contact points near the collider, and the forces on them by linear mechanics.
 
-All nodes within a band around the collider are included, not only the active set, so that learned forces can act where
+All points within a band around the collider are included, not only the active set, so that learned forces can act where
 linear mechanics has none.
 """
 
@@ -16,6 +16,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.elasticity.invariants import cofactor
@@ -26,7 +27,7 @@ from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 
 @dataclass(frozen=True, eq=False)
 class ContactState:
-    """index: (m,) contact nodes; force: l (m, dim) [N] by linear mechanics, in rest coordinates; inputs: a (m,
+    """index: (m,) contact points; force: l (m, dim) [N] by linear mechanics, in rest coordinates; inputs: a (m,
     n_contact_inputs(dim)), see `inputs.py`; lever: w F^T v_k (m, DIRECTIONS, dim) [m^(dim-1)] with the directions v =
     g, N and u / band of `inputs.py` and w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the edge of
     the band; depth: D [m], see `patch_depth`. Rotating body and collider together changes none of these."""
@@ -39,38 +40,36 @@ class ContactState:
 
 
 def patch_depth(areas: Array, distance: Array) -> float:
-    """The depth of the whole contact D [m] = sum a d^3 / sum a d^2, with d the depths of nodes without contact
-    displacement at signed distances (m,). Nodes enter and leave it smoothly. 0 where no node is inside."""
+    """The depth of the whole contact D [m] = sum a d^3 / sum a d^2, with d the depths of points without contact
+    displacement at signed distances (m,). Points enter and leave it smoothly. 0 where no point is inside."""
     d = np.maximum(-distance, 0.0)
     return float(areas @ d**3 / (areas @ d**2)) if d.any() else 0.0
 
 
 class ContactMeasurement:
     """Measures `ContactState`s of one body and one collider. contact: solves the contacts, with the collider under this
-    name; areas: (n,) [m^(dim-1)] of its contact nodes; band: [m], nodes up to this distance outside the collider are
+    name; band: [m], points up to this distance outside the collider are
     included."""
 
-    def __init__(
-        self, contact: CondensedContact, name: str, collider: Collider, areas: Array, band: float
-    ) -> None:
+    def __init__(self, contact: CondensedContact, name: str, collider: Collider, band: float) -> None:
         self._contact, self._name, self._collider = contact, name, collider
-        self._areas, self._band = areas, band
+        self._areas, self._band = contact.loaded.areas, band
 
     def measure(self, solved: SolvedContact | None) -> ContactState | None:
         """The contact state of a solved contact; None where it does not include this collider."""
         name = self._name
         if solved is None or name not in solved.near:
             return None
-        near, nodes, own = solved.near[name], self._contact.nodes, solved.owned_by(name)
+        near, points, own = solved.near[name], self._contact.points, solved.owned_by(name)
         index, pose, m = near.index, near.pose, len(near.index)
-        F = pose.rotation.T @ nodes.deformation(solved.rows, index)
+        F = pose.rotation.T @ points.deformation(solved.rows, index)
         v = self._contact.compliance.displacement(index, solved.active, solved.rest_force)
         moved = kernels.to_world(F, v)
         z = pose.apply_inverse(near.position)
         distance, slope, curvature = self._collider.sdf_derivatives(np.concatenate([z, z + moved]))
         force = np.zeros_like(moved)
         force[np.searchsorted(index, solved.active[own])] = solved.rest_force[own]
-        rest_normal = nodes.points.surface_normal[index]
+        rest_normal = points.material.surface_normal[index]
         normal = (cofactor(F) @ rest_normal[..., None])[..., 0]
         length = np.sqrt((normal * normal).sum(axis=1, keepdims=True))
         normal /= np.maximum(length, SHORTEST)
@@ -79,7 +78,7 @@ class ContactMeasurement:
         inputs = (
             contact_inputs(distance, slope, curvature, moved, F, normal, rest_normal),
             inputs_around(z, weight, distance, slope, moved, normal, RANGE * self._band),
-            nodes.points.rest[index],
+            points.material.rest[index],
         )
         directions = np.stack([slope[:m], normal, moved / self._band], axis=1)
         lever = weight[:, None, None] * (directions @ F)
@@ -91,20 +90,23 @@ class ContactStateProbe:
     """Solves and measures the contact of one body with one collider, state by state: for training and reports."""
 
     def __init__(
-        self, body: ReducedBody, collider: Collider, mechanics: BodyMechanics, stiffness: float, band: float
+        self,
+        body: ReducedBody,
+        collider: Collider,
+        mechanics: BodyMechanics,
+        law: PenaltyContact,
+        band: float,
     ) -> None:
-        """stiffness: of the penalty law [N/m^4]; band: see `ContactMeasurement`."""
+        """law: see `CondensedContact.of`; band: see `ContactMeasurement`."""
         self._name = collider.name
-        self.contact = CondensedContact.of(body, mechanics, {collider.name: collider}, stiffness, band)
-        self._measurement = ContactMeasurement(
-            self.contact, collider.name, collider, mechanics.surface_compliance.areas, band
-        )
+        self.contact = CondensedContact.of(body, mechanics, {collider.name: collider}, law, band)
+        self._measurement = ContactMeasurement(self.contact, collider.name, collider, band)
 
     def solve(self, rows: Array, pose: RigidPose, near: SolvedContact | None = None) -> SolvedContact | None:
-        """The contact at handle rows (n_rows, dim), None where no node is inside the collider. near: warm start, a
+        """The contact at handle rows (n_rows, dim), None where no point is inside the collider. near: warm start, a
         solved contact nearby. There may be several equilibria; the solve converges to the one nearest to it."""
-        nodes, start = self.contact.in_frame(rows), self.contact.resume(near)
-        return self.contact.evaluate(nodes, rows, {self._name: pose}, start).solved
+        points, start = self.contact.in_frame(rows), self.contact.resume(near)
+        return self.contact.evaluate(points, rows, {self._name: pose}, start).solved
 
     def measure(self, rows: Array, pose: RigidPose, near: SolvedContact | None = None) -> ContactState | None:
         """The contact state of the contact that `solve` returns."""

@@ -1,7 +1,7 @@
 """The contact correction by learned forces: u_X = F_X sum_j G_Xj phi_j (see `model.py` and
 `runtime/mechanics/surface_compliance.py`).
 
-The network is evaluated at the nodes in contact, some tens; the displacement by their forces is a matrix product. So
+The network is evaluated at the points in contact, some tens; the displacement by their forces is a matrix product. So
 the far field satisfies the constraint of the null space at no extra cost. Dynamics does not use the correction: there
 it uses the energy of condensed contact (`runtime/contact/condensed/`).
 """
@@ -23,12 +23,13 @@ from softprint.runtime.learned.force.contact_state import ContactMeasurement
 from softprint.runtime.learned.force.evaluation import ForceEvaluation
 from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
 from softprint.runtime.mechanics.surface_compliance_kernels import to_world
 
 
 class ForceCorrection:
-    """A `ContactCorrection`: zero unless some contact node of the body is inside the collider. float32 as trained, or
+    """A `ContactCorrection`: zero unless some contact point of the body is inside the collider. float32 as trained, or
     float64. mechanics: of the body, those used in training."""
 
     def __init__(
@@ -42,7 +43,7 @@ class ForceCorrection:
         require_body(name, model.dim, model.n_rows, body)
         self.name, self.collider, self.shape = name, collider.name, collider
         self.model, self.mechanics = model.eval(), mechanics
-        self.stiffness, self.band = model.options.stiffness, model.options.band
+        self.law, self.band = model.options.law, model.options.band
         self._compliance = mechanics.surface_compliance
         self._mesh_points = body.mesh.points
 
@@ -51,9 +52,11 @@ class ForceCorrection:
         distance, nodes = cKDTree(self._mesh_points).query(points.rest)
         if len(points) and distance.max() > 0.0:
             raise SoftprintError(f"correction {self.name!r} is evaluated at nodes of the body only")
-        measurement = ContactMeasurement(contact, name, self.shape, self._compliance.areas, self.band)
+        measurement = ContactMeasurement(contact, name, self.shape, self.band)
         compliance = self._compliance.at(np.asarray(nodes, dtype=np.int64))
-        return BoundForceCorrection(ForceEvaluation(self.model), measurement, compliance, points)
+        return BoundForceCorrection(
+            ForceEvaluation(self.model), measurement, contact.loaded, compliance, points
+        )
 
 
 class BoundForceCorrection:
@@ -63,19 +66,21 @@ class BoundForceCorrection:
         self,
         model: ForceEvaluation,
         measurement: ContactMeasurement,
+        loaded: LoadedPoints,
         compliance: SurfaceCompliance,
         points: MaterialPoints,
     ) -> None:
-        self._model, self._measurement, self._compliance = model, measurement, compliance
+        self._model, self._measurement = model, measurement
+        self._loaded, self._compliance = loaded, compliance
         self._shape = points.rest.shape
         # In the precision of the model, as every evaluation reads all of it.
         gradient = points.basis_gradient.transpose(0, 2, 1).astype(model.dtype)
         self._gradient = np.ascontiguousarray(gradient)
 
     def displacement(self, solved: SolvedContact) -> Array:
-        """See `BoundContactCorrection`; zero where no node is inside the collider."""
+        """See `BoundContactCorrection`; zero where no point is inside the collider."""
         state = self._measurement.measure(solved)
         if state is None:
             return np.zeros(self._shape)
-        v = self._compliance.apply(state.index, self._model.forces(state))
+        v = self._compliance.apply(*self._loaded.to_nodes(state.index, self._model.forces(state)))
         return to_world(v, self._gradient, solved.rows.astype(v.dtype))

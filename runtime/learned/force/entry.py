@@ -7,6 +7,7 @@ from typing import Any
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.correction import ForceCorrection
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
@@ -14,15 +15,16 @@ from softprint.runtime.learned.form import LearnedForm
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 
 
-def options(spec: ModelSpec, body: ReducedBody, stiffness: float) -> ForceModelOptions:
-    """The architecture that a [[training.models]] table asks for; stiffness of contact [N/m^4]."""
+def options(spec: ModelSpec, body: ReducedBody, law: PenaltyContact) -> ForceModelOptions:
+    """The architecture that a [[training.models]] table asks for; law: of contact."""
     return ForceModelOptions(
         widths=spec.hidden,
         activation=spec.activation,
         fade_depth=spec.fade_depth,
         band=spec.band,
-        stiffness=stiffness,
+        stiffness=law.stiffness,
         static_condensation=spec.static_condensation,
+        points=law.reduced_points,
     )
 
 

@@ -1,6 +1,6 @@
-"""The network inputs of a `ForceModel` at each contact node, and the directions of its forces.
+"""The network inputs of a `ForceModel` at each contact point, and the directions of its forces.
 
-All inputs are built from vectors and tensors of the contact itself, at each contact node x,
+All inputs are built from vectors and tensors of the contact itself, at each contact point x,
 
     g = grad s(x), g' = grad s(x + u)   of the signed distance, before and after the linear displacement u,
     N                                   the deformed surface normal,
@@ -8,13 +8,13 @@ All inputs are built from vectors and tensors of the contact itself, at each con
     C = F^T F, B = F F^T                strain of the body,
 
 which enter only as products with each other, so that rotating body and collider together changes nothing; and means of
-these over the nodes around,
+these over the points around,
 
     <q> = sum_k K w_k q_k / sum_k K w_k,    K = (1 - |x_k - x|^2 / r^2)^2 within r = 2 band,
 
-with w_k the weight of a node, which vanishes smoothly at the edge of the band. Over the nodes in contact these means
+with w_k the weight of a point, which vanishes smoothly at the edge of the band. Over the points in contact these means
 describe the shape of the collider where it touches the body, at no extra cost. Distances sampled on rings about g
-around every node (the descriptor of the thesis, made invariant) were tested as additional inputs: they fit training
+around every point (the descriptor of the thesis, made invariant) were tested as additional inputs: they fit training
 shapes better, but not other shapes.
 """
 
@@ -78,10 +78,10 @@ def contact_inputs(
     deformed_normal: Array,
     normal: Array,
 ) -> Array:
-    """The invariants (m, _INVARIANTS) of m nodes, with all vectors in the same axes.
+    """The invariants (m, _INVARIANTS) of m points, with all vectors in the same axes.
 
-    value (2m,) [m], gradient (2m, dim), hessian (2m, dim, dim) [1/m]: of the signed distance at the nodes, and then at
-    the nodes displaced by u; moved: u (m, dim) [m]; F: (m, dim, dim); deformed_normal: N (m, dim); normal: of the
+    value (2m,) [m], gradient (2m, dim), hessian (2m, dim, dim) [1/m]: of the signed distance at the points, and then at
+    the points displaced by u; moved: u (m, dim) [m]; F: (m, dim, dim); deformed_normal: N (m, dim); normal: of the
     surface at rest (m, dim).
     """
     m, dim = moved.shape
@@ -125,11 +125,11 @@ def contact_inputs(
 def inputs_around(
     x: Array, weight: Array, value: Array, gradient: Array, moved: Array, deformed_normal: Array, reach: float
 ) -> Array:
-    """The means (m, _MEANS) around each of m nodes at x (m, dim) [m] with weights w (m,); reach: r [m]; the rest as
+    """The means (m, _MEANS) around each of m points at x (m, dim) [m] with weights w (m,); reach: r [m]; the rest as
     for `contact_inputs`."""
     m, dim = x.shape
     result = np.zeros((m, _MEANS))
-    # The quantities to average, each contiguous in memory: a thousand nodes have a million pairs.
+    # The quantities to average, each contiguous in memory: a thousand points have a million pairs.
     columns = np.empty((4 + 4 * dim, m))
     for k in range(m):
         columns[0, k], columns[1, k] = value[k], value[m + k]

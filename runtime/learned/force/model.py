@@ -5,7 +5,7 @@
 with l_j the contact force in equilibrium with a linearly elastic body (`runtime/contact/solver/contact_solve.py`), w_j
 [m^(dim-1)] an area that fades with distance, D the depth of the contact, t a confidence factor (`confidence.py`), c
 [N/m^(dim-1)] a scale, v_jk directions of the contact itself, and y(a_j, D) a network that is evaluated at the few nodes
-in contact and not at all points of the body. Its inputs a_j are invariants of the contact at the node and around it
+in contact and not at all points of the body. Its inputs a_j are invariants of the contact at the point and around it
 (`contact_state.py`): where body and collider are rotated together u rotates with them, and nothing depends on the axes
 of the collider, on its identity, or on the position on it. With y = 0 the field is that of linear elasticity.
 """
@@ -18,6 +18,7 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor, nn
 
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.learned.fade import Fade
 from softprint.runtime.learned.force.confidence import Confidence
 from softprint.runtime.learned.force.inputs import DIRECTIONS, least_spread, n_contact_inputs
@@ -30,8 +31,9 @@ SATURATION = 4.0  # R
 @dataclass(frozen=True)
 class ForceModelOptions(ModelOptions):
     """widths, activation: of the network; fade_depth [m]: depth of the contact below which the correction fades out;
-    band [m]: nodes up to this distance outside the collider are included; stiffness: of the penalty contact [N/m^4];
-    static_condensation: whether reduced positions include static condensation."""
+    band [m]: contact points up to this distance outside the collider are included; stiffness: of the penalty contact
+    [N/m^4]; static_condensation: whether reduced positions include static condensation; points: contact
+    points along an edge of a facet, 0 for the contact nodes."""
 
     widths: tuple[int, ...]
     activation: Literal["tanh", "silu", "softplus", "elu"]
@@ -39,6 +41,12 @@ class ForceModelOptions(ModelOptions):
     band: float
     stiffness: float
     static_condensation: bool = True
+    points: int = 0
+
+    @property
+    def law(self) -> PenaltyContact:
+        """The contact law that the model was made for."""
+        return PenaltyContact(self.stiffness, min(self.points, 1), max(self.points, 1))
 
 
 class ForceModel(LearnedModel):

@@ -7,6 +7,7 @@ from typing import Any
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.form import LearnedForm
 from softprint.runtime.learned.thesis5.correction import ContactCentricCorrection
@@ -14,7 +15,7 @@ from softprint.runtime.learned.thesis5.model import ContactCentricModel, Contact
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 
 
-def options(spec: ModelSpec, body: ReducedBody, stiffness: float) -> ContactCentricOptions:
+def options(spec: ModelSpec, body: ReducedBody, law: PenaltyContact) -> ContactCentricOptions:
     """The architecture that a [[training.models]] table asks for."""
     return ContactCentricOptions(
         encoding=spec.encoding,

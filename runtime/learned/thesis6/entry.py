@@ -7,6 +7,7 @@ from typing import Any
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.form import LearnedForm
 from softprint.runtime.learned.thesis6.correction import DescriptorCorrection
@@ -15,7 +16,7 @@ from softprint.runtime.learned.thesis6.model import DescriptorModel, DescriptorM
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 
 
-def options(spec: ModelSpec, body: ReducedBody, stiffness: float) -> DescriptorModelOptions:
+def options(spec: ModelSpec, body: ReducedBody, law: PenaltyContact) -> DescriptorModelOptions:
     """The architecture that a [[training.models]] table asks for, with d the spacing of the handles."""
     return DescriptorModelOptions(
         widths=spec.hidden,

@@ -12,8 +12,8 @@ from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.solver import candidate_search, contact_solve
-from softprint.runtime.contact.solver.candidates import PosedCollider
-from softprint.runtime.contact.solver.contact_nodes import CorotatedNodes
+from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
+from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
@@ -40,21 +40,21 @@ class PressedBall:
     """The contact of a body with a ball, in a frame; rows and pose of a state where it is pressed."""
 
     contact: CondensedContact
-    nodes: CorotatedNodes
+    points: CorotatedPoints
     rows: Array
     pose: RigidPose
 
     @classmethod
-    def of(cls, body, mechanics, rows, pose, band=0.0):
+    def of(cls, body, mechanics, rows, pose, law):
         """In the frame of the state itself."""
         ball = Sphere(RADIUS, body.dim, "ball")
-        contact = CondensedContact.of(body, mechanics, {"ball": ball}, STIFFNESS, band)
+        contact = CondensedContact.of(body, mechanics, {"ball": ball}, law)
         return cls(contact, contact.in_frame(rows), rows, pose)
 
     def at(self, rows=None, pose=None, warm_start: WarmStart | None = None) -> ContactEvaluation:
         """Of that state by default."""
         rows, pose = self.rows if rows is None else rows, self.pose if pose is None else pose
-        return self.contact.evaluate(self.nodes, rows, {"ball": pose}, warm_start)
+        return self.contact.evaluate(self.points, rows, {"ball": pose}, warm_start)
 
 
 def into_the_top(dim, rotation_vector):
@@ -63,13 +63,19 @@ def into_the_top(dim, rotation_vector):
     return RigidPose.from_rotation_vector(rotation_vector, place)
 
 
+@pytest.fixture(params=[(0, 1), (1, 1), (1, 2)], ids=["at nodes", "on facets", "two along a facet"])
+def law(request):
+    """Contact at nodes, at the centres of facets, and at several points of every facet."""
+    return PenaltyContact(STIFFNESS, *request.param)
+
+
 @pytest.fixture(params=[False, True], ids=["subspace", "condensation"])
-def pressed(jelly_body, dim, request):
+def pressed(jelly_body, dim, law, request):
     """A strained body with a ball 6 mm deep in its top."""
     gravity = np.append(np.zeros(dim - 1), -9.81)
     mechanics = doubled(compute_mechanics(jelly_body, 400, request.param, gravity))
     pose = into_the_top(dim, [0.3] if dim == 2 else [0.3, -0.2, 0.5])
-    return PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose)
+    return PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose, law)
 
 
 def test_hessian_along_some_directions(pressed):
@@ -81,8 +87,8 @@ def test_hessian_along_some_directions(pressed):
 
 
 @pytest.mark.parametrize("several", [False, True], ids=["one collider", "several colliders"])
-def test_nodes_that_the_dent_pushes_in_are_found(jelly_body, dim, monkeypatch, several):
-    """Whichever nodes it begins with, every one that would be inside the collider takes part in the end."""
+def test_points_that_the_dent_pushes_in_are_found(jelly_body, dim, law, monkeypatch, several):
+    """Whichever points it begins with, every one that would be inside the collider takes part in the end."""
     mechanics = compute_mechanics(jelly_body, 400, condensation=False)
     colliders = {"ball": Sphere(RADIUS, dim, "ball")}
     if several:
@@ -90,7 +96,7 @@ def test_nodes_that_the_dent_pushes_in_are_found(jelly_body, dim, monkeypatch, s
     ball = into_the_top(dim, np.zeros(1 if dim == 2 else 3))
     poses = {"ball": ball, "far": RigidPose(np.eye(dim), np.full(dim, 1.0))}
     rows = jelly_body.rest_rows
-    contact = CondensedContact.of(jelly_body, mechanics, colliders, STIFFNESS, band=2e-3)
+    contact = CondensedContact.of(jelly_body, mechanics, colliders, law, band=2e-3)
 
     def energy():
         return contact.evaluate(contact.in_frame(rows), rows, poses, None).energy
@@ -109,7 +115,9 @@ def test_a_collider_that_only_just_touches(jelly_body, dim, depth):
     nodes = jelly_body.mesh.points[mechanics.surface_compliance.nodes]
     top = nodes[np.argmax(nodes[:, -1] - 1e-3 * np.linalg.norm(nodes[:, :-1], axis=1))]
     pose = RigidPose(np.eye(dim), top + np.append(np.zeros(dim - 1), RADIUS - depth))
-    touching = PressedBall.of(jelly_body, mechanics, jelly_body.rest_rows, pose).at()
+    touching = PressedBall.of(
+        jelly_body, mechanics, jelly_body.rest_rows, pose, PenaltyContact(STIFFNESS)
+    ).at()
     # k a d^3 / 3 is below 1e-30 J.
     assert 0.0 <= touching.energy < 1e-30
     assert np.abs(touching.gradient).max() < 1e-15
@@ -158,12 +166,12 @@ def test_the_same_state_evaluated_twice_gives_the_same_bits(pressed):
     np.testing.assert_array_equal(again.hessian(), first.hessian())
 
 
-def test_rigid_motion_is_predicted(jelly_body, dim):
+def test_rigid_motion_is_predicted(jelly_body, dim, law):
     """The warm start of a state knows of body and collider rotated together what they come to: the same, rotated.
     Gravity, which does not rotate along, is left out."""
     mechanics = doubled(compute_mechanics(jelly_body, 400, condensation=True))
     pose = into_the_top(dim, [0.3] if dim == 2 else [0.3, -0.2, 0.5])
-    pressed = PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose)
+    pressed = PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose, law)
     contact, here = pressed.contact, pressed.at()
     Q = rotation_matrix([2.1] if dim == 2 else [1.1, 0.7, -1.6], dim)
     rotated_pose, rotated_rows = (
@@ -171,15 +179,17 @@ def test_rigid_motion_is_predicted(jelly_body, dim):
         pressed.rows @ Q.T,
     )
     index, b = here.solved.index, here.solved.solution.active
+    ball = PosedCollider(Sphere(RADIUS, dim, "ball"), rotated_pose)
+    distance = PointDistance(("ball",), (ball,), np.zeros(len(index), dtype=np.int64))
     problem = ContactProblem(
         compliance=contact.compliance.among(index),
-        F=contact.nodes.deformation(rotated_rows, index),
+        F=contact.points.deformation(rotated_rows, index),
         stiffness=contact.stiffness[index],
         position=contact.in_frame(rotated_rows).positions(rotated_rows, index),
         depth=here.solved.depth,
-        distance=PosedCollider(Sphere(RADIUS, dim, "ball"), rotated_pose),
+        distance=distance,
     )
-    penetration, normal = here.warm_start.predict(index, problem, {"ball": rotated_pose})
+    penetration, normal = here.warm_start.predict(index, problem, {"ball": rotated_pose}, distance)
     solution = here.solved.solution
     # Solved in single precision.
     np.testing.assert_allclose(penetration[b], solution.penetration[b], rtol=1e-5)
@@ -205,7 +215,7 @@ def test_force_on_the_collider_is_the_slope_of_the_energy_along_its_path(pressed
 
 def test_giving_way_costs_less_than_a_rigid_surface(pressed, jelly_body, dim):
     areas = pressed.contact.stiffness / STIFFNESS
-    positions = pressed.nodes.positions(pressed.rows)
+    positions = pressed.points.positions(pressed.rows)
     ball = Sphere(RADIUS, dim, "ball")
     rigid = PenaltyContact(STIFFNESS).energy(positions, areas, ball, pressed.pose)
     assert 0 < pressed.at().energy < rigid
@@ -220,14 +230,14 @@ def test_nothing_out_of_contact(pressed):
     assert away.converged
 
 
-def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim):
+def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim, law):
     """Gravity, which does not move along, is left out."""
     mechanics = doubled(compute_mechanics(jelly_body, 400, condensation=True))
     rows, pose = strained(jelly_body), into_the_top(dim, np.zeros(1 if dim == 2 else 3))
     motion = RigidPose.from_rotation_vector([0.7] if dim == 2 else [0.2, 0.7, -0.4], 0.1 * np.ones(dim))
     moved_rows = rows @ motion.rotation.T + np.outer(jelly_body.handles.affine_part, motion.translation)
-    here = PressedBall.of(jelly_body, mechanics, rows, pose).at()
-    moved = PressedBall.of(jelly_body, mechanics, moved_rows, motion.compose(pose)).at()
+    here = PressedBall.of(jelly_body, mechanics, rows, pose, law).at()
+    moved = PressedBall.of(jelly_body, mechanics, moved_rows, motion.compose(pose), law).at()
     # The modes are rounded to float32, and so annihilate translations to 1e-7.
     assert moved.energy == pytest.approx(here.energy, rel=2e-6)
     rotated = here.gradient @ motion.rotation.T

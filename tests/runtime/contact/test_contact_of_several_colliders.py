@@ -22,6 +22,12 @@ STIFFNESS = 1e10  # N/m^4
 OPTIONS = ForceModelOptions((4, 4), "silu", 5e-4, 3e-3, STIFFNESS)
 
 
+@pytest.fixture(params=[(0, 1), (1, 1), (1, 2)], ids=["at nodes", "on facets", "two along a facet"])
+def law(request):
+    """Contact at nodes, at the centres of facets, and at several points of every facet."""
+    return PenaltyContact(STIFFNESS, *request.param)
+
+
 def two_balls(dim):
     """Two balls side by side, pressed into the top of the block, and their poses."""
     balls = [Sphere(0.015, dim, name) for name in ("left", "right")]
@@ -34,47 +40,47 @@ def as_one(balls, poses):
     return SmoothUnion([Placed(ball, pose) for ball, pose in zip(balls, poses, strict=True)], 1e-9, "two")
 
 
-def evaluated(body, mechanics, shapes, poses):
+def evaluated(body, mechanics, shapes, poses, law):
     """The contact of the body at rest with some colliders."""
-    contact = CondensedContact.of(body, mechanics, {shape.name: shape for shape in shapes}, STIFFNESS)
+    contact = CondensedContact.of(body, mechanics, {shape.name: shape for shape in shapes}, law)
     at = {shape.name: pose for shape, pose in zip(shapes, poses, strict=True)}
     return contact.evaluate(contact.in_frame(body.rest_rows), body.rest_rows, at, None)
 
 
-def test_colliders_near_each_other_are_solved_together(jelly_body, dim):
+def test_colliders_near_each_other_are_solved_together(jelly_body, dim, law):
     """Two balls are one collider of two balls: energy, gradient and forces; alone, each would say something else."""
     mechanics = compute_mechanics(jelly_body, 400, condensation=False)
     balls, poses = two_balls(dim)
     away = Sphere(0.015, dim, "away"), RigidPose(np.eye(dim), np.append(np.zeros(dim - 1), 0.2))
-    together = evaluated(jelly_body, mechanics, [*balls, away[0]], [*poses, away[1]])
-    union = evaluated(jelly_body, mechanics, [as_one(balls, poses)], [RigidPose.identity(dim)])
+    together = evaluated(jelly_body, mechanics, [*balls, away[0]], [*poses, away[1]], law)
+    union = evaluated(jelly_body, mechanics, [as_one(balls, poses)], [RigidPose.identity(dim)], law)
     # Balanced to 1e-6 of the depth each.
     assert together.energy == pytest.approx(union.energy, rel=1e-5)
     largest = np.abs(union.gradient).max()
     np.testing.assert_allclose(together.gradient, union.gradient, atol=1e-5 * largest)
     stiffness = union.hessian()
     np.testing.assert_allclose(together.hessian(), stiffness, atol=1e-5 * np.abs(stiffness).max())
-    active = {name: together.active_nodes(name) for name in ("left", "right", "away")}
+    active = {name: together.active_points(name) for name in ("left", "right", "away")}
     assert len(active["left"].index) > 0
     assert len(active["right"].index) > 0
     assert len(active["away"].index) == 0
     push = sum(own.pressure @ own.normal for own in active.values())
-    expected = union.active_nodes("two")
+    expected = union.active_points("two")
     tolerance = 1e-5 * expected.pressure.sum()
     np.testing.assert_allclose(push, expected.pressure @ expected.normal, atol=tolerance)
     separately = [
-        evaluated(jelly_body, mechanics, [ball], [pose]) for ball, pose in zip(balls, poses, strict=True)
+        evaluated(jelly_body, mechanics, [ball], [pose], law) for ball, pose in zip(balls, poses, strict=True)
     ]
     assert abs(sum(alone.energy for alone in separately) - together.energy) > 0.01 * together.energy
 
 
-def test_one_collider_is_a_group_of_one(jelly_body, dim):
+def test_one_collider_is_a_group_of_one(jelly_body, dim, law):
     """A collider that touches nothing changes no bit of the contact with another."""
     mechanics = compute_mechanics(jelly_body, 400, condensation=True)
     balls, poses = two_balls(dim)
     away = RigidPose(np.eye(dim), np.append(np.zeros(dim - 1), 0.2))
-    alone = evaluated(jelly_body, mechanics, balls[:1], poses[:1])
-    beside = evaluated(jelly_body, mechanics, balls, [poses[0], away])
+    alone = evaluated(jelly_body, mechanics, balls[:1], poses[:1], law)
+    beside = evaluated(jelly_body, mechanics, balls, [poses[0], away], law)
     assert beside.energy == alone.energy > 0.0
     np.testing.assert_array_equal(beside.gradient, alone.gradient)
     np.testing.assert_array_equal(beside.hessian(), alone.hessian())
@@ -96,7 +102,7 @@ def corrected(body, mechanics, placed, options=OPTIONS) -> list[PlacedCollider]:
     ]
 
 
-def test_dents_near_each_other_are_drawn_as_of_one_collider(jelly_body, dim):
+def test_dents_near_each_other_are_drawn_as_of_one_collider(jelly_body, dim, law):
     mechanics = compute_mechanics(jelly_body, 400, condensation=False)
     balls, poses = two_balls(dim)
     scenes = {
@@ -107,8 +113,8 @@ def test_dents_near_each_other_are_drawn_as_of_one_collider(jelly_body, dim):
     }
     rest, moved = jelly_body.mesh.points, {}
     for name, placed in scenes.items():
-        colliders = corrected(jelly_body, mechanics, placed)
-        simulator = Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
+        colliders = corrected(jelly_body, mechanics, placed, replace(OPTIONS, points=law.reduced_points))
+        simulator = Simulator(jelly_body, colliders, contact=law, mechanics=mechanics)
         state = simulator.rest_state()
         moved[name] = simulator.positions(state) - rest
         nodes = jelly_body.surface.nodes
@@ -131,6 +137,17 @@ def test_corrections_of_one_body_have_one_stiffness(jelly_body, dim):
     with pytest.raises(
         SoftprintError,
         match=r"was trained for a contact stiffness of 2e\+10 N/m\^4, not for 1e\+10: give Pen",
+    ):
+        Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
+
+
+def test_corrections_of_contact_on_facets_are_for_contact_on_facets(jelly_body, dim):
+    mechanics = compute_mechanics(jelly_body, 50, condensation=False)
+    one, _ = zip(*two_balls(dim), strict=True)
+    colliders = corrected(jelly_body, mechanics, [one], replace(OPTIONS, points=1))
+    Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS, 3), mechanics=mechanics)
+    with pytest.raises(
+        SoftprintError, match=r"contact at 1 points along an edge of a facet, not at nodes: give contact=Pen"
     ):
         Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
 

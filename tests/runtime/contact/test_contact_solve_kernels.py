@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softprint.runtime.contact.solver import contact_node_kernels as node_kernels
+from softprint.runtime.contact.solver import contact_point_kernels as point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
@@ -228,7 +228,7 @@ def test_near_box(dim):
     z = (x - translation) @ rotation
     inside = ((z >= lower - reach[:, None]) & (z <= upper + reach[:, None])).all(axis=1)
     assert 0 < inside.sum() < 200
-    found = node_kernels.near_box(x, rotation, translation, lower, upper, reach)
+    found = point_kernels.near_box(x, rotation, translation, lower, upper, reach)
     np.testing.assert_array_equal(found, np.flatnonzero(inside))
 
 
@@ -245,15 +245,15 @@ def test_near_box(dim):
 def test_places(nodes, among):
     nodes, among = np.array(nodes, dtype=np.int64), np.array(among, dtype=np.int64)
     expected = [np.flatnonzero(among == node)[0] if node in among else -1 for node in nodes]
-    np.testing.assert_array_equal(node_kernels.places(nodes, among), expected)
-    np.testing.assert_array_equal(node_kernels.are_among(nodes, among), np.isin(nodes, among))
+    np.testing.assert_array_equal(point_kernels.places(nodes, among), expected)
+    np.testing.assert_array_equal(point_kernels.are_among(nodes, among), np.isin(nodes, among))
 
 
 def test_largest_norm(dim):
     u, active = np.random.default_rng(10).normal(size=(M, dim)), np.array([2, 5, 6])
     expected = np.linalg.norm(u[active], axis=1).max()
-    assert node_kernels.largest_norm(u, active) == pytest.approx(expected, rel=RTOL)
-    assert node_kernels.largest_norm(u, active[:0]) == 0.0
+    assert point_kernels.largest_norm(u, active) == pytest.approx(expected, rel=RTOL)
+    assert point_kernels.largest_norm(u, active[:0]) == 0.0
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
@@ -261,7 +261,7 @@ def test_submatrix(dim, kind):
     G = np.random.default_rng(11).normal(size=(M * dim, M * dim)).astype(kind)
     nodes = np.array([0, 3, 8])
     rows = (nodes[:, None] * dim + np.arange(dim)).ravel()
-    found = node_kernels.submatrix(G, nodes, dim)
+    found = point_kernels.submatrix(G, nodes, dim)
     assert found.dtype == kind
     np.testing.assert_array_equal(found, G[np.ix_(rows, rows)])
 
@@ -270,7 +270,7 @@ def test_blocks_to_world(dim):
     rng = np.random.default_rng(12)
     F, c = rng.normal(size=(M, dim, dim)), rng.normal(size=(M * dim, 4))
     expected = np.einsum("iab,ibn->ian", F, c.reshape(M, dim, 4)).reshape(M * dim, 4)
-    same(node_kernels.blocks_to_world(F, c), expected)
+    same(point_kernels.blocks_to_world(F, c), expected)
 
 
 def test_projected_and_expanded_are_transposes(dim):
@@ -281,8 +281,8 @@ def test_projected_and_expanded_are_transposes(dim):
     W[node, :, np.arange(4)] = w
     W = W.reshape(M * dim, 4)
     c, y = rng.normal(size=(M * dim, 5)), rng.normal(size=(4, 5))
-    same(node_kernels.projected(node, w, c), W.T @ c)
-    same(node_kernels.expanded(node, w, y, M * dim), W @ y)
+    same(point_kernels.projected(node, w, c), W.T @ c)
+    same(point_kernels.expanded(node, w, y, M * dim), W @ y)
 
 
 @pytest.fixture
@@ -296,7 +296,7 @@ def moving(dim):
 def test_contact_jacobians(moving, dim):
     """dx + dF v and dF^T f with dF_aj = sum_r drow_ra dU_rj."""
     v, f, position, gradient = moving
-    by_position, by_force = node_kernels.contact_jacobians(v, f, position, gradient)
+    by_position, by_force = point_kernels.contact_jacobians(v, f, position, gradient)
     dF_v = np.einsum("irj,ij,ab->iarb", gradient, v, np.eye(dim))
     dF_f = np.einsum("irj,ib->ijrb", gradient, f)
     shape = M * dim, N_ROWS * dim
@@ -309,7 +309,7 @@ def test_add_basis(dim):
     basis, index = rng.normal(size=(M, N_ROWS)), np.array([1, 4, 5])
     before = rng.normal(size=(3, dim, N_ROWS, dim))
     moved = before.copy()
-    node_kernels.add_basis(basis, index, moved)
+    point_kernels.add_basis(basis, index, moved)
     same(moved, before + np.einsum("kr,ab->karb", basis[index], np.eye(dim)))
 
 
@@ -320,11 +320,11 @@ def test_handle_forces(moving, dim):
     own = v[index], f[index]
     along = basis[index] + np.einsum("jrk,jk->jr", gradient[index], own[0])
     gradients = np.ascontiguousarray(gradient.transpose(0, 2, 1))
-    found = node_kernels.handle_forces(basis, gradients, index, own[1], own[0])
+    found = point_kernels.handle_forces(basis, gradients, index, own[1], own[0])
     same(found, np.einsum("jr,ja->ra", along, own[1]))
     position = np.zeros((len(index), dim, N_ROWS, dim))
-    node_kernels.add_basis(basis, index, position)
-    by_position, _ = node_kernels.contact_jacobians(
+    point_kernels.add_basis(basis, index, position)
+    by_position, _ = point_kernels.contact_jacobians(
         *own, position.reshape(len(index), dim, -1), gradient[index]
     )
     same(found.ravel(), own[1].ravel() @ by_position)

@@ -7,8 +7,9 @@ import pytest
 
 from softprint.runtime.colliders import Box, RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
-from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature, midpoints
+from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.mesh import box_mesh
+from softprint.runtime.mesh.midpoints import midpoints
 
 CONTACT = PenaltyContact(1e10)
 

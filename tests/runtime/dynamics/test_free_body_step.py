@@ -47,7 +47,7 @@ def posed(dim, rotation, *position):
     )
 
 
-def scene(body, dim, mechanics):
+def scene(body, dim, mechanics, refinement):
     """One capsule deep in the top of a fixed block, one that leans on it and on a wall, and one that stands upright in
     the top beside them; all spin."""
     gravity = np.append(np.zeros(dim - 1), -9.81)
@@ -68,7 +68,7 @@ def scene(body, dim, mechanics):
     return Simulator(
         body,
         colliders,
-        contact=PenaltyContact(STIFFNESS),
+        contact=PenaltyContact(STIFFNESS, refinement),
         mechanics=mechanics,
         friction=CoulombFriction(0.4, slip_velocity=0.1),
         gravity=gravity,
@@ -77,13 +77,16 @@ def scene(body, dim, mechanics):
     )
 
 
-@pytest.fixture(params=["penalty", "condensed"])
+@pytest.fixture(
+    params=[("penalty", 0), ("condensed", 0), ("penalty", 1), ("condensed", 1)],
+    ids=["penalty", "condensed", "penalty on facets", "condensed on facets"],
+)
 def step(jelly_body, dim, request, monkeypatch):
     """The energy of a step, a point near its end, where friction is lagged, and a generator."""
     monkeypatch.setattr(contact_solve, "_TOLERANCE", 1e-12)  # differences resolve the remaining ones
     gravity = np.append(np.zeros(dim - 1), -9.81)
-    mechanics = mechanics_of(jelly_body, gravity) if request.param == "condensed" else None
-    simulator = scene(jelly_body, dim, mechanics)
+    mechanics = mechanics_of(jelly_body, gravity) if request.param[0] == "condensed" else None
+    simulator = scene(jelly_body, dim, mechanics, request.param[1])
     caught = []
 
     def catch(problem, start, newton, sliding):

@@ -28,6 +28,7 @@ from softprint.runtime.mesh import box_mesh
 TIME_STEP = 0.01
 dims = pytest.mark.parametrize("dim", [2, 3])
 kinds = pytest.mark.parametrize("corrected", [False, True], ids=["bare", "corrected"])
+points = pytest.mark.parametrize("refinement", [0, 1], ids=["at nodes", "on facets"])
 subspaces = pytest.mark.parametrize("condensed", [False, True], ids=["U", "condensed"])
 
 
@@ -88,7 +89,7 @@ def condensed_mechanics(body):
     return BodyMechanics(None, replace(found, modes=modes, weight=weight))
 
 
-def step_energy(dim, corrected, condensed, monkeypatch, kinematic=()):
+def step_energy(dim, corrected, condensed, refinement, monkeypatch, kinematic=()):
     """The `StepEnergy` of a step of a rotated, strained, moving body that a ball slides along; and a point near its
     start, where friction is lagged."""
     body = make_body(dim)
@@ -104,7 +105,7 @@ def step_energy(dim, corrected, condensed, monkeypatch, kinematic=()):
             PlacedCollider("ball", ball, None, WavyCorrection(1e-3) if corrected else None),
             PlacedCollider("other", ball, None, WavyCorrection(5e-4) if corrected else None),
         ],
-        contact=PenaltyContact(1e8),
+        contact=PenaltyContact(1e8, refinement),
         friction=CoulombFriction(0.4, slip_velocity=0.1),
         gravity=gravity,
         springs=[HandleSpring("base", 50.0, target, rotation_stiffness=0.3), HandleSpring(2, 80.0, target)],
@@ -145,8 +146,9 @@ def differences(problem, x, function, directions, step):
 @dims
 @kinds
 @subspaces
-def test_gradient_is_the_derivative_of_the_energy(dim, corrected, condensed, monkeypatch):
-    problem, x, rng = step_energy(dim, corrected, condensed, monkeypatch)
+@points
+def test_gradient_is_the_derivative_of_the_energy(dim, corrected, condensed, refinement, monkeypatch):
+    problem, x, rng = step_energy(dim, corrected, condensed, refinement, monkeypatch)
     at = problem.linearise(x)
     contact, friction, _ = x.contacts()
     assert contact > 0
@@ -161,8 +163,11 @@ def test_gradient_is_the_derivative_of_the_energy(dim, corrected, condensed, mon
 
 @dims
 @subspaces
-def test_hessian_without_corrections_is_the_derivative_of_the_gradient(dim, condensed, monkeypatch):
-    problem, x, rng = step_energy(dim, False, condensed, monkeypatch)
+@points
+def test_hessian_without_corrections_is_the_derivative_of_the_gradient(
+    dim, condensed, refinement, monkeypatch
+):
+    problem, x, rng = step_energy(dim, False, condensed, refinement, monkeypatch)
     at = problem.linearise(x)
     # With static condensation the elastic part is in single precision.
     symmetric = 1e-6 if condensed else 1e-10
@@ -182,7 +187,7 @@ def test_hessian_without_corrections_is_the_derivative_of_the_gradient(dim, cond
 @dims
 def test_kinematic_handles_are_not_unknowns(dim, monkeypatch):
     problem, x, _ = step_energy(
-        dim, True, False, monkeypatch, kinematic=[KinematicHandle("base"), KinematicHandle(1)]
+        dim, True, False, 0, monkeypatch, kinematic=[KinematicHandle("base"), KinematicHandle(1)]
     )
     at = problem.linearise(x)
     assert at.gradient.shape == (4 * dim,)

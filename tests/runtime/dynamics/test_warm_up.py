@@ -26,7 +26,7 @@ def kernels():
 dim = int(sys.argv[1])
 body = _jelly([-0.05] * (dim - 1) + [0.0], [0.05] * (dim - 1) + [0.06], [6] * dim, 6)
 mechanics = softprint.compute_mechanics(body, 80, True)
-def play(mechanics):
+def play(mechanics, refinement):
     ball, pear = (softprint.colliders.Sphere(0.012, dim, name) for name in ("ball", "pear"))
     above = np.append(np.zeros(dim - 1), 0.073)
     path = softprint.KeyframedPath([0.0, 0.1, 0.3], [above, above - np.eye(dim)[-1] * 4e-3, above - 3e-3])
@@ -36,7 +36,7 @@ def play(mechanics):
         softprint.PlacedCollider("pear", pear, free=free_collider(pear, beside, density=500.0)),
     ]
     simulator = softprint.Simulator(
-        body, placed, contact=softprint.PenaltyContact(1e10), mechanics=mechanics,
+        body, placed, contact=softprint.PenaltyContact(1e10, refinement), mechanics=mechanics,
         friction=softprint.CoulombFriction(0.3), gravity=[0.0] * (dim - 1) + [-9.81],
         kinematic=[softprint.KinematicHandle("base")],
     )
@@ -51,8 +51,9 @@ def play(mechanics):
 softprint.warm_up((dim,))
 warm = kernels()
 assert sum(map(len, warm.values())) > 30
-play(None)
-play(mechanics)
+for refinement in (0, 1):
+    play(None, refinement)
+    play(mechanics, refinement)
 late = {key: found - warm.get(key, set()) for key, found in kernels().items()}
 print(*(key for key, found in late.items() if found), sep="\\n")
 """

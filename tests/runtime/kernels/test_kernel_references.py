@@ -49,6 +49,12 @@ def spins(dim):
     return dim * (dim - 1) // 2
 
 
+def symmetric_matrix(rng, size):
+    """A symmetric matrix in float32."""
+    matrix = rng.normal(size=(size, size)).astype(np.float32)
+    return matrix + matrix.T
+
+
 def some(rng, n=M):
     """Indices (4,), one of them twice."""
     return np.append(rng.permutation(n)[:3], 1).astype(np.int64)
@@ -314,6 +320,14 @@ INPUTS = {
             *rng.normal(size=(4, M)),
         ),
     },
+    "linalg.means": {
+        "numbered": lambda rng, dim: (rng.integers(0, M, (3, dim)), M),
+        "means": lambda rng, dim: (
+            rng.normal(size=(M, dim, ROWS)[:dim]),
+            rng.integers(0, M, (5, dim)),
+            rng.uniform(size=(5, dim)),
+        ),
+    },
     "linalg.row_products": {
         "placed_some": lambda rng, dim: (rng.normal(size=(M, ROWS)), rng.normal(size=(ROWS, dim)), some(rng)),
         "placed": lambda rng, dim: (rng.normal(size=(M, ROWS)), rng.normal(size=(ROWS, dim))),
@@ -363,6 +377,11 @@ INPUTS = {
     "mechanics.surface_compliance_kernels": {
         "apply": compliance,
         "gathered": lambda rng, dim: (rng.normal(size=(M, M, dim, dim)).astype(np.float32), some(rng)),
+        "interpolated": lambda rng, dim: (
+            symmetric_matrix(rng, M * dim),
+            np.concatenate([[[M - 1] * dim], rng.integers(0, M, (2 * M, dim))]),
+            rng.uniform(size=(2 * M + 1, dim)),
+        ),
         "displacement": lambda rng, dim: (
             rng.normal(size=(M, M, dim, dim)).astype(np.float32),
             some(rng),

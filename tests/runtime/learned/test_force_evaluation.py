@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.evaluation import ForceEvaluation
 from softprint.runtime.learned.force.inputs import least_spread
@@ -23,7 +24,7 @@ def contact(jelly_body, dim):
     rows = jelly_body.rest_rows + 1e-3 * np.random.default_rng(5).normal(size=jelly_body.rest_rows.shape)
     angles = [0.3] if dim == 2 else [0.3, -0.2, 0.5]
     pose = RigidPose.from_rotation_vector(angles, np.append(np.full(dim - 1, 0.004), 0.06 + 0.02 - 0.006))
-    return ContactStateProbe(jelly_body, ball, mechanics, STIFFNESS, BAND).measure(rows, pose)
+    return ContactStateProbe(jelly_body, ball, mechanics, PenaltyContact(STIFFNESS), BAND).measure(rows, pose)
 
 
 @pytest.mark.parametrize("activation", ["tanh", "silu", "softplus"])

@@ -156,7 +156,7 @@ def measured(body, mechanics_of, dim, aside=0.004):
 
 
 def probe_of(body, mechanics_of, dim):
-    return ContactStateProbe(body, cone(dim), mechanics_of(body), OPTIONS.stiffness, OPTIONS.band)
+    return ContactStateProbe(body, cone(dim), mechanics_of(body), OPTIONS.law, OPTIONS.band)
 
 
 def correction_of(body, collider, mechanics_of, kind=torch.float64):

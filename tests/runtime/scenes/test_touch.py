@@ -37,23 +37,25 @@ def mechanics_of(body):
     return compute_mechanics(body, 200, True)
 
 
-def simulator_of(body, mechanics=None, friction=0.4):
-    """Contact is condensed if there are mechanics, otherwise penalty at the surface samples."""
+def simulator_of(body, mechanics=None, friction=0.4, refinement=0):
+    """Contact is condensed if there are mechanics, otherwise penalty at the surface."""
     return Simulator(
         body,
         [PlacedCollider("ball", Sphere(RADIUS, body.dim, "ball"))],
-        contact=PenaltyContact(STIFFNESS),
+        contact=PenaltyContact(STIFFNESS, refinement),
         mechanics=mechanics,
         friction=CoulombFriction(friction) if friction else None,
         kinematic=[KinematicHandle("base")],
     )
 
 
+@pytest.mark.parametrize("refinement", [0, 1], ids=["at nodes", "on facets"])
 @pytest.mark.parametrize("condensed", [False, True], ids=["penalty", "condensed"])
 def test_the_traction_over_the_surface_is_the_contact_force_friction_included(
-    jelly_body, dim, condensed
+    jelly_body, dim, condensed, refinement
 ) -> None:
-    simulator = simulator_of(jelly_body, mechanics_of(jelly_body) if condensed else None)
+    mechanics = mechanics_of(jelly_body) if condensed else None
+    simulator = simulator_of(jelly_body, mechanics, refinement=refinement)
     places = surface_places(jelly_body)
     sensor = TouchSensor(simulator, jelly_body, places)
     state = simulator.rest_state(poses=ball_at(dim, 0.0))
@@ -76,7 +78,7 @@ def test_the_traction_over_the_surface_is_the_contact_force_friction_included(
 YOUNG, POISSON = 2e4, 0.3
 
 
-def squeezed(dim, stiffness, depth):
+def squeezed(dim, stiffness, depth, refinement=0):
     """A block between two planes, free to widen: stress and strain at its surface, the force of a plane and the
     samples."""
     mesh = box_mesh(
@@ -94,7 +96,7 @@ def squeezed(dim, stiffness, depth):
         PlacedCollider("above", Plane(list(-up), "above")),
         PlacedCollider("below", Plane(list(up), "below")),
     ]
-    simulator = Simulator(body, walls, contact=PenaltyContact(stiffness))
+    simulator = Simulator(body, walls, contact=PenaltyContact(stiffness, refinement))
     poses = {"above": RigidPose(np.eye(dim), (TOP - depth) * up), "below": RigidPose(np.eye(dim), depth * up)}
     result = simulator.settle(simulator.rest_state(poses=poses))
     assert result.converged
@@ -112,6 +114,12 @@ def test_a_block_between_hard_planes_is_strained_by_hookes_law(dim) -> None:
     modulus = YOUNG if dim == 3 else YOUNG / (1 - POISSON**2)  # plane strain in the plane
     # F / A on the solid's true area, and engineering strain.
     assert force / 0.1 ** (dim - 1) == pytest.approx(modulus * (1 - stretch), rel=5e-3)
+
+
+def test_on_facets_a_block_is_strained_evenly_up_to_its_rim(dim) -> None:
+    strain = squeezed(dim, 1e12, 1e-3, refinement=1)[0].green_strain[:, -1, -1]
+    # Every facet bears what its own area does: twenty times as even as at nodes, where the rim bears too much.
+    np.testing.assert_allclose(strain, strain.mean(), rtol=1e-3)
 
 
 def test_pressure_between_soft_planes_is_force_over_area(dim) -> None:

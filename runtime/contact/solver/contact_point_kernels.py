@@ -1,4 +1,4 @@
-"""Compiled kernels for contact nodes near a collider and their derivatives, for some tens of nodes at a time."""
+"""Compiled kernels for contact points near a collider and their derivatives, for some tens of points at a time."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ def near_box(
 
 
 @compiled
-def places(nodes: IntArray, among: IntArray) -> IntArray:
-    """The positions of nodes (n,) in another list of nodes (m,), both ascending; -1 for nodes not in it."""
-    found, at = np.empty(len(nodes), dtype=np.int64), 0
-    for i in range(len(nodes)):
-        while at < len(among) and among[at] < nodes[i]:
+def places(points: IntArray, among: IntArray) -> IntArray:
+    """The positions of points (n,) in another list of points (m,), both ascending; -1 for points not in it."""
+    found, at = np.empty(len(points), dtype=np.int64), 0
+    for i in range(len(points)):
+        while at < len(among) and among[at] < points[i]:
             at += 1
-        found[i] = at if at < len(among) and among[at] == nodes[i] else -1
+        found[i] = at if at < len(among) and among[at] == points[i] else -1
     return found
 
 
 @compiled
-def are_among(nodes: IntArray, others: IntArray) -> BoolArray:
-    """Which of the nodes (n,) are among the others (m,), both ascending."""
-    return places(nodes, others) >= 0
+def are_among(points: IntArray, others: IntArray) -> BoolArray:
+    """Which of the points (n,) are among the others (m,), both ascending."""
+    return places(points, others) >= 0
 
 
 @compiled
@@ -64,16 +64,16 @@ def largest_norm(displacement: Array, active: IntArray) -> float:
 
 
 @compiled
-def submatrix(G: Floats, nodes: IntArray, dim: int) -> Floats:
-    """G (n*dim, n*dim) among some of the nodes (n,)."""
-    n = len(nodes)
+def submatrix(G: Floats, points: IntArray, dim: int) -> Floats:
+    """G (n*dim, n*dim) among some of the points (n,)."""
+    n = len(points)
     result = np.empty((n * dim, n * dim), G.dtype)
     for i in range(n):
         for a in range(dim):
-            row, into = G[nodes[i] * dim + a], result[i * dim + a]
+            row, into = G[points[i] * dim + a], result[i * dim + a]
             for j in range(n):
                 for b in range(dim):
-                    into[j * dim + b] = row[nodes[j] * dim + b]
+                    into[j * dim + b] = row[points[j] * dim + b]
     return result
 
 
@@ -93,27 +93,27 @@ def blocks_to_world(F: Array, c: Floats) -> Floats:
 
 
 @compiled
-def projected(node: IntArray, w: Array, c: Floats) -> Floats:
-    """w . c (r, n) for directions w (r, dim), each at one of the nodes, and c (k*dim, n)."""
+def projected(point: IntArray, w: Array, c: Floats) -> Floats:
+    """w . c (r, n) for directions w (r, dim), each at one of the points, and c (k*dim, n)."""
     r, dim = w.shape
     result = np.zeros((r, c.shape[1]), c.dtype)
     for at in range(r):
         into = result[at]
         for b in range(dim):
-            share, row = w[at, b], c[node[at] * dim + b]
+            share, row = w[at, b], c[point[at] * dim + b]
             for column in range(len(into)):
                 into[column] += share * row[column]
     return result
 
 
 @compiled
-def expanded(node: IntArray, w: Array, y: Floats, size: int) -> Floats:
+def expanded(point: IntArray, w: Array, y: Floats, size: int) -> Floats:
     """sum w y (size, n) for y (r, n): the transpose of `projected`, size = k*dim."""
     r, dim = w.shape
     result = np.zeros((size, y.shape[1]), y.dtype)
     for at in range(r):
         for b in range(dim):
-            share, into = w[at, b], result[node[at] * dim + b]
+            share, into = w[at, b], result[point[at] * dim + b]
             for column in range(len(into)):
                 into[column] += share * y[at, column]
     return result
@@ -121,7 +121,7 @@ def expanded(node: IntArray, w: Array, y: Floats, size: int) -> Floats:
 
 @compiled
 def contact_jacobians(v: Array, force: Array, position: Array, basis_gradient: Array) -> tuple[Array, Array]:
-    """The position Jacobian dx + dF v and the force Jacobian dF^T f, both (n*dim, n_rows*dim), of n nodes.
+    """The position Jacobian dx + dF v and the force Jacobian dF^T f, both (n*dim, n_rows*dim), of n points.
 
     v, force: f (n, dim); position: dx (n, dim, n_rows*dim); basis_gradient: dU (n, n_rows, dim), so that dF_aj =
     sum_r drow_ra dU_rj.
@@ -155,16 +155,16 @@ def add_basis(basis: Array, index: IntArray, moved: Array) -> None:
 
 @summing
 def handle_forces(basis: Array, gradients: Array, index: IntArray, force: Array, v: Array) -> Array:
-    """sum_j (U_j + v_j . grad U_j) (x) f_j (n_rows, dim) of forces f (m, dim) on some of the nodes (m,), whose rest
+    """sum_j (U_j + v_j . grad U_j) (x) f_j (n_rows, dim) of forces f (m, dim) on some of the points (m,), whose rest
     displacements v (m, dim) are fixed; basis U (n, n_rows), gradients (n, dim, n_rows)."""
     n_rows, dim = basis.shape[1], force.shape[1]
     total, along = np.zeros((dim, n_rows)), np.empty(n_rows)
-    for j, point in enumerate(index):
-        row = basis[point]
+    for j, i in enumerate(index):
+        row = basis[i]
         for r in range(n_rows):
             along[r] = row[r]
         for k in range(dim):
-            slope, share = gradients[point, k], v[j, k]
+            slope, share = gradients[i, k], v[j, k]
             for r in range(n_rows):
                 along[r] += share * slope[r]
         for a in range(dim):

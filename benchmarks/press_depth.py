@@ -1,0 +1,123 @@
+"""Force against depth, pressed until the body gives up: a punch, a ball, a cone and a plate.
+
+    python -m benchmarks.press_depth examples/jelly3d_small.toml [--out RUN] [--shapes ball ...] [--set KEY=VALUE]
+
+Each shape is led straight down into the middle of the top, slowly, in full space, with the bare subspace, and with
+linear mechanics. Printed is the force on it at some depths below the undeformed top, for reduced models relative to
+full space, with the status of the step where it is not CONVERGED. Needs `softprint mechanics` or `softprint train`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.runtime.body import load_body
+from softprint.runtime.colliders import Box, Collider, Cone, Cylinder, KeyframedPath, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
+from softprint.runtime.experiment import Experiment, load_experiment
+from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
+
+CONTACT_NODES = 3000
+SPEED = 0.02  # m/s
+CLEAR = 0.001  # m, above the body at first
+PRINTED = 2.5e-3  # m, between two lines
+MODELS = ("full", "bare", "mechanics")
+
+SHAPES: Mapping[str, Callable[[], Collider]] = {
+    "punch": lambda: Cylinder(0.01, 0.03, 0.002, "punch"),
+    "ball": lambda: Sphere(0.02, 3, "ball"),
+    "cone": lambda: Cone([0.0, 0.0, 0.02], [0.0, 0.0, -0.02], 0.015, 0.002, "cone"),
+    "plate": lambda: Box([0.002, 0.015, 0.03], 0.001, "plate"),
+}
+
+
+class Presses:
+    """Presses into the body of a run."""
+
+    def __init__(self, experiment: Experiment, run: Path, deepest: float) -> None:
+        self.experiment, self.deepest = experiment, deepest
+        self.body = load_body(run / "body.h5")
+        self.mechanics = load_mechanics(mechanics_path(run, CONTACT_NODES), self.body)
+        self.top = float(self.body.mesh.points[:, 2].max())
+
+    def press(self, shape: Collider, model: str) -> tuple[list[float], list[float], list[str]]:
+        """Depths [m], forces [N] and statuses of all steps, to the first that does not converge in full space."""
+        high, way = self.top - float(shape.lower[2]), self.deepest + CLEAR
+        places = [[0.002, 0.003, high + CLEAR], [0.002, 0.003, high - self.deepest]]
+        simulator = self._simulator(shape, KeyframedPath([0.0, way / SPEED], places), model)
+        state = simulator.rest_state()
+        depths, forces, statuses = [], [], []
+        for _ in range(int(way / SPEED / self.experiment.dynamics.time_step)):
+            result = simulator.step(state)
+            state = result.state
+            depths.append(high - float(state.poses[shape.name].translation[2]))
+            forces.append(float(result.contacts[shape.name].force[2]))
+            statuses.append(result.status.name)
+            if model == "full" and not result.converged:
+                break
+        return depths, forces, statuses
+
+    def _simulator(self, shape: Collider, path: KeyframedPath, model: str) -> Any:
+        own = self.experiment.dynamics
+        common: dict[str, Any] = {
+            "contact": PenaltyContact.of(self.experiment.contact),
+            "gravity": own.gravity,
+            "kinematic": [KinematicHandle(frame.name) for frame in self.body.handles.frames],
+            "settings": DynamicsSettings(own.time_step),
+        }
+        placed = [PlacedCollider(shape.name, shape, path)]
+        if model == "full":
+            return FullSpaceSimulator(self.body, placed, **common)
+        return Simulator(
+            self.body, placed, mechanics=self.mechanics if model == "mechanics" else None, **common
+        )
+
+    def table(self, name: str) -> Sequence[str]:
+        """Lines for one shape."""
+        shape = SHAPES[name]()
+        found = {model: self.press(shape, model) for model in MODELS}
+        depths, forces, statuses = found["full"]
+        lines = []
+        for depth in np.arange(PRINTED, depths[-1] + 1e-9, PRINTED):
+            at = int(np.argmin(np.abs(np.array(depths) - depth)))
+            cells = [name, f"{1e3 * depths[at]:.1f}", f"{forces[at]:.2f}{_status(statuses[at])}"]
+            for model in MODELS[1:]:
+                _, own, said = found[model]
+                cells.append(f"{own[at] / forces[at] - 1.0:+.0%}{_status(said[at])}")
+            lines.append("| " + " | ".join(cells) + " |")
+        return lines
+
+
+def _status(name: str) -> str:
+    return "" if name == "CONVERGED" else f" {name}"
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Prints a table in Markdown."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("experiment", type=Path)
+    parser.add_argument("--out", type=Path, help="the run directory; default: runs/NAME")
+    parser.add_argument("--shapes", nargs="+", default=list(SHAPES), choices=list(SHAPES), metavar="NAME")
+    parser.add_argument("--deepest", type=float, default=0.03, help="m, below the undeformed top")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the experiment")
+    options = parser.parse_args(words)
+    logging.getLogger("softprint").setLevel(logging.ERROR)  # the table has every status
+    run = options.out or Path("runs") / options.experiment.stem
+    presses = Presses(load_experiment(options.experiment, options.set), run, options.deepest)
+    print("| shape | depth, mm | full space, N | bare | mechanics |\n" + "| --- " * 5 + "|", flush=True)
+    for name in options.shapes:
+        print("\n".join(presses.table(name)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""Positions x and deformation gradients F of the contact points of a body, as functions of its handle rows q (n_rows,
+dim).
+
+A Hessian needs the position Jacobian dx (m, dim, n_rows*dim) of m points. The force on the handles alone is computed
+without it,
+
+    sum_j f_j . (dx_j + dF_j v_j),    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.contact.solver import contact_point_kernels as kernels
+from softprint.runtime.lazy import lazy
+from softprint.runtime.linalg.row_products import deformed_some, placed, placed_some
+from softprint.runtime.mechanics.loaded_points import LoadedPoints
+from softprint.runtime.mechanics.point_condensation import (
+    BoundedPoints,
+    CorotatedPointCondensation,
+    PointCondensation,
+)
+from softprint.runtime.mechanics.static_condensation import StaticCondensation
+
+
+@dataclass(frozen=True, eq=False)
+class PointMotion:
+    """Derivatives of m points by the handle rows, R = n_rows * dim: dx (m, dim, R) of their positions, and the basis
+    gradients (m, n_rows, dim), which give dF."""
+
+    position: Array
+    basis_gradient: Array
+
+
+class ContactPoints:
+    """Material points of a body that may touch a collider, n of them. condensation: of these points, None for a body
+    without static condensation."""
+
+    def __init__(self, material: MaterialPoints, condensation: PointCondensation | None) -> None:
+        self.material, self.condensation = material, condensation
+        self.basis_gradients = np.ascontiguousarray(material.basis_gradient.transpose(0, 2, 1))
+
+    @classmethod
+    def of(
+        cls, body: ReducedBody, loaded: LoadedPoints, condensation: StaticCondensation | None
+    ) -> ContactPoints:
+        """The loaded points of a body; condensation: of all its nodes."""
+        material = loaded.material(body)
+        if condensation is None:
+            return cls(material, None)
+        return cls(material, PointCondensation.at(body, condensation, loaded.corners, loaded.weights))
+
+    def in_frame(self, frame_rows: Array) -> CorotatedPoints:
+        """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
+        condensation = None if self.condensation is None else self.condensation.corotated(frame_rows)
+        return CorotatedPoints(self, frame_rows, condensation)
+
+    def deformation(self, rows: Array, index: IntArray) -> Array:
+        """F (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
+        return deformed_some(self.basis_gradients, rows, index)
+
+
+@dataclass(frozen=True, eq=False)
+class CorotatedPoints:
+    """The contact points in the corotated frame of one step: x is affine in the handle rows. index: (m,) some."""
+
+    points: ContactPoints
+    frame_rows: Array
+    condensation: CorotatedPointCondensation | None
+
+    def positions(self, rows: Array, index: IntArray | None = None) -> Array:
+        """x (m, dim) [m] of some of the points (all by default), static condensation included."""
+        basis = self.points.material.basis
+        x = placed(basis, rows) if index is None else placed_some(basis, rows, index)
+        return x if self.condensation is None else x + self.condensation.displacement(rows, index)
+
+    def bounded_positions(self, rows: Array) -> tuple[Array, Array]:
+        """Approximate positions (n, dim) [m] of all points, and bounds on their error (n,) [m]."""
+        if self._bounded is None:
+            basis = self.points.material.basis
+            return placed(basis, rows), np.zeros(len(basis))
+        return self._bounded(rows)
+
+    @lazy
+    def _bounded(self) -> BoundedPoints | None:
+        return None if self.condensation is None else self.condensation.bounded(self.frame_rows)
+
+    def motion(self, index: IntArray) -> PointMotion:
+        """The derivatives of some of the points (m,) by the rows."""
+        material, (n, dim) = self.points.material, self.frame_rows.shape
+        jacobian = (
+            np.zeros((len(index), dim, n, dim))
+            if self.condensation is None
+            else self.condensation.jacobian(index)
+        )
+        kernels.add_basis(material.basis, index, jacobian)
+        return PointMotion(jacobian.reshape(len(index), dim, -1), material.basis_gradient[index])
+
+    def handle_forces(self, index: IntArray, force: Array, v: Array) -> Array:
+        """sum_j f_j . (dx_j + dF_j v_j)/drows (n_rows, dim) [N] of forces f (m, dim) on points whose displacement v (m,
+        dim) is fixed in rest coordinates."""
+        material = self.points.material
+        forces = kernels.handle_forces(material.basis, self.points.basis_gradients, index, force, v)
+        return forces if self.condensation is None else forces + self.condensation.pulled_back(force, index)

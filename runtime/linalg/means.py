@@ -1,0 +1,49 @@
+"""Compiled kernels for points that are weighted means of nodes: corners (m, c) are the nodes of m points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import compiled, summing
+
+
+def _unique(corners: IntArray, n_nodes: int) -> tuple[IntArray, IntArray]:
+    nodes, own = np.unique(corners, return_inverse=True)
+    return nodes, own.reshape(corners.shape)
+
+
+@compiled(reference=_unique)
+def numbered(corners: IntArray, n_nodes: int) -> tuple[IntArray, IntArray]:
+    """The different nodes (k,) at the corners, ascending, and the corners (m, c) by their places among these. Nodes are
+    numbers below n_nodes."""
+    m, c = corners.shape
+    place = np.zeros(n_nodes, dtype=np.int64)
+    for p in range(m):
+        for a in range(c):
+            place[corners[p, a]] = 1
+    nodes, own = np.flatnonzero(place), np.empty((m, c), dtype=np.int64)
+    for k, node in enumerate(nodes):
+        place[node] = k
+    for p in range(m):
+        for a in range(c):
+            own[p, a] = place[corners[p, a]]
+    return nodes, own
+
+
+def _weighted(values: Array, corners: IntArray, weights: Array) -> Array:
+    return np.einsum("mc,mc...->m...", weights, values[corners])
+
+
+@summing(reference=_weighted)
+def means(values: Array, corners: IntArray, weights: Array) -> Array:
+    """The weighted means (m, ...) of values (k, ...) of nodes; weights (m, c)."""
+    m, c = corners.shape
+    flat = values.reshape(len(values), -1)
+    result = np.zeros((m, flat.shape[1]))
+    for p in range(m):
+        for a in range(c):
+            node, share = corners[p, a], weights[p, a]
+            for i in range(flat.shape[1]):
+                result[p, i] += share * flat[node, i]
+    return result.reshape((m,) + values.shape[1:])  # noqa: RUF005 (the compiler knows no unpacking)

@@ -1,0 +1,154 @@
+"""The points of the surface of a body at which contact forces act, and how the contact nodes share these forces.
+
+The compliance is known at contact nodes (`surface_compliance.py`). Contact acts at the contact nodes themselves, or at
+points on the facets between them, so that less fits through between two points. A force f on a point acts on the
+contact nodes of its facet with the shares N, and the displacement of the point is interpolated with the same shares,
+
+    f_a = sum_p N_pa f_p,    u_p = sum_a N_pa u_a,
+
+so that the compliance among points is N G N^T, symmetric like G. Nodes of rigid frames have no compliance: the shares
+of a facet at the edge of a frame sum to less than one.
+
+Where the contact nodes are fewer than the nodes of the surface, each node of the surface belongs to the nearest contact
+node. The facets are then those whose nodes belong to different contact nodes: one for each triangle of the
+triangulation that is dual to the regions of the contact nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from softprint.runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.lazy import lazy
+from softprint.runtime.linalg.means import means, numbered
+from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
+from softprint.runtime.mesh.mesh import facet_vectors
+from softprint.runtime.mesh.midpoints import midpoints
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedPoints:
+    """n points, each a weighted mean of c nodes of the mesh. corners: (n, c) these nodes, and weights: (n, c); nodes:
+    (n, c) numbers of contact nodes, and shares: N (n, c); areas: (n,) [m^(dim-1)]; normals: (n, dim) outward unit
+    normals at rest."""
+
+    corners: IntArray
+    weights: Array
+    nodes: IntArray
+    shares: Array
+    areas: Array
+    normals: Array
+
+    @classmethod
+    def of_compliance(cls, body: ReducedBody, compliance: SurfaceCompliance, points: int) -> LoadedPoints:
+        """The points that the body has compliance at. points: see `PenaltyContact.reduced_points`."""
+        if not points:
+            return cls.at_nodes(body, compliance.nodes, compliance.areas)
+        surface = body.mesh.surface_nodes
+        outside = surface[~np.isin(surface, body.handles.frame_nodes)]
+        return cls.between(body, compliance.nodes, outside, points)
+
+    @classmethod
+    def of_samples(cls, body: ReducedBody, points: int) -> LoadedPoints:
+        """The surface samples of a body, or points on facets between them, like `of_compliance`."""
+        if not points:
+            return cls.at_nodes(body, body.surface.nodes, body.surface.areas)
+        return cls.between(body, body.surface.nodes, body.mesh.surface_nodes, points)
+
+    @classmethod
+    def at_nodes(cls, body: ReducedBody, nodes: IntArray, areas: Array) -> LoadedPoints:
+        """Nodes (n,) with lumped areas (n,)."""
+        normals = body.node_points(nodes).surface_normal
+        one = np.ones((len(nodes), 1))
+        return cls(nodes[:, None], one, np.arange(len(nodes))[:, None], one, areas, normals)
+
+    @classmethod
+    def between(cls, body: ReducedBody, nodes: IntArray, bearing: IntArray, points: int) -> LoadedPoints:
+        """Points on the facets between nodes (n,), so many along an edge; on all facets where these are the nodes of
+        the surface that bear forces."""
+        mesh, owner = body.mesh, np.full(body.n_nodes, -1)
+        owner[bearing] = cKDTree(mesh.points[nodes]).query(mesh.points[bearing])[1]
+        facets = mesh.facets[(owner[mesh.facets] >= 0).any(axis=1)]
+        centres = mesh.points[facets].mean(axis=1)
+        vectors = facet_vectors(mesh.points, facets)
+        size = np.linalg.norm(vectors, axis=1)
+        chosen = _between_different(facets, owner)
+        nearest = cKDTree(centres[chosen]).query(centres)[1]
+        weights = midpoints(points, mesh.dim)
+        of_facet = np.repeat(np.arange(len(chosen)), len(weights))
+        corners, weights = facets[chosen][of_facet], np.tile(weights, (len(chosen), 1))
+        of = owner[corners]
+        return cls(
+            corners,
+            weights,
+            np.maximum(of, 0),
+            np.where(of >= 0, weights, 0.0),
+            scatter_sum(nearest, size, len(chosen))[of_facet] * len(chosen) / len(of_facet),
+            (vectors[chosen] / size[chosen, None])[of_facet],
+        )
+
+    def __len__(self) -> int:
+        return len(self.areas)
+
+    def take(self, which: slice) -> LoadedPoints:
+        """Some of the points."""
+        return LoadedPoints(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    @lazy
+    def n_nodes(self) -> int:
+        """The number of contact nodes."""
+        return int(self.nodes.max()) + 1
+
+    @property
+    def are_nodes(self) -> bool:
+        """Whether the points are the contact nodes."""
+        return self.nodes.shape[1] == 1
+
+    def material(self, body: ReducedBody) -> MaterialPoints:
+        """The points as material points of their body."""
+        at = body.node_points()
+        if self.are_nodes:
+            return at.take(self.corners[:, 0])
+        rest, basis, gradient = (self._mean(of) for of in (at.rest, at.basis, at.basis_gradient))
+        return MaterialPoints(rest, basis, gradient, np.zeros(len(self)), self.normals)
+
+    def felt(self, index: IntArray, forces: Array) -> tuple[IntArray, Array]:
+        """The contact nodes (m*c,) that feel forces (m, dim) on some of the points, and what each feels of them
+        (m*c, dim). All of a force is felt, by the nodes that can be displaced."""
+        nodes, shares = self.nodes[index], self.shares[index]
+        shares = shares / shares.sum(axis=1, keepdims=True)
+        return nodes.ravel(), (shares[..., None] * forces[:, None]).reshape(nodes.size, forces.shape[1])
+
+    def to_nodes(self, index: IntArray, forces: Array) -> tuple[IntArray, Array]:
+        """The contact nodes (k,), ascending, that forces (m, dim) on some of the points (m,) act on, and their forces
+        (k, dim)."""
+        if self.are_nodes:
+            return index, forces
+        nodes, corners, shares = self.among(index)
+        onto = np.zeros((len(nodes), forces.shape[1]), forces.dtype)
+        np.add.at(onto, corners, shares[..., None].astype(forces.dtype) * forces[:, None])
+        return nodes, onto
+
+    def among(self, index: IntArray) -> tuple[IntArray, IntArray, Array]:
+        """For some of the points (m,): the contact nodes (k,), ascending, that their forces act on, which of these are
+        at their corners (m, c), and the shares (m, c)."""
+        return *numbered(self.nodes[index], self.n_nodes), self.shares[index]
+
+    def _mean(self, of: Array) -> Array:
+        """The means over the corners of a column of the nodes of the mesh."""
+        return means(of, self.corners, self.weights)
+
+
+def _between_different(facets: IntArray, owner: IntArray) -> IntArray:
+    """One facet for each set of different owners of the nodes of a facet; nodes without an owner count as different."""
+    of = np.sort(owner[facets], axis=1)
+    different = ~((np.diff(of, axis=1) == 0) & (of[:, 1:] >= 0)).any(axis=1)
+    candidates = np.flatnonzero(different)
+    first = np.unique(of[candidates], axis=0, return_index=True)[1]
+    whole = np.bincount(owner[owner >= 0]).max(initial=0) <= 1  # every node its own contact node: all facets
+    return candidates if whole else np.sort(candidates[first])

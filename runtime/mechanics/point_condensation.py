@@ -1,0 +1,95 @@
+"""Static condensation at points that are weighted means of nodes: the nodes themselves, or points on facets.
+
+Means of the displacements of nodes keep points on their deformed facets, whatever the rotations of the nodes. What is
+evaluated for all points, the bounds on their positions, costs hardly more than for the nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.linalg.means import means, numbered
+from softprint.runtime.mechanics.position_bounds import BoundedPositions, PositionBounds
+from softprint.runtime.mechanics.static_condensation import CorotatedCondensation, StaticCondensation
+
+
+@dataclass(frozen=True, eq=False)
+class PointCondensation:
+    """The static condensation u of n points. of_nodes: of k nodes; bounds: on the positions of these; corners: (n, c)
+    the nodes that each point is the mean of, with weights (n, c)."""
+
+    of_nodes: StaticCondensation
+    bounds: PositionBounds
+    corners: IntArray
+    weights: Array
+
+    @classmethod
+    def at(
+        cls, body: ReducedBody, condensation: StaticCondensation, corners: IntArray, weights: Array
+    ) -> PointCondensation:
+        """At means of the nodes of a body: corners, weights (n, c). condensation: of all its nodes."""
+        nodes, own = np.unique(corners, return_inverse=True)
+        of_nodes = condensation.at(nodes)
+        bounds = PositionBounds(body.basis[nodes], of_nodes, body.handles)
+        return cls(of_nodes, bounds, own.reshape(corners.shape), weights)
+
+    def corotated(self, frame_rows: Array) -> CorotatedPointCondensation:
+        """u as an affine function of the handle rows, with the rotations of frame rows (n_rows, dim)."""
+        return CorotatedPointCondensation(self, self.of_nodes.corotated(frame_rows))
+
+
+@dataclass(frozen=True, eq=False)
+class CorotatedPointCondensation:
+    """u of n points in the corotated frame of a step. of_nodes: of their nodes."""
+
+    condensation: PointCondensation
+    of_nodes: CorotatedCondensation
+
+    def displacement(self, rows: Array, index: IntArray | None = None) -> Array:
+        """u (m, dim) [m] of some of the points (all by default) at handle rows (n_rows, dim), world frame."""
+        if index is None:
+            own = self.condensation
+            return means(self.of_nodes.displacement(rows), own.corners, own.weights)
+        nodes, corners = self._nodes(index)
+        return means(self.of_nodes.displacement(rows, nodes), corners, self.condensation.weights[index])
+
+    def jacobian(self, index: IntArray) -> Array:
+        """du_a/drows_rb (m, dim, n_rows, dim) of some of the points, world frame."""
+        nodes, corners = self._nodes(index)
+        return means(self.of_nodes.jacobian(nodes), corners, self.condensation.weights[index])
+
+    def pulled_back(self, forces: Array, index: IntArray) -> Array:
+        """sum_k f_k . du_k/drows (n_rows, dim) [N] of forces f (m, dim) [N] on some of the points, world frame."""
+        corners, weights = self.condensation.corners[index], self.condensation.weights[index]
+        on_corners = (weights[..., None] * forces[:, None]).reshape(-1, forces.shape[1])
+        return self.of_nodes.pulled_back(on_corners, corners.ravel())
+
+    def bounded(self, frame_rows: Array) -> BoundedPoints:
+        """Bounds on the positions of the points in a step that starts at frame rows (n_rows, dim)."""
+        own = self.condensation
+        return BoundedPoints(own.bounds.about(frame_rows, self.of_nodes), own.corners, own.weights)
+
+    def _nodes(self, index: IntArray) -> tuple[IntArray, IntArray]:
+        """The nodes (k,) at the corners of some of the points (m,), and these corners (m, c) by their places there."""
+        return numbered(self.condensation.corners[index], len(self.of_nodes.rotations))
+
+
+@dataclass(frozen=True, eq=False)
+class BoundedPoints:
+    """The means of the bounds of the nodes at the corners (n, c) of each point, with weights (n, c)."""
+
+    of_nodes: BoundedPositions
+    corners: IntArray
+    weights: Array
+
+    def __call__(self, rows: Array) -> tuple[Array, Array]:
+        """Approximate positions (n, dim) [m] and the bounds on their error (n,) [m]."""
+        x, reach = self.of_nodes(rows)
+        return (
+            means(x, self.corners, self.weights),
+            means(reach[:, None], self.corners, self.weights)[:, 0],
+        )

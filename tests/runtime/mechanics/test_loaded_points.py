@@ -1,0 +1,109 @@
+"""Contact points on facets: they tile the surface, and their compliance is that of the nodes that they lie between."""
+
+import numpy as np
+import pytest
+
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.loaded_points import LoadedPoints
+from softprint.runtime.mechanics.local_compliance import LocalCompliance
+from softprint.runtime.mesh.mesh import facet_vectors
+
+EVERY_NODE = 10_000
+
+
+SOME = {2: 12, 3: 40}  # by dimension
+
+
+@pytest.fixture(params=[False, True], ids=["every node", "some nodes"])
+def compliance(jelly_body, dim, request):
+    count = SOME[dim] if request.param else EVERY_NODE
+    return compute_mechanics(jelly_body, count, condensation=False).surface_compliance
+
+
+@pytest.fixture(params=[1, 3])
+def points(jelly_body, compliance, request):
+    return LoadedPoints.of_compliance(jelly_body, compliance, request.param)
+
+
+def outside_frames(body):
+    """The facets that are not entirely in rigid frames."""
+    rigid = np.isin(body.mesh.facets, body.handles.frame_nodes)
+    return body.mesh.facets[~rigid.all(axis=1)]
+
+
+def test_points_tile_the_surface_outside_rigid_frames(jelly_body, points):
+    area = np.linalg.norm(facet_vectors(jelly_body.mesh.points, outside_frames(jelly_body)), axis=1).sum()
+    assert points.areas.sum() == pytest.approx(area, rel=1e-12)  # the same numbers in another order
+    assert (points.areas > 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(points.normals, axis=1), 1.0, rtol=1e-12)
+
+
+def test_where_every_node_is_a_contact_node_every_facet_has_a_point(jelly_body, dim):
+    compliance = compute_mechanics(jelly_body, EVERY_NODE, condensation=False).surface_compliance
+    points, facets = (
+        LoadedPoints.of_compliance(jelly_body, compliance, points=1),
+        outside_frames(jelly_body),
+    )
+    np.testing.assert_array_equal(points.corners, facets)
+    rigid = np.isin(facets, jelly_body.handles.frame_nodes)
+    np.testing.assert_allclose(points.shares, np.where(rigid, 0.0, 1.0 / dim), rtol=1e-15)
+    np.testing.assert_array_equal(compliance.nodes[points.nodes][~rigid], facets[~rigid])
+
+
+def test_of_few_contact_nodes_points_lie_between_different_ones(jelly_body, dim):
+    count = SOME[dim]
+    compliance = compute_mechanics(jelly_body, count, condensation=False).surface_compliance
+    points = LoadedPoints.of_compliance(jelly_body, compliance, points=1)
+    assert set(points.nodes[points.shares > 0.0]) == set(range(count))
+    for nodes, shares in zip(points.nodes, points.shares, strict=True):
+        assert len(set(nodes[shares > 0.0])) == (shares > 0.0).sum() > 0
+    between = [
+        frozenset(nodes[shares > 0.0]) for nodes, shares in zip(points.nodes, points.shares, strict=True)
+    ]
+    assert len(set(between)) == len(between)
+    # A closed triangulation has twice as many triangles as nodes, a polygon as many edges; this one has an edge.
+    assert 0.6 < len(points) / ((dim - 1) * count) < 1.4
+
+
+def test_points_move_with_their_facets(jelly_body, points):
+    material, rng = points.material(jelly_body), np.random.default_rng(0)
+    rows = jelly_body.rest_rows + 1e-3 * rng.normal(size=jelly_body.rest_rows.shape)
+    x = jelly_body.reduced_positions(rows)
+    for found, at_nodes in ((material.basis @ rows, x), (material.rest, jelly_body.mesh.points)):
+        expected = (points.weights[..., None] * at_nodes[points.corners]).sum(axis=1)
+        np.testing.assert_allclose(found, expected, atol=1e-15)
+    np.testing.assert_allclose(points.weights.sum(axis=1), 1.0, rtol=1e-15)
+
+
+def test_compliance_among_points_is_that_of_the_forces_on_nodes(jelly_body, compliance, points, dim):
+    """The energy of forces on points is that of the same forces on the contact nodes, and reciprocity is exact."""
+    rng, all_pairs = np.random.default_rng(1), compliance.among_nodes()
+    local = InterpolatedCompliance(LocalCompliance(all_pairs), points)
+    index = np.sort(rng.permutation(len(points))[:10])
+    G, forces = local.among(index), rng.normal(size=(10, dim))
+    np.testing.assert_array_equal(G, G.T)
+    np.testing.assert_array_equal(local.among(index[3:]), G[3 * dim :, 3 * dim :])
+    at = np.sort(rng.permutation(len(points))[:10])
+    by_all = local.among(np.union1d(at, index)).reshape(-1, dim, len(np.union1d(at, index)), dim)
+    here, there = (np.searchsorted(np.union1d(at, index), some) for some in (at, index))
+    moved = np.einsum("iajb,jb->ia", by_all[here][:, :, there], forces)
+    # Rounded to float32.
+    np.testing.assert_allclose(
+        local.displacement(at, index, forces), moved, rtol=1e-4, atol=1e-5 * np.abs(moved).max()
+    )
+    nodes, onto = points.to_nodes(index, forces)
+    expected = np.einsum("ia,ijab,jb", onto, all_pairs[nodes[:, None], nodes].astype(np.float64), onto)
+    # Rounded to float32.
+    assert forces.ravel() @ G @ forces.ravel() == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_contact_nodes_as_points_are_themselves(jelly_body, compliance, dim):
+    points = LoadedPoints.of_compliance(jelly_body, compliance, points=0)
+    index, forces = np.array([1, 4, 7]), np.random.default_rng(2).normal(size=(3, dim))
+    for found, expected in zip(points.to_nodes(index, forces), (index, forces), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(points.corners[:, 0], compliance.nodes)
+    nodes, corners, shares = points.among(index)
+    np.testing.assert_array_equal(nodes[corners[:, 0]], index)
+    assert (shares == 1.0).all()
