@@ -2,9 +2,9 @@
 
 Contact acts at points of the body's surface, and a collider can pass between them, or be pressed farther than the body
 gives way. Points on the collider's surface are therefore compared with the nearest contact points of the deformed
-surface: one on the inner side of its nearest point is as deep in the body as it is far from that point. This measure is right to about
-the distance between nodes, so that a collider counts as piercing from a multiple of that distance. A body thinner than
-twice that depth can be passed unseen. `intrusion.py` has the exact depth, from all cells of the body.
+surface: one on the inner side of its nearest point is as deep in the body as it is far from that point. This measure is
+right to about the distance between nodes, so that a collider counts as piercing from a multiple of that distance. A
+body thinner than twice that depth can be passed unseen. `intrusion.py` has the exact depth, from all cells of the body.
 """
 
 from __future__ import annotations
