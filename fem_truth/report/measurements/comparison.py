@@ -33,7 +33,7 @@ def root_mean_square(distances: Array) -> float:
 
 @dataclass(frozen=True)
 class ModelFrames:
-    """Errors of one model in a sequence of frames; every array is (n_frames,), in metres.
+    """Errors of one model in a sequence of frames; every array is (n_frames,), lengths in metres.
 
     Sums of squares are stored instead of roots, so that frames of several scenes can be pooled exactly.
     """
@@ -44,6 +44,8 @@ class ModelFrames:
     near_bare_squares: Array
     rms: Array  # root mean square over the nodes
     worst_node: Array  # max_i d_i
+    bare_worst_node: Array  # the same for the bare subspace
+    inverted: Array  # number of cells with det F <= 0
     max_depth: Array  # deepest surface node inside the collider
     frames: IntArray  # frame numbers in the motion
 
@@ -59,7 +61,8 @@ class ModelFrames:
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One row of an error table; relative errors as fractions, lengths in metres."""
+    """One row of an error table; relative errors as fractions, lengths in metres. inverted_frames: those that show an
+    inverted cell; worse_frames: those whose worst node is farther off than that of the bare subspace."""
 
     relative_rms: float
     relative_rms_squared: float
@@ -71,6 +74,8 @@ class ErrorRow:
     worst_node: float
     max_penetration: float
     mean_penetration: float
+    inverted_frames: int
+    worse_frames: int
     n_frames: int
 
     def as_dict(self) -> dict[str, float]:
@@ -78,12 +83,12 @@ class ErrorRow:
 
 
 def measure_frame(
-    frame: int, positions: Array, bare: Array, full: Array, near: BoolArray, depth: Array
+    frame: int, positions: Array, bare: Array, full: Array, near: BoolArray, depth: Array, inverted: int
 ) -> ModelFrames:
     """Compare a model with the full motion in one frame; `pool` joins the frames of a motion.
 
     positions, bare, full: (n_nodes, dim) node positions [m]; near: (n_nodes,) nodes counted as near the
-    collider; depth: (n_surface,) penetration of the model's surface nodes [m]."""
+    collider; depth: (n_surface,) penetration of the model's surface nodes [m]; inverted: number of cells."""
     distance, bare_distance = node_distances(positions, full), node_distances(bare, full)
     one = {
         "squares": np.square(distance).sum(),
@@ -92,6 +97,8 @@ def measure_frame(
         "near_bare_squares": np.square(bare_distance[near]).sum(),
         "rms": root_mean_square(distance),
         "worst_node": distance.max(),
+        "bare_worst_node": bare_distance.max(),
+        "inverted": inverted,
         "max_depth": depth.max(initial=0.0),
     }
     arrays = {name: np.array([value], dtype=float) for name, value in one.items()}
@@ -116,6 +123,8 @@ def error_row(model: ModelFrames) -> ErrorRow:
         worst_node=float(model.worst_node.max()),
         max_penetration=float(model.max_depth.max()),
         mean_penetration=float(model.max_depth.mean()),
+        inverted_frames=int((model.inverted > 0).sum()),
+        worse_frames=int((model.worst_node > model.bare_worst_node).sum()),
         n_frames=int(model.frames.size),
     )
 

@@ -20,6 +20,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.elasticity.invariants import determinant
 from softprint.runtime.learned.static_correction import StaticCorrection
 
 
@@ -55,6 +56,11 @@ class Comparer:
     def depth(self, positions: Array, pose: RigidPose) -> Array:
         """(n_surface,) penetration of the surface nodes [m]."""
         return np.maximum(0.0, -self.collider.sdf(pose.apply_inverse(positions[self._surface])))
+
+    def _inverted(self, positions: Array) -> int:
+        """How many cells have det F <= 0."""
+        F = self.body.mesh.deformation_gradients(positions)
+        return int((determinant(F) <= 0.0).sum())
 
     def rows(self, frame: int) -> Array:
         """The reduced state of a frame, by `ReducedBody.project`."""
@@ -112,7 +118,7 @@ class Comparer:
         full, bare = positions["full"], positions["bare"]
         near = self.collider.sdf(pose.apply_inverse(full)) < 0.5 * self.collider.size
         return {
-            name: measure_frame(frame, x, bare, full, near, self.depth(x, pose))
+            name: measure_frame(frame, x, bare, full, near, self.depth(x, pose), self._inverted(x))
             for name, x in positions.items()
         }
 

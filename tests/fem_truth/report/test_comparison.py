@@ -17,9 +17,9 @@ from softprint.fem_truth.report.measurements.comparison import (
 ROUND_OFF = 1e-12  # sums of a few squares in float64
 
 
-def one_frame(positions, bare, full, frame=0, near=None, depth=(0.0,)):
+def one_frame(positions, bare, full, frame=0, near=None, depth=(0.0,), inverted=0):
     near = np.ones(len(full), dtype=bool) if near is None else near
-    return measure_frame(frame, positions, bare, full, near, np.asarray(depth, dtype=float))
+    return measure_frame(frame, positions, bare, full, near, np.asarray(depth, dtype=float), inverted)
 
 
 @pytest.fixture
@@ -48,6 +48,19 @@ def test_by_hand():
     assert row.rms == pytest.approx(np.sqrt(6.25 / 2), abs=ROUND_OFF)
     assert row.worst_node == pytest.approx(2.5, abs=ROUND_OFF)
     assert row.max_penetration == 0.3
+
+
+def test_frames_that_no_one_should_see_are_counted():
+    """With an inverted cell, and with a node farther off than any of the bare subspace."""
+    full, bare = np.zeros((2, 2)), np.array([[3.0, 0.0], [0.0, 4.0]])
+    model = np.array([[0.0, 0.0], [1.5, 2.0]])
+    frames = [
+        one_frame(model, bare, full),
+        one_frame(model, bare, full, inverted=2),
+        one_frame(1.1 * bare, bare, full),
+    ]
+    row = error_row(pool(frames))
+    assert (row.inverted_frames, row.worse_frames, row.n_frames) == (1, 1, 3)
 
 
 def test_near_contact_counts_only_the_marked_nodes():
@@ -119,9 +132,7 @@ def test_evenly_spaced_keeps_both_ends():
 def frames_with_rms(frames, rms):
     n = len(frames)
     zeros = np.zeros(n)
-    return ModelFrames(
-        zeros, zeros, zeros, zeros, np.asarray(rms, dtype=float), zeros, zeros, np.asarray(frames)
-    )
+    return ModelFrames(*[zeros] * 4, np.asarray(rms, dtype=float), *[zeros] * 4, np.asarray(frames))
 
 
 def test_frames_to_show_follow_the_rule_and_do_not_repeat():

@@ -43,7 +43,13 @@ def error_rows(models):
     ]
     rng = np.random.default_rng(1)
     return {
-        model: {**dict(zip(names, rng.uniform(1e-4, 1.2, len(names)))), "worst_frame": 3, "n_frames": 9}
+        model: {
+            **dict(zip(names, rng.uniform(1e-4, 1.2, len(names)))),
+            "worst_frame": 3,
+            "inverted_frames": 2,
+            "worse_frames": 1,
+            "n_frames": 9,
+        }
         for model in models
     }
 
