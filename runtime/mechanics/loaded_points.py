@@ -26,7 +26,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.means import means, numbered
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
+from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance, outside_frames
 from softprint.runtime.mesh.mesh import facet_vectors
 from softprint.runtime.mesh.midpoints import midpoints
 
@@ -49,9 +49,7 @@ class LoadedPoints:
         """The points that the body has compliance at. points: see `PenaltyContact.reduced_points`."""
         if not points:
             return cls.at_nodes(body, compliance.nodes, compliance.areas)
-        surface = body.mesh.surface_nodes
-        outside = surface[~np.isin(surface, body.handles.frame_nodes)]
-        return cls.between(body, compliance.nodes, outside, points)
+        return cls.between(body, compliance.nodes, outside_frames(body)[0], points)
 
     @classmethod
     def of_samples(cls, body: ReducedBody, points: int) -> LoadedPoints:

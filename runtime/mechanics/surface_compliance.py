@@ -154,7 +154,7 @@ def compute_surface_compliance(
 
 def n_columns(body: ReducedBody, at_most: int) -> int:
     """How many columns `compute_surface_compliance` solves for, anchors counted twice."""
-    n_contact = min(len(_candidates(body)[0]), at_most)
+    n_contact = min(len(outside_frames(body)[0]), at_most)
     return n_contact if n_contact <= _ANCHORS else n_contact + _ANCHORS
 
 
@@ -238,7 +238,7 @@ def _parts(matrix: sp.csr_matrix) -> tuple[NDArray[np.int32], NDArray[np.int32],
     return matrix.indptr, matrix.indices, matrix.data
 
 
-def _candidates(body: ReducedBody) -> tuple[IntArray, Array]:
+def outside_frames(body: ReducedBody) -> tuple[IntArray, Array]:
     """Nodes of the surface outside rigid frames, and their areas."""
     mesh = body.mesh
     outside = ~np.isin(mesh.surface_nodes, body.handles.frame_nodes)
@@ -252,7 +252,7 @@ def _candidates(body: ReducedBody) -> tuple[IntArray, Array]:
 def _contact_nodes(body: ReducedBody, at_most: int) -> tuple[IntArray, Array, sp.csr_matrix]:
     """The contact nodes, their areas, and the distribution of their forces over the nodes: (n_contact, n_nodes), with
     rows that sum to one."""
-    candidates, areas = _candidates(body)
+    candidates, areas = outside_frames(body)
     rest, nodes = body.mesh.points, candidates
     if len(candidates) > at_most:
         nodes = candidates[np.sort(farthest_points(rest[candidates], at_most))]

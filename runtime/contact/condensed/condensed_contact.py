@@ -114,19 +114,20 @@ class CondensedContact:
         colliders = tuple(PosedCollider(self.searches[name].collider, poses[name]) for name in near)
         distance = PointDistance(tuple(near), colliders, owner)
         problem = self._problem(rows, candidates, distance)
-        start = solution = None
-        if warm_start is not None:
+        if warm_start is None:
+            solution = problem.solve()
+        else:
             which = candidates.may_be_active
             start = warm_start.predict(candidates.index[which], problem, poses, distance.among(which))
             if start is None:  # the warm start is from a state too far away to be useful
                 return self._solve(points, rows, poses, None)
-            solution = problem.follow(start)
-            if solution is None and halvings:
+            followed = problem.follow(start)
+            if followed is None and halvings:
                 last = warm_start.solved
                 half = {name: last.poses.get(name, pose).towards(pose, 0.5) for name, pose in poses.items()}
                 middle = self._solve(points, 0.5 * (last.rows + rows), half, warm_start, halvings - 1)
                 return self._solve(points, rows, poses, self.resume(middle), halvings - 1)
-        solution = problem.solve(start) if solution is None else solution
+            solution = problem.descend(start) if followed is None else followed
         for _ in range(_SEARCHES):
             pushed = self._pushed_in(rows, candidates, problem, solution, distance)
             if not pushed.any():

@@ -47,18 +47,14 @@ class PointDistance:
             found[mine] = collider.value(x[mine])
         return found
 
-    def motion_since(self, before: PointDistance, y: Array) -> tuple[Array, Array]:
-        """How far the colliders carry points at y (m, dim) along from where they were `before`, (m, dim) [m], and by
-        which rotations (m, dim, dim)."""
-        follows, rotations = np.empty_like(y), np.empty((*y.shape, y.shape[1]))
-        for mine, start, end in zip(self._owned, before.colliders, self.colliders, strict=True):
-            follows[mine] = end.pose.apply(start.pose.apply_inverse(y[mine])) - y[mine]
-            rotations[mine] = end.pose.rotation @ start.pose.rotation.T
-        return follows, rotations
-
     def among(self, which: BoolArray | IntArray) -> PointDistance:
         """For some of the points (m,)."""
         return PointDistance(self.names, self.colliders, self.owner[which])
+
+    @property
+    def poses(self) -> list[RigidPose]:
+        """Of the colliders."""
+        return [one.pose for one in self.colliders]
 
     def at(self, poses: Poses) -> PointDistance:
         """With the colliders at other poses, those that have one there."""
@@ -82,6 +78,19 @@ class PointDistance:
     def _owned(self) -> list[IntArray]:
         """For each collider, its points."""
         return [np.flatnonzero(self.owner == number) for number in range(len(self.colliders))]
+
+
+def carried(
+    y: Array, owner: IntArray, before: Sequence[RigidPose], after: Sequence[RigidPose]
+) -> tuple[Array, Array]:
+    """dc (m, dim) [m] and T (m, dim, dim): how far, and by which rotations, the colliders that own them (m,) carry
+    points at y (m, dim) along from their poses before to those after."""
+    follows, rotations = np.empty_like(y), np.empty((*y.shape, y.shape[1]))
+    for number, (start, end) in enumerate(zip(before, after, strict=True)):
+        mine = slice(None) if len(before) == 1 else owner == number
+        follows[mine] = end.apply(start.apply_inverse(y[mine])) - y[mine]
+        rotations[mine] = end.rotation @ start.rotation.T
+    return follows, rotations
 
 
 @dataclass(frozen=True, eq=False)

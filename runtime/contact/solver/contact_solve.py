@@ -118,15 +118,7 @@ class ContactProblem:
     def solve(self, start: StartingPoint | None = None) -> ContactSolution:
         """The equilibrium contact forces; start: the warm start. Logs a warning where they do not converge."""
         found = self.follow(start)
-        if found is None:
-            found = self._descend(start)
-        if not found.converged:
-            log.warning(
-                "the contact solve did not converge after %d iterations: residual %.1e m",
-                found.iterations,
-                found.residual,
-            )
-        return found
+        return self.descend(start) if found is None else found
 
     def follow(self, start: StartingPoint | None) -> ContactSolution | None:
         """The equilibrium by Newton's method alone; None where it does not converge, or to one farther off than the
@@ -162,9 +154,9 @@ class ContactProblem:
         phi = kernels.pulled_back(F, pressure, at.gradient)
         return self._solution(e, at, phi, lag, converged, iteration, residual), began
 
-    def _descend(self, near: StartingPoint | None) -> ContactSolution:
+    def descend(self, near: StartingPoint | None) -> ContactSolution:
         """Newton's method on E over the forces, with a line search: slower, but E always decreases. It starts from zero
-        forces where there is no warm start."""
+        forces where there is no warm start. Logs a warning where it does not converge."""
         phi = np.zeros_like(self.position) if near is None else self._forces(*near)
         v = self._apply(phi)
         at = self._distance(v)
@@ -187,6 +179,10 @@ class ContactProblem:
                     break
                 length *= 0.5
             phi, v = phi + length * change, trial
+        if not converged:
+            log.warning(
+                "the contact solve did not converge after %d iterations: residual %.1e m", iteration, residual
+            )
         return self._solution(e, at, balanced, lag, converged, iteration, residual)
 
     def _direction(

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.compiled import compiled
-from softprint.runtime.contact.solver.candidates import PointDistance
+from softprint.runtime.contact.solver.candidates import PointDistance, carried
 from softprint.runtime.contact.solver.contact_point_kernels import places
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, StartingPoint
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
@@ -69,7 +69,7 @@ class _Earlier(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class WarmStart:
     """A solved contact from which the contact solves of nearby states start. compliance: among the contact points of
-    the body; stiffness: a k (n_nodes,) [N/m^2] of all of them."""
+    the body; stiffness: a k (n,) [N/m^2] of all of them."""
 
     solved: SolvedContact
     compliance: PointCompliance
@@ -89,7 +89,8 @@ class WarmStart:
         that is too far away. after: the distance of these points."""
         near, solution = self.solved, self.solved.solution
         b, g, pressure = solution.active, solution.normal, solution.pressure
-        follows, rotations = _with_colliders(near, poses)
+        before, now = ([at[name] for name in near.names] for at in (near.poses, poses))
+        follows, rotations = carried(near.deformed_position, near.owner, before, now)
         at = places(near.index, index)
         positions = problem.position, problem.F, near.position, near.F
         moved, force_change = _motion_and_force_change(
@@ -119,21 +120,9 @@ class WarmStart:
         y = problem.position[at] + to_world(problem.F[at], v)
         before = after.at(near.poses)
         distance = before(y)
-        follows, rotations = after.motion_since(before, y)
+        follows, rotations = carried(y, after.owner, before.poses, after.poses)
         nothing = np.zeros(len(index))
         return _Earlier(-distance.value, nothing, distance.gradient, distance.hessian, -follows, rotations)
-
-
-def _with_colliders(near: SolvedContact, poses: Poses) -> tuple[Array, Array]:
-    """dc (m, dim) [m] and T (m, dim, dim) of the points, by the motion of their colliders."""
-    y = near.deformed_position
-    follows, rotations = np.empty_like(y), np.empty((*y.shape, y.shape[1]))
-    for number, name in enumerate(near.names):
-        mine = slice(None) if len(near.names) == 1 else near.owner == number
-        before, after = near.poses[name], poses[name]
-        follows[mine] = after.apply(before.apply_inverse(y[mine])) - y[mine]
-        rotations[mine] = after.rotation @ before.rotation.T
-    return follows, rotations
 
 
 @compiled

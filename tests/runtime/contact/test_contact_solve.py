@@ -19,7 +19,7 @@ def single(depth: float) -> ContactProblem:
 
 def descended(problem: ContactProblem) -> ContactSolution:
     """By the line search that Newton's method falls back on."""
-    return problem._descend(None)
+    return problem.descend(None)
 
 
 @pytest.mark.parametrize("solve", [ContactProblem.solve, descended], ids=["newton", "descent"])
