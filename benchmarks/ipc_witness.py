@@ -35,6 +35,7 @@ from softprint.runtime.colliders.library import library_surface
 from softprint.runtime.colliders.surface_mesh.mesh_collider import mesh_collider
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.intrusion import intrusion
+from softprint.runtime.contact.sharp_contact import SharpContact
 from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
@@ -143,11 +144,12 @@ class Block:
         """Pressed by Softprint: refinement 0 is contact at nodes."""
         mesh = self.mesh
         collider, points = solid.collider(), SurfaceQuadrature.of(mesh, refinement)
+        law = PenaltyContact(stiffness, refinement)
+        sharp = SharpContact.of(collider, law, mesh)
         x, held, before = mesh.points.copy(), np.repeat(self.held[:, None], 3, axis=1), 0.0
         for depth in depths:
             for part in np.linspace(before, depth, 1 + max(1, round((depth - before) / STEP)))[1:]:
-                law = PenaltyContact(stiffness, refinement)
-                contact = SurfaceContact(law, points, collider, _at(SIZE[2] - part))
+                contact = SurfaceContact(law, points, collider, _at(SIZE[2] - part), sharp)
                 x = equilibrium(self.elasticity, held, x, (contact,), tolerance=1e-6)
             before = depth
             yield Pressed(x, float(contact.gradient(x)[:, 2].sum()), -contact.max_depth(x))

@@ -47,11 +47,14 @@ from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
+from softprint.runtime.optimise import NewtonSettings
 from softprint.runtime.shapes.shape import Shape
 from softprint.runtime.shapes.solid import Field, box, capsule, torus, tube, union
 
 CONTACT_NODES = 3000
 RESOLUTION = 96  # cells along the longest side: less than half a millimetre
+# Of the judge: where an edge slides over the surface, each corner of a facet that it crosses takes some iterations.
+_JUDGE_ITERATIONS = 100
 SCANNED = 0.025  # m, half of the longest side
 CLEAR, DRAG = 0.003, 0.02  # m, above the body at first; sideways
 TIMES = (0.0, 0.3, 0.4, 1.2)  # s: begins, is down, is dragged, ends
@@ -172,8 +175,9 @@ class Bench:
     def _simulator(self, shape: Collider, path: KeyframedPath, model: str) -> Simulator | FullSpaceSimulator:
         own = self.experiment.dynamics
         held = [KinematicHandle(frame.name) for frame in self.body.handles.frames]
-        settings = DynamicsSettings(own.time_step)
+        settings = DynamicsSettings(own.time_step, NewtonSettings(own.max_iterations))
         if model == "full":
+            settings = DynamicsSettings(own.time_step, NewtonSettings(_JUDGE_ITERATIONS))
             return FullSpaceSimulator(
                 self.body,
                 [PlacedCollider(shape.name, shape, path)],

@@ -32,6 +32,7 @@ from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.colliders.size_check import check_size
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.contact.contact_force import SurfaceForces, resultant
+from softprint.runtime.contact.sharp_contact import SharpContact
 from softprint.runtime.dynamics import (
     ContactForce,
     DynamicsSettings,
@@ -111,6 +112,7 @@ class FullSpaceSimulator:
         if barrier is not None and friction is not None and friction.coefficient > 0:
             raise SoftprintError("contact by a barrier is without friction: set contact.friction = 0")
         self._contact_points = whole_body(body).contact_points(contact.refinement)
+        self._sharp = [SharpContact.of(placed.collider, contact, body.mesh) for placed in self.colliders]
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
         self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
         self._springs, self._kinematic = tuple(springs), tuple(kinematic)
@@ -236,9 +238,9 @@ class FullSpaceSimulator:
             return {name: BarrierContact(own, poses[name], x) for name, own in self._surfaces.items()}
         return {
             placed.name: SurfaceContact(
-                self._contact, self._contact_points, placed.collider, poses[placed.name]
+                self._contact, self._contact_points, placed.collider, poses[placed.name], sharp
             )
-            for placed in self.colliders
+            for placed, sharp in zip(self.colliders, self._sharp, strict=True)
         }
 
     def _parts(
@@ -255,9 +257,9 @@ class FullSpaceSimulator:
         contacts = self._contacts(poses, state.x if x is None else x)
         friction: dict[str, LaggedFriction] = {}
         if self._friction is not None and inertia is not None:
-            points, h = self._contact_points, self.settings.time_step
+            h = self.settings.time_step
             friction = {
-                name: LaggedFriction(self._friction, points, state.x, state.poses[name], poses[name], h)
+                name: LaggedFriction(self._friction, state.x, state.poses[name], poses[name], h)
                 for name in contacts
             }
         smooth: dict[str, list[Potential]] = {

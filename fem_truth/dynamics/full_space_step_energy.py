@@ -68,7 +68,7 @@ class StepEnergy(TotalEnergy):
         for name, friction in self._friction.items():
             contact = self._contacts[name]
             assert isinstance(contact, SurfaceContact)  # a barrier has no friction
-            friction.lag(contact.terms(x))
+            friction.lag(contact.bearing(x))
 
     def stepped(self, x: Array, step: Array, before: Gradient, after: Gradient) -> bool:
         super().stepped(x, step, before, after)

@@ -1,13 +1,14 @@
 """Contact and friction of the surface of a body in full space, with value, gradient and Hessian contribution.
 
-Both are summed over points of the surface (`runtime/contact/surface_quadrature.py`); their potentials are those of the
-runtime. As the others (`potentials.py`), they act on node positions x (n_nodes, dim) in the mesh's order and return
-this rank's shares.
+Both are summed over points of the surface (`runtime/contact/surface_quadrature.py`), and over its points that a
+collider's tips and edges press (`runtime/contact/sharp_contact.py`); their potentials are those of the runtime. As the
+others (`potentials.py`), they act on node positions x (n_nodes, dim) in the mesh's order and return this rank's shares.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -23,48 +24,93 @@ from softprint.runtime.contact import (
     LaggedContact,
     PenaltyContact,
 )
-from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
+from softprint.runtime.contact.sharp_contact import SharpTerms
+from softprint.runtime.contact.surface_quadrature import FacetPoints, SurfaceQuadrature
 
 # A slip has converged if its relative change in a Newton iteration is below this.
 _SETTLED = 0.3
 
 
+class SharpSurface(Protocol):
+    """Contact of a collider's sharp points with the surface: `SharpContact`, or of a part of a body (`BodyPart`)."""
+
+    def terms(self, x: Array, pose: RigidPose, /) -> SharpTerms: ...
+
+
+@dataclass(frozen=True, eq=False)
+class BearingPoints:
+    """The points of the surface that bear contact forces, n of them. gradient, normal: (n, dim), as in `ContactTerms`;
+    depth: (n,) [m]."""
+
+    points: FacetPoints
+    gradient: Array
+    normal: Array
+    depth: Array
+
+    @property
+    def index(self) -> IntArray:
+        """(n,) of all."""
+        return np.arange(len(self.depth))
+
+
 class SurfaceContact:
     """Penalty contact of the surface with one collider at one pose, including the curvature of the signed distance.
-    points: of the surface, at which contact is evaluated.
+    points: of the surface, at which contact is evaluated; sharp: contact of the collider's sharp points.
 
     The terms of the last x are cached, because energy, gradient and Hessian are evaluated at the same x.
     """
 
     def __init__(
-        self, contact: PenaltyContact, points: SurfaceQuadrature, collider: Collider, pose: RigidPose
+        self,
+        contact: PenaltyContact,
+        points: SurfaceQuadrature,
+        collider: Collider,
+        pose: RigidPose,
+        sharp: SharpSurface | None = None,
     ) -> None:
-        self.contact, self.points = contact, points
+        self.contact, self.points, self.sharp = contact, points, sharp
         self.collider, self.pose = collider, pose
         self._at: Array | None = None
         self._terms: ContactTerms
+        self._sharp_terms: SharpTerms | None
 
-    def terms(self, x: Array) -> ContactTerms:
-        """Contact terms at x; their index counts the points of the surface."""
+    def terms(self, x: Array) -> tuple[ContactTerms, SharpTerms | None]:
+        """Contact terms at x; the index of the former counts the points of the surface."""
         if self._at is not x:
             near = self.points.near(x, self.collider, self.pose)
-            own = self.points.positions(x, near), self.points.area(near)
+            own = self.points.points(near).positions(x), self.points.area(near)
             terms = self.contact.terms(*own, self.collider, self.pose)
             self._terms = replace(terms, index=near[terms.index])
+            self._sharp_terms = None if self.sharp is None else self.sharp.terms(x, self.pose)
             self._at = x
-        return self._terms
+        return self._terms, self._sharp_terms
+
+    def bearing(self, x: Array) -> BearingPoints:
+        """Where contact acts."""
+        terms, sharp = self.terms(x)
+        own = self.points.points(terms.index), terms.gradient, terms.normal, terms.depth
+        if sharp is None:
+            return BearingPoints(*own)
+        others = sharp.gradient, sharp.normal, sharp.depth
+        return BearingPoints(
+            own[0].joined(sharp.points), *map(np.concatenate, zip(own[1:], others, strict=True))
+        )
 
     def energy(self, x: Array) -> float:
-        return self.terms(x).energy
+        terms, sharp = self.terms(x)
+        return terms.energy + (0.0 if sharp is None else sharp.energy)
 
     def gradient(self, x: Array) -> Array:
-        terms = self.terms(x)
-        return self.points.gradient(terms.index, terms.gradient, len(x))
+        bearing = self.bearing(x)
+        return bearing.points.gradient(bearing.gradient, len(x))
 
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
-        terms = self.terms(x)
+        terms, sharp = self.terms(x)
         by_point = positive_part(terms.hessian) if convex else terms.hessian
-        matrix.add_facets(*self.points.hessian(terms.index, by_point))
+        matrix.add_facets(*self.points.points(terms.index).hessian(by_point))
+        if sharp is not None and len(sharp.points):
+            by_nodes = sharp.hessian(x)
+            matrix.add_facets(sharp.points.nodes, _convex(by_nodes) if convex else by_nodes)
 
     @property
     def nodes(self) -> IntArray:
@@ -76,11 +122,18 @@ class SurfaceContact:
 
     def touched(self, x: Array) -> IntArray:
         """(k,) nodes that contact acts on, ascending."""
-        return np.unique(self.points.corners(self.terms(x).index)[0])
+        return np.unique(self.bearing(x).points.nodes)
 
     def max_depth(self, x: Array) -> float:
-        """Deepest penetration of a point of the surface [m]; 0 without contact."""
-        return float(self.terms(x).depth.max(initial=0.0))
+        """Deepest penetration of a point of the surface, or of a sharp point of the collider [m]; 0 without contact."""
+        return float(self.bearing(x).depth.max(initial=0.0))
+
+
+def _convex(blocks: Array) -> Array:
+    """The positive parts of Hessians (m, c, c, dim, dim) by the nodes of facets."""
+    m, c, _, dim, _ = blocks.shape
+    flat = blocks.transpose(0, 1, 3, 2, 4).reshape(m, c * dim, c * dim)
+    return positive_part(flat).reshape(m, c, dim, c, dim).transpose(0, 1, 3, 2, 4)
 
 
 class LaggedFriction:
@@ -101,32 +154,31 @@ class LaggedFriction:
     def __init__(
         self,
         friction: CoulombFriction,
-        points: SurfaceQuadrature,
         start: Array,
         pose_start: RigidPose,
         pose_end: RigidPose,
         time_step: float,
     ) -> None:
-        self._friction, self._points, self._start = friction, points, start
+        self._friction, self._start = friction, start
         self._pose_start, self._pose_end, self._time_step = pose_start, pose_end, time_step
+        self._points: FacetPoints
         self._lagged: LaggedContact
 
-    def lag(self, contact: ContactTerms) -> None:
-        """Set the normals and normal forces to those of `contact`, evaluated with the collider at pose_end."""
-        self._index = contact.index
-        numbered = replace(contact, index=np.arange(len(contact.index)))
-        start = self._points.positions(self._start, self._index)
-        self._lagged = self._friction.lag(numbered, start, self._pose_start, self._pose_end)
+    def lag(self, bearing: BearingPoints) -> None:
+        """Set the points, normals and normal forces to those of a contact with the collider at pose_end."""
+        self._points = bearing.points
+        start = self._points.positions(self._start)
+        self._lagged = self._friction.lag(bearing, start, self._pose_start, self._pose_end)
         self._last_slip = np.full_like(self._lagged.anchor, np.inf)
 
     def _terms(self, x: Array) -> FrictionTerms:
-        return self._friction.terms(self._points.positions(x, self._index), self._lagged, self._time_step)
+        return self._friction.terms(self._points.positions(x), self._lagged, self._time_step)
 
     def energy(self, x: Array) -> float:
         return self._terms(x).energy
 
     def gradient(self, x: Array) -> Array:
-        return self._points.gradient(self._index, self._terms(x).gradient, len(x))
+        return self._points.gradient(self._terms(x).gradient, len(x))
 
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
         terms, slip = self._terms(x), self._slip(x)
@@ -136,11 +188,11 @@ class LaggedFriction:
             settled = change < _SETTLED * np.linalg.norm(slip, axis=1)
             hessian[settled] = terms.hessian[settled]
             self._last_slip = slip
-        matrix.add_facets(*self._points.hessian(self._index, hessian))
+        matrix.add_facets(*self._points.hessian(hessian))
 
     def _slip(self, x: Array) -> Array:
         """u (m, dim): tangential displacement relative to the collider [m]."""
-        offset = self._points.positions(x, self._index) - self._lagged.anchor
+        offset = self._points.positions(x) - self._lagged.anchor
         normal = self._lagged.normal
         return offset - (offset * normal).sum(axis=1, keepdims=True) * normal
 

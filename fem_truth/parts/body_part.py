@@ -17,6 +17,10 @@ from softprint.fem_truth.parts.group import GroupShare, nodes_of_parts
 from softprint.fem_truth.parts.partition import partition
 from softprint.fem_truth.parts.share import WHOLE, Share
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.contact.sharp_contact import SharpContact, SharpTerms
 from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.errors import SoftprintError
@@ -89,23 +93,57 @@ class BodyPart:
             return SurfaceQuadrature.at_nodes(self.surface_nodes, self.surface_areas)
         return SurfaceQuadrature.on_facets(self.mesh.points, self.surface_facets, refinement)
 
+    def sharp_contact(
+        self, collider: Collider, law: PenaltyContact
+    ) -> SharpContact | PartSharpContact | None:
+        """Contact of a collider's sharp points with the facets of this rank's cells; None where contact is at nodes."""
+        sharp = SharpContact.of(collider, law, self.body.mesh)
+        return sharp if sharp is None or self.mesh is self.body.mesh else PartSharpContact(sharp, self)
+
     @cached_property
     def surface_facets(self) -> IntArray:
         """(f, dim) facets of the body's surface that are of this rank's cells."""
+        return self._own_facets[1]
+
+    @cached_property
+    def _own_facets(self) -> tuple[IntArray, IntArray]:
+        """The facets of the body's surface that are of this rank's cells: their numbers (f,) in the body, and their
+        nodes (f, dim) in the part."""
         facets = self.mesh.facets
         if self.mesh is self.body.mesh:
-            return facets
+            return np.arange(len(facets)), facets
         # Facets of this part that are not of the surface lie between parts.
         number = self.take(np.arange(self.body.n_nodes, dtype=float)).astype(np.int64)
         own, whole = np.sort(number[facets], axis=1), np.sort(self.body.mesh.facets, axis=1)
-        _, place = np.unique(np.concatenate([whole, own]), axis=0, return_inverse=True)
-        return facets[np.isin(place.ravel()[len(whole) :], place.ravel()[: len(whole)])]
+        _, first, place = np.unique(
+            np.concatenate([whole, own]), axis=0, return_index=True, return_inverse=True
+        )
+        in_body = first[place.ravel()[len(whole) :]]
+        return in_body[in_body < len(whole)], facets[in_body < len(whole)]
 
     def local(self, nodes: IntArray) -> IntArray:
         """The part's nodes that are among ``nodes`` of the body."""
         among = np.zeros(self.body.n_nodes, dtype=bool)
         among[nodes] = True
         return np.flatnonzero(self.take(among))
+
+
+class PartSharpContact:
+    """Contact of a collider's sharp points with a body that is shared by ranks: every rank finds the nearest points of
+    the whole surface, and counts those on its own facets."""
+
+    def __init__(self, sharp: SharpContact, part: BodyPart) -> None:
+        self._sharp, self._part = sharp, part
+        self._local = np.full((len(part.body.mesh.facets), part.body.dim), -1)
+        in_body, nodes = part._own_facets
+        self._local[in_body] = nodes
+
+    def terms(self, x: Array, pose: RigidPose) -> SharpTerms:
+        """With this rank's nodes at x (n, dim) [m]. All ranks call it together."""
+        found = self._sharp.terms(self._part.whole(x), pose)
+        nodes = self._local[found.facet]
+        own = np.flatnonzero(nodes[:, 0] >= 0)
+        return found.take(own, nodes[own])
 
 
 def whole_body(body: ReducedBody) -> BodyPart:

@@ -21,7 +21,7 @@ import numpy as np
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.elasticity.linear_response import QuadraticElasticity
 from softprint.fem_truth.energy.potentials import Gravity, Potential
-from softprint.fem_truth.energy.surface_contact import SurfaceContact
+from softprint.fem_truth.energy.surface_contact import SharpSurface, SurfaceContact
 from softprint.fem_truth.energy.total_energy import Elastic, ElasticTangent, Gradient, TotalEnergy
 from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.fem_truth.parts.body_part import whole_body
@@ -149,10 +149,17 @@ class ConstrainedProblem:
         self.elasticity, self.contact, self.body = elasticity, contact, body
         self.part = part = elasticity.part or whole_body(body)
         self.contact_points = part.contact_points(contact.refinement)
+        self._sharp: dict[Collider, SharpSurface | None] = {}
         self.null_space = NullSpace(part.constraint_basis, part.frame_nodes, part.share)
         self.terms: tuple[Potential, ...] = ()
         if gravity is not None and np.any(gravity):
             self.terms = (Gravity(part.node_mass, np.asarray(gravity, dtype=float), part.mesh.points),)
+
+    def sharp_contact(self, collider: Collider) -> SharpSurface | None:
+        """Contact of the collider's sharp points."""
+        if collider not in self._sharp:
+            self._sharp[collider] = self.part.sharp_contact(collider, self.contact)
+        return self._sharp[collider]
 
     def constrained(self, rows: Array, x: Array) -> Array:
         """The positions nearest to x (n_nodes, dim) that satisfy the constraint of the state."""
@@ -254,7 +261,8 @@ class Press:
         """The equilibrium with the collider at `pose`; started from x0 (n_nodes, dim), or by default on the secant
         through the last two converged solutions."""
         problem = self._problem
-        contact = SurfaceContact(problem.contact, problem.contact_points, self._collider, pose)
+        points, sharp = problem.contact_points, problem.sharp_contact(self._collider)
+        contact = SurfaceContact(problem.contact, points, self._collider, pose, sharp)
         depth = self._depth(pose)
         start = self._extrapolated(depth) if x0 is None else problem.constrained_part(self._rows, x0)
         energy = ContactEnergy(

@@ -16,14 +16,25 @@ friction vanishes on a body that moves rigidly with the collider.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import point_kernels as kernels
-from softprint.runtime.contact.penalty import ContactTerms
 from softprint.runtime.errors import SoftprintError
+
+
+class NormalContact(Protocol):
+    """What friction needs of contact terms (`ContactTerms`)."""
+
+    @property
+    def index(self) -> IntArray: ...
+    @property
+    def gradient(self) -> Array: ...
+    @property
+    def normal(self) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +88,7 @@ class CoulombFriction:
             )
 
     def lag(
-        self, contact: ContactTerms, start: Array, pose_start: RigidPose, pose_end: RigidPose
+        self, contact: NormalContact, start: Array, pose_start: RigidPose, pose_end: RigidPose
     ) -> LaggedContact:
         """Fix the normals and normal forces of `contact`, evaluated with the collider at pose_end.
 

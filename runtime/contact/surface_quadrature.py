@@ -29,6 +29,41 @@ _STEEPEST = 1.25
 
 
 @dataclass(frozen=True, eq=False)
+class FacetPoints:
+    """k points of a surface. nodes: (k, c) of their facets; shares: N (k, c)."""
+
+    nodes: IntArray
+    shares: Array
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def positions(self, x: Array) -> Array:
+        """(k, dim) [m], with the nodes at x (n_nodes, dim)."""
+        return np.asarray((self.shares[:, None, :] @ x[self.nodes])[:, 0])
+
+    def gradient(self, by_point: Array, n_nodes: int) -> Array:
+        """By the nodes (n_nodes, dim), of a gradient (k, dim) by the points."""
+        by_corner = self.shares[:, :, None] * by_point[:, None, :]
+        return np.column_stack(
+            [scatter_sum(self.nodes, by_corner[..., axis], n_nodes) for axis in range(by_point.shape[1])]
+        )
+
+    def hessian(self, by_point: Array) -> tuple[IntArray, Array]:
+        """By the nodes, of a Hessian (k, dim, dim) by the points: the nodes (t, c) of t facets, and their blocks (t, c,
+        c, dim, dim) by pairs of these nodes. Points of a facet that follow each other are summed."""
+        first = np.flatnonzero(np.r_[True, (np.diff(self.nodes, axis=0) != 0).any(axis=1)][: len(self)])
+        pairs = self.shares[:, :, None] * self.shares[:, None, :]
+        blocks = pairs[..., None, None] * by_point[:, None, None]
+        return self.nodes[first], np.add.reduceat(blocks, first, axis=0) if len(first) else blocks
+
+    def joined(self, others: FacetPoints) -> FacetPoints:
+        """These and others with as many corners."""
+        nodes = np.concatenate([self.nodes, others.nodes])
+        return FacetPoints(nodes, np.concatenate([self.shares, others.shares]))
+
+
+@dataclass(frozen=True, eq=False)
 class SurfaceQuadrature:
     """The points of f facets, n of each. facets: (f, c) their nodes; shares: N (n, c), the same for all facets; areas:
     (f,) at rest [m^2; in 2D m]. Point i is point i mod n of facet i div n, and has a share 1/n of its area."""
@@ -60,19 +95,14 @@ class SurfaceQuadrature:
         """(n_surface,) the nodes of all facets, ascending."""
         return np.unique(self.facets)
 
-    def corners(self, index: IntArray) -> tuple[IntArray, Array]:
-        """The nodes (k, c) of points (k,) and N (k, c)."""
+    def points(self, index: IntArray) -> FacetPoints:
+        """Some of the points (k,)."""
         facet, own = np.divmod(index, len(self.shares))
-        return self.facets[facet], self.shares[own]
+        return FacetPoints(self.facets[facet], self.shares[own])
 
     def area(self, index: IntArray) -> Array:
         """w (k,) of points (k,)."""
         return self.areas[index // len(self.shares)] / len(self.shares)
-
-    def positions(self, x: Array, index: IntArray) -> Array:
-        """(k, dim) [m] of points (k,), with the nodes at x (n_nodes, dim)."""
-        nodes, shares = self.corners(index)
-        return np.asarray((shares[:, None, :] @ x[nodes])[:, 0])
 
     def near(self, x: Array, collider: Collider, pose: RigidPose) -> IntArray:
         """The points (k,), ascending, of all facets that may touch the collider, with the nodes at x (n_nodes, dim)."""
@@ -81,22 +111,3 @@ class SurfaceQuadrature:
         about, _, distance = collider.closer_to(centre, pose, float(reach.max(initial=0.0)))
         facets = about[distance <= reach[about]]
         return (facets[:, None] * len(self.shares) + np.arange(len(self.shares))).ravel()
-
-    def gradient(self, index: IntArray, by_point: Array, n_nodes: int) -> Array:
-        """By the nodes (n_nodes, dim), of a gradient (k, dim) by points (k,)."""
-        nodes, shares = self.corners(index)
-        by_corner = shares[:, :, None] * by_point[:, None, :]
-        return np.column_stack(
-            [scatter_sum(nodes, by_corner[..., axis], n_nodes) for axis in range(by_point.shape[1])]
-        )
-
-    def hessian(self, index: IntArray, by_point: Array) -> tuple[IntArray, Array]:
-        """By the nodes, of a Hessian (k, dim, dim) by points (k,), ascending: the nodes (t, c) of the t facets touched,
-        and their blocks (t, c, c, dim, dim) by pairs of these nodes."""
-        facet, own = np.divmod(index, len(self.shares))
-        first = np.flatnonzero(np.diff(facet, prepend=-1))
-        c, dim = self.facets.shape[1], by_point.shape[-1]
-        pairs = self.shares[:, :, None] * self.shares[:, None, :]
-        blocks = pairs[own][..., None, None] * by_point[:, None, None]
-        summed = np.add.reduceat(blocks, first, axis=0) if len(first) else np.empty((0, c, c, dim, dim))
-        return self.facets[facet[first]], summed

@@ -12,6 +12,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.sharp_contact import SharpContact
 from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.invariants import determinant
 from softprint.runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
@@ -78,11 +79,15 @@ def contact_fields(mesh: Mesh, contact: PenaltyContact, deformed: Deformed) -> t
     points, x = SurfaceQuadrature.of(mesh, contact.refinement), deformed.positions
     for collider, pose in deformed.colliders:
         near = points.near(x, collider, pose)
-        terms = contact.terms(points.positions(x, near), points.area(near), collider, pose)
-        index = near[terms.index]
-        pushed = contact.stiffness * points.area(index) * terms.depth**2
-        normal += points.gradient(index, pushed[:, None], mesh.n_nodes)
-        force -= points.gradient(index, terms.gradient, mesh.n_nodes)
+        terms = contact.terms(points.points(near).positions(x), points.area(near), collider, pose)
+        touching = [(points.points(near[terms.index]), terms.gradient)]
+        if contact.refinement:
+            sharp = SharpContact(collider, contact, mesh).terms(x, pose)
+            touching.append((sharp.points, sharp.gradient))
+        for at, gradient in touching:
+            pushed = np.linalg.norm(gradient, axis=1, keepdims=True)
+            normal += at.gradient(pushed, mesh.n_nodes)
+            force -= at.gradient(gradient, mesh.n_nodes)
     pressure = np.zeros(mesh.n_nodes)
     pressure[mesh.surface_nodes] = normal[mesh.surface_nodes, 0] / mesh.surface_areas
     return pressure, force

@@ -17,7 +17,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.optimise.status import Status
 
 KIND = "truth"
-VERSION = 3
+VERSION = 4
 TEXT_BYTES = 1024  # of a text in a table; compression makes unused bytes free
 
 # Status of a sample: how the full-space solve ended (never STALLED or PIERCED), or 5 if it was skipped because an

@@ -15,7 +15,7 @@ from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
 from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
-from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.colliders import Box, RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.io.files import content_hash
@@ -47,7 +47,9 @@ def solutions(body: ReducedBody, part: BodyPart, refinement: int) -> dict[str, S
     rows[:6] += 1e-3 * np.random.default_rng(4).standard_normal((6, body.dim))
     internal = problem.internal_equilibrium(rows)
     found = {"internal": internal}
-    ball, poses = Sphere(0.015, body.dim), [pressed(body.dim, depth) for depth in (0.003, 0.006)]
+    poses = [pressed(body.dim, depth) for depth in (0.003, 0.006)]
+    # With contact on facets the edges of a plate are pressed in, at the seam between ranks.
+    ball = Box(np.array([0.001, 0.02, 0.015])[-body.dim :][::1]) if refinement else Sphere(0.015, body.dim)
     for name, settings in (("loose", FullSpaceSettings()), ("tight", TIGHT)):
         press = problem.press(rows, ball, internal.x)
         found |= {f"{name} {depth}": press.solve(pose, settings) for depth, pose in enumerate(poses)}

@@ -52,7 +52,7 @@ def test_areas_are_those_of_the_surface(dim):
 
 def energy(points, x, collider, pose):
     near = points.near(x, collider, pose)
-    return CONTACT.energy(points.positions(x, near), points.area(near), collider, pose)
+    return CONTACT.energy(points.points(near).positions(x), points.area(near), collider, pose)
 
 
 @pytest.mark.parametrize("refinement", [0, 1, 4])
@@ -67,7 +67,7 @@ def test_no_point_is_missed(dim, refinement):
     for collider in (Sphere(0.02, dim), Box(np.array([0.03, 0.001, 0.03])[:dim])):
         for _ in range(20):
             pose = RigidPose(np.eye(dim), 0.05 + 0.06 * rng.uniform(-1, 1, dim))
-            exact = CONTACT.energy(points.positions(x, every), points.area(every), collider, pose)
+            exact = CONTACT.energy(points.points(every).positions(x), points.area(every), collider, pose)
             assert energy(points, x, collider, pose) == pytest.approx(exact, rel=1e-12)
 
 
@@ -82,12 +82,12 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(dim, refinement):
 
     def gradient(x):
         near = points.near(x, collider, pose)
-        terms = CONTACT.terms(points.positions(x, near), points.area(near), collider, pose)
-        return near[terms.index], terms, points.gradient(near[terms.index], terms.gradient, len(x))
+        terms = CONTACT.terms(points.points(near).positions(x), points.area(near), collider, pose)
+        return near[terms.index], terms, points.points(near[terms.index]).gradient(terms.gradient, len(x))
 
     index, terms, slope = gradient(x)
     assert len(index) > 1
-    nodes, blocks = points.hessian(index, terms.hessian)
+    nodes, blocks = points.points(index).hessian(terms.hessian)
     hessian = np.zeros((*x.shape, *x.shape))
     for own, block_ in zip(nodes, blocks, strict=True):
         for a, first in enumerate(own):
@@ -115,9 +115,9 @@ def test_force_and_moment_of_the_nodes_are_those_of_the_points(dim):
     points = SurfaceQuadrature.on_facets(mesh.points, mesh.facets, 4)
     collider, pose = Sphere(0.04, dim), poses(dim)
     near = points.near(x, collider, pose)
-    terms = CONTACT.terms(points.positions(x, near), points.area(near), collider, pose)
+    terms = CONTACT.terms(points.points(near).positions(x), points.area(near), collider, pose)
     index = near[terms.index]
-    at_nodes = points.gradient(index, terms.gradient, len(x))
+    at_nodes = points.points(index).gradient(terms.gradient, len(x))
     np.testing.assert_allclose(at_nodes.sum(axis=0), terms.gradient.sum(axis=0), rtol=1e-10)
 
     def moments(positions, forces):
@@ -125,6 +125,6 @@ def test_force_and_moment_of_the_nodes_are_those_of_the_points(dim):
 
     np.testing.assert_allclose(
         moments(x, at_nodes),
-        moments(points.positions(x, index), terms.gradient),
+        moments(points.points(index).positions(x), terms.gradient),
         atol=1e-12 * np.abs(terms.gradient).sum(),
     )

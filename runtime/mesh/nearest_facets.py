@@ -1,0 +1,225 @@
+"""The nearest point of a deformed surface: its facet, its place there, and on which side of it a point is.
+
+Facets are searched in groups of neighbours, each in a ball about their nodes, so that most are not looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import compiled
+from softprint.runtime.mesh.simplex_kernels import bounding_balls
+
+# At most so many facets in a group.
+_GROUP = 16
+# Points of facets whose squared distances differ by less than this share are the same: on a common edge or corner.
+_EQUAL = 1e-9
+
+
+class NearestFacets(NamedTuple):
+    """Of m points: the facet (m,) with the nearest point of a surface, the barycentric coordinates of that (m, dim),
+    zero at corners on which it does not depend, and the depth (m,) [m] below it, negative outside."""
+
+    facet: IntArray
+    weights: Array
+    depth: Array
+
+
+class SurfaceSearch:
+    """The surface with facets (f, dim) between nodes that rest at `rest` (n_nodes, dim) [m]."""
+
+    def __init__(self, rest: Array, facets: IntArray) -> None:
+        groups = _groups(rest[facets].mean(axis=1), np.arange(len(facets)))
+        self._order, self._starts = np.concatenate(groups), np.cumsum([0, *map(len, groups)])
+        self._number = np.argsort(self._order)
+        self._facets = np.ascontiguousarray(facets[self._order])
+
+    def nearest(self, points: Array, x: Array, near: IntArray | None = None) -> NearestFacets:
+        """For points (m, dim) [m], with the nodes at x (n_nodes, dim) [m]. Where the nearest point is on an edge or a
+        corner, the side is that of the pseudonormal of Baerentzen and Aanaes (2005), which is right for any closed
+        surface. near: (m,) facets that are probably near the points, which makes the search faster."""
+        first = np.full(len(points), -1) if near is None else self._number[near]
+        balls = bounding_balls(x, self._facets)
+        facet, weights, depth = _nearest(points, first, x, self._facets, *balls, self._starts)
+        return NearestFacets(self._order[facet], weights, depth)
+
+
+def _groups(centres: Array, index: IntArray) -> list[IntArray]:
+    """Neighbouring facets together: halves along the longest side, and so on."""
+    if len(index) <= _GROUP:
+        return [index]
+    own = centres[index]
+    along = np.argsort(own[:, np.ptp(own, axis=0).argmax()], kind="stable")
+    half = len(index) // 2
+    return [*_groups(centres, index[along[:half]]), *_groups(centres, index[along[half:]])]
+
+
+@compiled
+def _nearest(
+    points: Array,
+    first: IntArray,
+    x: Array,
+    facets: IntArray,
+    centre: Array,
+    radius: Array,
+    starts: IntArray,
+) -> tuple[IntArray, Array, Array]:
+    """The facet (m,), weights (m, dim) and depth (m,) of points (m, dim). first: (m,) facets near them, or -1; centre
+    (f, dim) and radius (f,) of balls about the facets (f, dim), of which group g has those from starts[g] to
+    starts[g + 1]."""
+    m, dim = points.shape
+    found, weights, depth = np.zeros(m, dtype=np.int64), np.zeros((m, dim)), np.empty(m)
+    group_centre, group_radius = _group_balls(centre, radius, starts)
+    trial = np.empty(dim)
+    for i in range(m):
+        p, side = points[i], 0.0
+        begin = first[i] if first[i] >= 0 else starts[_nearest_place(p, group_centre)]
+        least = _closest(p, x, facets[begin], trial) * (1.0 + 2.0 * _EQUAL)
+        reach = math.sqrt(least)
+        for g in range(len(group_centre)):
+            if _farther(p, group_centre[g], reach + group_radius[g]):
+                continue
+            for f in range(starts[g], starts[g + 1]):
+                if _farther(p, centre[f], reach + radius[f]):
+                    continue
+                square = _closest(p, x, facets[f], trial)
+                if square > least * (1.0 + _EQUAL):
+                    continue
+                if square < least * (1.0 - _EQUAL):
+                    found[i], weights[i], least, side = f, trial, square, 0.0
+                    reach = math.sqrt(least) * (1.0 + _EQUAL)
+                side += _angle(x, facets[f], trial) * _along_normal(p, x, facets[f], trial)
+        depth[i] = -math.copysign(math.sqrt(least), side)
+    return found, weights, depth
+
+
+@compiled
+def _group_balls(centre: Array, radius: Array, starts: IntArray) -> tuple[Array, Array]:
+    """Balls about groups of balls: centres (n, dim) and radii (n,)."""
+    n, dim = len(starts) - 1, centre.shape[1]
+    middle, reach = np.zeros((n, dim)), np.zeros(n)
+    for g in range(n):
+        for f in range(starts[g], starts[g + 1]):
+            for a in range(dim):
+                middle[g, a] += centre[f, a] / (starts[g + 1] - starts[g])
+        for f in range(starts[g], starts[g + 1]):
+            square = 0.0
+            for a in range(dim):
+                square += (centre[f, a] - middle[g, a]) ** 2
+            reach[g] = max(reach[g], math.sqrt(square) + radius[f])
+    return middle, reach
+
+
+@compiled
+def _nearest_place(p: Array, places: Array) -> int:
+    nearest, least = 0, math.inf
+    for k in range(len(places)):
+        square = 0.0
+        for a in range(len(p)):
+            square += (p[a] - places[k, a]) ** 2
+        if square < least:
+            nearest, least = k, square
+    return nearest
+
+
+@compiled
+def _farther(p: Array, q: Array, distance: float) -> bool:
+    square = 0.0
+    for a in range(len(p)):
+        square += (p[a] - q[a]) ** 2
+    return square > distance * distance
+
+
+@compiled
+def _closest(p: Array, x: Array, facet: IntArray, weights: Array) -> float:
+    """Barycentric coordinates (dim,), written into `weights`, of the point of a facet nearest to p (dim,), and its
+    squared distance."""
+    if len(facet) == 2:
+        return _closest_on_edge(p, x, facet, 0, 1, weights)
+    uu = uv = vv = ur = vr = 0.0
+    for a in range(3):
+        u, v, r = x[facet[1], a] - x[facet[0], a], x[facet[2], a] - x[facet[0], a], p[a] - x[facet[0], a]
+        uu, uv, vv, ur, vr = uu + u * u, uv + u * v, vv + v * v, ur + u * r, vr + v * r
+    area = uu * vv - uv * uv
+    if area > 0.0:
+        s, t = (vv * ur - uv * vr) / area, (uu * vr - uv * ur) / area
+        if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
+            weights[0], weights[1], weights[2] = 1.0 - s - t, s, t
+            return _squared_distance(p, x, facet, weights)
+    least, trial = math.inf, np.empty(3)
+    for k in range(3):
+        square = _closest_on_edge(p, x, facet, k, (k + 1) % 3, trial)
+        if square < least:
+            least = square
+            weights[:] = trial
+    return least
+
+
+@compiled
+def _closest_on_edge(p: Array, x: Array, facet: IntArray, i: int, j: int, weights: Array) -> float:
+    along = length = 0.0
+    for a in range(len(p)):
+        edge = x[facet[j], a] - x[facet[i], a]
+        along += edge * (p[a] - x[facet[i], a])
+        length += edge * edge
+    t = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+    weights[:] = 0.0
+    weights[i], weights[j] = 1.0 - t, t
+    return _squared_distance(p, x, facet, weights)
+
+
+@compiled
+def _squared_distance(p: Array, x: Array, facet: IntArray, weights: Array) -> float:
+    square = 0.0
+    for a in range(len(p)):
+        apart = p[a]
+        for k in range(len(facet)):
+            apart -= weights[k] * x[facet[k], a]
+        square += apart * apart
+    return square
+
+
+@compiled
+def _along_normal(p: Array, x: Array, facet: IntArray, weights: Array) -> float:
+    """The component along the outward unit normal of the way from the point of a facet to p (dim,)."""
+    dim = len(p)
+    normal, way = np.empty(dim), np.empty(dim)
+    for a in range(dim):
+        way[a] = p[a]
+        for k in range(dim):
+            way[a] -= weights[k] * x[facet[k], a]
+    if dim == 2:
+        normal[0], normal[1] = x[facet[1], 1] - x[facet[0], 1], x[facet[0], 0] - x[facet[1], 0]
+    else:
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            normal[a] = (x[facet[1], b] - x[facet[0], b]) * (x[facet[2], c] - x[facet[0], c]) - (
+                x[facet[1], c] - x[facet[0], c]
+            ) * (x[facet[2], b] - x[facet[0], b])
+    along = length = 0.0
+    for a in range(dim):
+        along += normal[a] * way[a]
+        length += normal[a] * normal[a]
+    return along / math.sqrt(length) if length > 0.0 else 0.0
+
+
+@compiled
+def _angle(x: Array, facet: IntArray, weights: Array) -> float:
+    """The weight of a facet in the pseudonormal: its angle at a corner; 1 on its edges and inside it."""
+    if len(facet) == 2:
+        return 1.0
+    for k in range(3):
+        if weights[k] == 1.0:
+            uu = uv = vv = 0.0
+            for a in range(3):
+                u = x[facet[(k + 1) % 3], a] - x[facet[k], a]
+                v = x[facet[(k + 2) % 3], a] - x[facet[k], a]
+                uu, uv, vv = uu + u * u, uv + u * v, vv + v * v
+            if uu * vv == 0.0:
+                return 0.0
+            return math.acos(min(max(uv / math.sqrt(uu * vv), -1.0), 1.0))
+    return 1.0
