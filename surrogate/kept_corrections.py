@@ -8,7 +8,6 @@ from pathlib import Path
 from softprint import runtime
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_mechanics import RunMechanics
-from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, ModelSpec
 from softprint.runtime.io.files import content_hash, sources_hash
@@ -26,7 +25,7 @@ def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str) -> dict[
         "truth": truth_hash,
         "model": spec.model_dump(mode="json"),
         "stiffness": experiment.contact.stiffness,
-        "contact_points": PenaltyContact.of(experiment.contact).reduced_points,
+        "contact_points": [experiment.contact.refinement, experiment.contact.reduced_refinement],
         "gravity": list(experiment.dynamics.gravity),
         "settings": {**training, "seed": experiment.seed},
     }

@@ -24,6 +24,7 @@ WITHOUT_REFERENCE = {
     + "surface_mesh.sweep_kernels.mark_near": "control flow: which nodes are marked is free, but for those near",
     _COLLIDERS
     + "surface_mesh.sweep_kernels.sweep": "control flow: an order of visits; tested against exact distances",
+    "softprint.runtime.mesh.nearest_facets._nearest": "a search; tested against libigl and winding numbers",
 }
 
 

@@ -10,12 +10,16 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
 
 # The curvature is measured this far outside, in spacings: a sharp edge has the curvature of a cylinder of that radius.
 _OUTSIDE = 0.25
+# A collider bears at a point if its normal there is nearer to the push than this cosine.
+_FACING = 0.5
+# Curvatures count as equal within a factor of 2 to one over that.
+_CLASSES = 2.0
 # No two points are closer than this share of the spacing.
 _CLOSEST = 0.7
 
@@ -31,12 +35,31 @@ def sharp_points(collider: Collider, spacing: float) -> Array:
         return points
     outside = _OUTSIDE * spacing
     at = collider.sdf_derivatives(points)
-    normal = at.gradient / np.maximum(np.linalg.norm(at.gradient, axis=1, keepdims=True), 1e-12)
-    off = collider.sdf_derivatives(points + outside * normal)
+    off = collider.sdf_derivatives(points + outside * _unit(at.gradient))
     curvature = np.linalg.eigvalsh(off.hessian)
     sharp = curvature[:, -1] > 1.0 / (spacing + outside)
-    points, curvature = points[sharp], curvature[sharp].sum(axis=1)  # a corner's is twice that of an edge
-    return np.asarray(points[_spread(points, np.argsort(-curvature, kind="stable"), _CLOSEST * spacing)])
+    # That of a corner is twice that of an edge; that of a saddle may be negative.
+    points, curvature = points[sharp], np.maximum(curvature[sharp].sum(axis=1), 1.0 / spacing)
+    # Where a tip is round, its farthest point comes first.
+    farther = np.linalg.norm(points - 0.5 * (collider.lower + collider.upper), axis=1)
+    order = np.lexsort((-farther, -np.round(_CLASSES * np.log2(curvature))))
+    return np.asarray(points[_spread(points, order, _CLOSEST * spacing)])
+
+
+def bearing_normals(collider: Collider, z: Array, against: Array, spacing: float) -> tuple[Array, BoolArray]:
+    """The unit normals (n, dim) with which a collider bears at sharp points z (n, dim) against pushes along the unit
+    vectors -against (n, dim), and at which points (n,) it does. On a smooth part the collider has one normal, on an
+    edge or a tip many, of which the nearest to `against` is the one; parts much smaller than the spacing [m] of the
+    points count as edges and tips. It does not bear on its sides and its back."""
+    near, apart = (
+        _unit(collider.sdf_derivatives(z + outside * spacing * against).gradient)
+        for outside in (_OUTSIDE, 1.0)
+    )
+    return apart, (near * against).sum(axis=1) > _FACING
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))
 
 
 def _spread(points: Array, order: IntArray, distance: float) -> IntArray:

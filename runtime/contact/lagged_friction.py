@@ -8,10 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.friction import LaggedContact
+
+if TYPE_CHECKING:
+    from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +38,13 @@ class SlidingPoints:
 @dataclass(frozen=True, eq=False)
 class SlipStart:
     """The start of a step of length time_step [s], from which slip is measured: the surface samples (s, dim) [m] and
-    the poses; contact_points: computes the deformed positions (m, dim) of contact points (m,) there."""
+    the poses; contact_points: computes the deformed positions (m, dim)
+    there of contact points (m,) of an evaluation of condensed contact."""
 
     surface: Array
     poses: Poses
     time_step: float
-    contact_points: Callable[[IntArray], Array]
+    contact_points: Callable[[IntArray, ContactEvaluation], Array]
 
 
 @dataclass(frozen=True, eq=False)

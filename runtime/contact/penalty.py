@@ -25,6 +25,7 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import point_kernels as kernels
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,8 @@ class PenaltyContact:
 
     refinement: 0 for contact at nodes. Otherwise contact is evaluated on facets: in full space at refinement^(dim-1)
     points of every facet of the surface (`surface_quadrature.py`), in reduced models at reduced_refinement^(dim-1)
-    points (`runtime/mechanics/loaded_points.py`): one is enough unless tips and edges are finer than a facet.
+    points (`runtime/mechanics/loaded_points.py`), and in both at tips, edges and thin limbs of colliders
+    (`sharp_contact.py`).
     """
 
     stiffness: float
@@ -101,6 +103,11 @@ class PenaltyContact:
     def reduced_points(self) -> int:
         """The contact points of reduced models along an edge of a facet; 0: at nodes."""
         return self.reduced_refinement if self.refinement else 0
+
+    def sharp_spacing(self, mesh: Mesh) -> float:
+        """How far apart the points on tips and edges of a collider are [m] (`runtime/colliders/sharp_points.py`): as
+        the points of full space on the facets of the mesh, in reduced models too."""
+        return mesh.surface_spacing / self.refinement
 
     def energy(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> float:
         """The contact energy [J] without derivatives, for line searches; arguments as for `terms`."""

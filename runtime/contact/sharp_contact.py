@@ -96,7 +96,7 @@ class SharpContact:
 
     def __init__(self, collider: Collider, law: PenaltyContact, mesh: Mesh) -> None:
         """law: with contact on facets."""
-        spacing = mesh.surface_spacing / law.refinement
+        spacing = law.sharp_spacing(mesh)
         self._points = sharp_points(collider, spacing)
         self._weight = law.stiffness * spacing ** (mesh.dim - 1)
         self._facets = mesh.facets
@@ -109,11 +109,19 @@ class SharpContact:
         """None where contact is at nodes."""
         return cls(collider, law, mesh) if law.refinement else None
 
+    @property
+    def count(self) -> int:
+        """Of the sharp points."""
+        return len(self._points)
+
     def terms(self, x: Array, pose: RigidPose) -> SharpTerms:
         """With the nodes at x (n_nodes, dim) [m] and the collider at a pose."""
         p = pose.apply(self._points)
         lower, upper = x.min(axis=0), x.max(axis=0)
         about = np.flatnonzero(((p > lower) & (p < upper)).all(axis=1))
+        if not len(about):
+            nothing = FacetPoints(self._facets[:0], np.empty((0, x.shape[1])))
+            return SharpTerms(about, nothing, self._weight, np.empty(0), np.empty((0, x.shape[1])))
         facet, shares, depth = self._search.nearest(p[about], x, self._near[about])
         self._near[about] = facet
         inside = depth > 0.0

@@ -136,7 +136,8 @@ def _check_contact_correction(
             f"correction {correction.name!r} was trained for a contact stiffness of {law.stiffness:g} N/m^4, "
             f"not for {contact.stiffness:g}: give PenaltyContact({law.stiffness:g}), or train it for this one"
         )
-    if law.reduced_points != contact.reduced_points:
+    # Of full space only the distance between points on sharp edges matters here.
+    if _points(law) != _points(contact):
         raise SoftprintError(
             f"correction {correction.name!r} was trained for contact {_points(law)}, not {_points(contact)}: give "
             f"contact={law}, or train it for this"
@@ -145,5 +146,8 @@ def _check_contact_correction(
 
 def _points(law: PenaltyContact) -> str:
     """Where a law has contact in reduced models."""
-    count = law.reduced_points
-    return f"at {count} points along an edge of a facet" if count else "at nodes"
+    if not law.refinement:
+        return "at nodes"
+    return (
+        f"at {law.reduced_refinement} points along an edge of a facet, and on sharp edges at {law.refinement}"
+    )

@@ -206,10 +206,10 @@ class Simulator:
         frame = self._terms.in_frame(state.frame)
         body = self._evaluated(frame, state, timings)
 
-        def contact_points(index: IntArray) -> Array:
+        def contact_points(index: IntArray, of: ContactEvaluation) -> Array:
             found = self._contact_at(state, body)
             assert found is not None  # called by condensed contact only
-            return found.deformed_positions(index)
+            return found.deformed_positions(index, of)
 
         slip = SlipStart(body.positions, state.poses, self.settings.time_step, contact_points)
         return SlidingStep(slip, self.settings.friction_updates)

@@ -16,6 +16,7 @@ import numpy as np
 
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.solver.contact_solve import ContactSolution
+from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
 from softprint.runtime.dynamics.state import KeptFactorisation, ReducedState
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
@@ -24,7 +25,7 @@ from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_sof
 from softprint.runtime.optimise.descent import Descent
 from softprint.runtime.rigid.flight import RigidMotion
 
-KIND, VERSION = "state", 2
+KIND, VERSION = "state", 3
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (
@@ -32,6 +33,7 @@ _KINDS: dict[str, Any] = {
         RigidMotion,
         SolvedContact,
         NearPoints,
+        PressedPoints,
         ContactSolution,
         KeptFactorisation,
         Descent,

@@ -33,9 +33,13 @@ class InterpolatedCompliance:
             self._last = last = points.copy(), interpolated(self._of_nodes.among(nodes), corners, shares)
         return last[1]
 
-    def displacement(self, at: IntArray, points: IntArray, forces: Array) -> Array:
-        """sum_j G_ij phi_j (n, dim) [m] at points `at` (n,) by forces phi (m, dim) [N] on points (m,), both in rest
-        coordinates."""
-        nodes, corners, shares = self._points.among(at)
-        moved = self._of_nodes.displacement(nodes, *self._points.to_nodes(points, forces))
+    def on_nodes(self, points: IntArray, forces: Array) -> tuple[IntArray, Array]:
+        """The contact nodes (k,) that forces (m, dim) on points (m,) act on, and their forces (k, dim)."""
+        return self._points.to_nodes(points, forces)
+
+    def displacement(self, at: IntArray, nodes: IntArray, forces: Array) -> Array:
+        """sum_j G_ij phi_j (n, dim) [m] at points `at` (n,) by forces phi (k, dim) [N] on contact nodes (k,), both in
+        rest coordinates."""
+        own, corners, shares = self._points.among(at)
+        moved = self._of_nodes.displacement(own, nodes, forces)
         return np.asarray((shares[..., None] * moved[corners]).sum(axis=1))

@@ -16,7 +16,7 @@ triangulation that is dual to the regions of the contact nodes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -69,8 +69,7 @@ class LoadedPoints:
     def between(cls, body: ReducedBody, nodes: IntArray, bearing: IntArray, points: int) -> LoadedPoints:
         """Points on the facets between nodes (n,), so many along an edge; on all facets where these are the nodes of
         the surface that bear forces."""
-        mesh, owner = body.mesh, np.full(body.n_nodes, -1)
-        owner[bearing] = cKDTree(mesh.points[nodes]).query(mesh.points[bearing])[1]
+        mesh, owner = body.mesh, _owners(body, nodes, bearing)
         facets = mesh.facets[(owner[mesh.facets] >= 0).any(axis=1)]
         centres = mesh.points[facets].mean(axis=1)
         vectors = facet_vectors(mesh.points, facets)
@@ -96,6 +95,15 @@ class LoadedPoints:
     def take(self, which: slice) -> LoadedPoints:
         """Some of the points."""
         return LoadedPoints(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def followed_by(self, index: IntArray, nodes: IntArray, shares: Array) -> LoadedPoints:
+        """With other points (m,), numbered from len(self) on and ascending, that have these nodes and shares (m, c);
+        numbers in between are of no points."""
+        n, size = len(self), int(index[-1]) + 1
+        joined = np.zeros((size, nodes.shape[1]), dtype=np.int64), np.zeros((size, nodes.shape[1]))
+        for column, first, others in zip(joined, (self.nodes, self.shares), (nodes, shares), strict=True):
+            column[:n], column[index] = first, others
+        return replace(self, nodes=joined[0], shares=joined[1])
 
     @lazy
     def n_nodes(self) -> int:
@@ -140,6 +148,18 @@ class LoadedPoints:
     def _mean(self, of: Array) -> Array:
         """The means over the corners of a column of the nodes of the mesh."""
         return means(of, self.corners, self.weights)
+
+
+def owners(body: ReducedBody, nodes: IntArray) -> IntArray:
+    """(n_nodes,) for every node of the surface that contact can displace, its number among contact nodes (n,); -1 for
+    the others."""
+    return _owners(body, nodes, outside_frames(body)[0])
+
+
+def _owners(body: ReducedBody, nodes: IntArray, bearing: IntArray) -> IntArray:
+    points, owner = body.mesh.points, np.full(body.n_nodes, -1)
+    owner[bearing] = cKDTree(points[nodes]).query(points[bearing])[1]
+    return owner
 
 
 def _between_different(facets: IntArray, owner: IntArray) -> IntArray:

@@ -29,13 +29,19 @@ class PointCondensation:
 
     @classmethod
     def at(
-        cls, body: ReducedBody, condensation: StaticCondensation, corners: IntArray, weights: Array
+        cls,
+        body: ReducedBody,
+        condensation: StaticCondensation,
+        corners: IntArray,
+        weights: Array,
+        nodes: IntArray | None = None,
     ) -> PointCondensation:
-        """At means of the nodes of a body: corners, weights (n, c). condensation: of all its nodes."""
-        nodes, own = np.unique(corners, return_inverse=True)
+        """At means of the nodes of a body: corners, weights (n, c). condensation: of all its nodes; nodes: (k,) those
+        of `of_nodes`, ascending, by default the corners."""
+        nodes = np.unique(corners) if nodes is None else nodes
         of_nodes = condensation.at(nodes)
         bounds = PositionBounds(body.basis[nodes], of_nodes, body.handles)
-        return cls(of_nodes, bounds, own.reshape(corners.shape), weights)
+        return cls(of_nodes, bounds, np.searchsorted(nodes, corners), weights)
 
     def corotated(self, frame_rows: Array) -> CorotatedPointCondensation:
         """u as an affine function of the handle rows, with the rotations of frame rows (n_rows, dim)."""

@@ -48,6 +48,12 @@ class SurfaceSearch:
         return NearestFacets(self._order[facet], weights, depth)
 
 
+def nearest_of(points: Array, x: Array, facets: IntArray) -> NearestFacets:
+    """`SurfaceSearch.nearest` for some tens of facets (f, dim), which need no search."""
+    begin, whole = np.full(len(points), -1), np.array([0, len(facets)])
+    return NearestFacets(*_nearest(points, begin, x, facets, *bounding_balls(x, facets), whole))
+
+
 def _groups(centres: Array, index: IntArray) -> list[IntArray]:
     """Neighbouring facets together: halves along the longest side, and so on."""
     if len(index) <= _GROUP:
@@ -77,7 +83,10 @@ def _nearest(
     trial = np.empty(dim)
     for i in range(m):
         p, side = points[i], 0.0
-        begin = first[i] if first[i] >= 0 else starts[_nearest_place(p, group_centre)]
+        begin = first[i]
+        if begin < 0:
+            near = _nearest_place(p, group_centre)
+            begin = starts[near] + _nearest_place(p, centre[starts[near] : starts[near + 1]])
         least = _closest(p, x, facets[begin], trial) * (1.0 + 2.0 * _EQUAL)
         reach = math.sqrt(least)
         for g in range(len(group_centre)):

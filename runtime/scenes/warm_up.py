@@ -124,5 +124,5 @@ def _correction(
     body: ReducedBody, shape: Collider, mechanics: BodyMechanics, law: PenaltyContact
 ) -> ForceCorrection:
     """Untrained."""
-    options = ForceModelOptions((4,), "silu", 5e-4, _BAND, law.stiffness, points=law.reduced_points)
+    options = ForceModelOptions((4,), "silu", 5e-4, _BAND, law.stiffness, refinement=law.refinement)
     return ForceCorrection("warm_up", ForceModel(options, body.dim, body.n_rows), body, shape, mechanics)

@@ -70,11 +70,15 @@ def read_force_data(
     state = -1
     columns: list[tuple[Tensor, ...]] = []
     for sample, rows, _pose, contact in touching_samples(truth, samples, probe, progress):
+        if not len(contact.index):  # only sharp points of the collider touch
+            continue
         if truth.sample_state[sample] != state:
             state = truth.sample_state[sample]
             to_rest = np.linalg.inv(rows.T @ gradient)
         u = truth.displacement(sample).astype(np.float64)
         w = (to_rest @ u[..., None])[..., 0]
+        if contact.pressed is not None:  # what is learned is added to this
+            w -= mechanics.surface_compliance.apply(*contact.pressed)
         nodes, corners, shares = loaded.among(contact.index)
         at_nodes, squared, volume_at_nodes, volume_squared = metric.of_field(w, nodes)
         h, volume_h = ((shares[..., None] * at[corners]).sum(axis=1) for at in (at_nodes, volume_at_nodes))

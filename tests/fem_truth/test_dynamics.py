@@ -11,8 +11,9 @@ from softprint.fem_truth.energy.full_space_springs import linear_springs
 from softprint.runtime.body.cubature import Cubature
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.body.surface_samples import SurfaceSamples
-from softprint.runtime.colliders import KeyframedPath, Plane, RigidPose, Sphere
+from softprint.runtime.colliders import Box, KeyframedPath, Plane, RigidPose, Sphere
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.contact.sharp_contact import SharpContact
 from softprint.runtime.dynamics import (
     DynamicsSettings,
     HandleSpring,
@@ -149,10 +150,16 @@ def test_friction_drags_within_the_cone_and_against_the_slip(block, dim):
 
 
 @both
-@pytest.mark.parametrize("mu", [0.0, 0.3])
-def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim, mu):
+@pytest.mark.parametrize(
+    ("mu", "sharp"), [(0.0, False), (0.3, False), (0.0, True)], ids=["smooth", "rough", "with sharp edges"]
+)
+def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim, mu, sharp):
+    """At nodes; and for a box with sharp edges on facets, with as many points on each as in full space."""
     body = block(dim)
     n = body.n_nodes
+    led = ball(dim, [0.065, 0.064, 0.062, 0.060])
+    if sharp:
+        led = replace(led, collider=Box([0.015] * dim, name="ball"))
     identity = replace(
         body,
         handles=Handles(dim, np.arange(n), ()),
@@ -162,8 +169,8 @@ def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim
         surface=SurfaceSamples(body.mesh.surface_nodes, body.mesh.surface_areas),
     )
     scene = {
-        "colliders": [ball(dim, [0.065, 0.064, 0.062, 0.060])],
-        "contact": CONTACT,
+        "colliders": [led],
+        "contact": PenaltyContact(CONTACT.stiffness, 2, 2) if sharp else CONTACT,
         "friction": CoulombFriction(mu) if mu else None,
         "gravity": down(dim),
         "kinematic": [KinematicHandle(int(node)) for node in body.handles.frame_nodes],
@@ -178,6 +185,9 @@ def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim
         # iterates, differs more.
         assert np.abs(slow.rows - fast.x).max() < (1e-7 if mu == 0 else 1e-2) * moved
     assert moved > 1e-3
+    if sharp:
+        edges = SharpContact(led.collider, scene["contact"], body.mesh)
+        assert len(edges.terms(fast.x, fast.poses["ball"]).points) > 0
 
 
 @both

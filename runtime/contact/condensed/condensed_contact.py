@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,11 +27,13 @@ from softprint.runtime.contact.solver.candidate_search import CandidateSearch
 from softprint.runtime.contact.solver.candidates import Candidates, PointDistance, PosedCollider, merge
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
+from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints, PressedPoints
+from softprint.runtime.contact.solver.sharp_search import Dent, SharpSearch, bearing_facets, sharp_colliders
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
 from softprint.runtime.contact.solver.warm_start import PointCompliance, WarmStart
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
-from softprint.runtime.mechanics.loaded_points import LoadedPoints
+from softprint.runtime.mechanics.loaded_points import LoadedPoints, owners
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
 
 # The dent can push more points into a collider, and these again others: at most so many searches for such points.
@@ -39,17 +42,37 @@ _SEARCHES = 3
 _HALVINGS = 3
 
 
+class _AllPoints(NamedTuple):
+    """All contact points while some are pressed by sharp points of colliders. points: these alone."""
+
+    pressed: PressedPoints | None
+    loaded: LoadedPoints
+    compliance: PointCompliance
+    points: ContactPoints | None
+
+    def in_frame(self, of_facets: CorotatedPoints) -> CorotatedPoints:
+        """In the frame of the points on the facets."""
+        if self.points is None or self.pressed is None:
+            return of_facets
+        return CorotatedPressedPoints.of(of_facets, self.points, self.pressed.index)
+
+
 @dataclass(frozen=True, eq=False)
 class CondensedContact:
-    """The contact of one body with colliders, by name. loaded: where contact acts; nodes: (n_contact,) mesh indices of
-    the contact nodes; points, compliance and stiffness: a k (n,) [N/m^2] of the contact points."""
+    """The contact of one body with colliders, by name. loaded: where contact acts on the facets; nodes: (n_contact,)
+    mesh indices of the contact nodes; points and compliance: of the points on the facets; stiffness: a k (n,) [N/m^2]
+    of these, and of those that sharp points of the colliders press; sharp: searches for the latter, None where no
+    collider has any."""
 
     loaded: LoadedPoints
     nodes: IntArray
     points: ContactPoints
+    of_nodes: LocalCompliance
     compliance: PointCompliance
     stiffness: Array
     searches: Mapping[str, CandidateSearch]
+    sharp: SharpSearch | None
+    _last: list[_AllPoints]
 
     @classmethod
     def of(
@@ -65,22 +88,57 @@ class CondensedContact:
         compliance = mechanics.surface_compliance
         loaded = LoadedPoints.of_compliance(body, compliance, law.reduced_points)
         of_nodes = LocalCompliance(compliance.among_nodes())
+        stiffness, sharp = law.stiffness * loaded.areas, None
+        known = sharp_colliders(colliders, law, body.mesh)
+        if known:
+            owner = owners(body, compliance.nodes)
+            corners = np.unique(bearing_facets(body.mesh.facets, owner))
+            points = ContactPoints.of(body, loaded, mechanics.condensation, corners)
+            sharp = SharpSearch(body, known, law, owner, of_nodes, loaded, points, corners)
+            stiffness = np.concatenate([stiffness, np.full(sharp.count, law.stiffness * sharp.area)])
+        else:
+            points = ContactPoints.of(body, loaded, mechanics.condensation)
         return cls(
             loaded,
             compliance.nodes,
-            ContactPoints.of(body, loaded, mechanics.condensation),
+            points,
+            of_nodes,
             of_nodes if loaded.are_nodes else InterpolatedCompliance(of_nodes, loaded),
-            law.stiffness * loaded.areas,
+            stiffness,
             {name: CandidateSearch(collider, band) for name, collider in colliders.items()},
+            sharp,
+            [],
         )
 
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:
-        """The contact points in the corotated frame of a step that starts at frame rows (n_rows, dim)."""
+        """The contact points on the facets in the corotated frame of a step that starts at frame rows (n_rows, dim)."""
         return self.points.in_frame(frame_rows)
 
-    def resume(self, solved: SolvedContact | None) -> WarmStart | None:
-        """The warm start from the solved contact that a state stores."""
-        return None if solved is None else WarmStart(solved, self.compliance, self.stiffness)
+    def resume(self, solved: SolvedContact | None, frame: CorotatedPoints | None = None) -> WarmStart | None:
+        """The warm start from the solved contact that a state stores. frame: of the step in which it was solved."""
+        if solved is None:
+            return None
+        return WarmStart(solved, self._with(solved.pressed).compliance, self.stiffness, frame)
+
+    def node_forces(self, solved: SolvedContact, which: BoolArray | None = None) -> tuple[IntArray, Array]:
+        """The contact nodes (k,), ascending, that bear the forces of a solved contact on some of its active points
+        (m,), all by default, and these forces (k, dim) [N], in rest coordinates."""
+        index, force = solved.active, solved.rest_force
+        if which is not None:
+            index, force = index[which], force[which]
+        return self._with(solved.pressed).loaded.to_nodes(index, force)
+
+    def _with(self, pressed: PressedPoints | None) -> _AllPoints:
+        """All contact points. The last are kept; this affects the cost and never the result."""
+        if pressed is None or self.sharp is None:
+            return _AllPoints(None, self.loaded, self.compliance, None)
+        last = self._last[0] if self._last else None  # read once, as another thread may replace it
+        if last is None or last.pressed is not pressed:
+            loaded = self.loaded.followed_by(pressed.index, pressed.nodes, pressed.shares)
+            compliance = InterpolatedCompliance(self.of_nodes, loaded)
+            last = _AllPoints(pressed, loaded, compliance, self.sharp.surface.pressed(pressed))
+            self._last[:] = [last]
+        return last
 
     def evaluate(
         self, points: CorotatedPoints, rows: Array, poses: Poses, warm_start: WarmStart | None
@@ -93,9 +151,17 @@ class CondensedContact:
         self, points: CorotatedPoints, rows: Array, solved: SolvedContact | None
     ) -> ContactEvaluation:
         """The evaluation of a contact that was already solved at these handle rows, in this frame."""
-        start = self.resume(solved)
-        contact = None if start is None else LinearisedContact(start, points)
-        return ContactEvaluation(self.loaded, self.nodes, points, rows, tuple(self.searches), contact)
+        start = self.resume(solved, points)
+        if solved is None or start is None:
+            return ContactEvaluation(
+                self.loaded, self.nodes, points, points, rows, tuple(self.searches), None
+            )
+        together = self._with(solved.pressed)
+        every = together.in_frame(points)
+        contact = LinearisedContact(start, every)
+        return ContactEvaluation(
+            together.loaded, self.nodes, points, every, rows, tuple(self.searches), contact
+        )
 
     def _solve(
         self,
@@ -107,18 +173,24 @@ class CondensedContact:
     ) -> SolvedContact | None:
         """halvings: how often the way from the warm start may be cut in half, where Newton's method does not follow the
         contact along all of it."""
-        near = self._candidates(points, rows, poses, warm_start)
-        if not near:
+        bounded = points.bounded_positions(rows)
+        near = self._near(points, rows, poses, warm_start, bounded)
+        pressed = self._pressed(points, rows, poses, warm_start, bounded[0])
+        if pressed is not None:
+            near = {name: own.without(pressed.replaced) for name, own in near.items()}
+        found = self._candidates(near, pressed, points, rows, poses, warm_start)
+        if found is None:
             return None
-        candidates, owner = merge(list(near.values()))
-        colliders = tuple(PosedCollider(self.searches[name].collider, poses[name]) for name in near)
-        distance = PointDistance(tuple(near), colliders, owner)
-        problem = self._problem(rows, candidates, distance)
+        candidates, distance = found
+        together = self._with(pressed)
+        every = together.in_frame(points)
+        problem = self._problem(every, together.compliance, rows, candidates, distance)
         if warm_start is None:
             solution = problem.solve()
         else:
             which = candidates.may_be_active
-            start = warm_start.predict(candidates.index[which], problem, poses, distance.among(which))
+            index, own = candidates.index[which], distance.among(which)
+            start = warm_start.predict(index, problem, poses, own, together.compliance)
             if start is None:  # the warm start is from a state too far away to be useful
                 return self._solve(points, rows, poses, None)
             followed = problem.follow(start)
@@ -126,14 +198,16 @@ class CondensedContact:
                 last = warm_start.solved
                 half = {name: last.poses.get(name, pose).towards(pose, 0.5) for name, pose in poses.items()}
                 middle = self._solve(points, 0.5 * (last.rows + rows), half, warm_start, halvings - 1)
-                return self._solve(points, rows, poses, self.resume(middle), halvings - 1)
+                return self._solve(points, rows, poses, self.resume(middle, points), halvings - 1)
             solution = problem.descend(start) if followed is None else followed
         for _ in range(_SEARCHES):
-            pushed = self._pushed_in(rows, candidates, problem, solution, distance)
+            pushed = self._pushed_in(
+                every, together.compliance, rows, candidates, problem, solution, distance
+            )
             if not pushed.any():
                 break
             before, candidates = candidates.may_be_active, candidates.with_possibly_active(pushed)
-            problem = self._problem(rows, candidates, distance)
+            problem = self._problem(every, together.compliance, rows, candidates, distance)
             solution = problem.solve(solution.extended(before[candidates.may_be_active]))
         if not (solution.active.size or candidates.any_inside):
             return None
@@ -143,18 +217,79 @@ class CondensedContact:
             poses={name: poses[name] for name in near},
             near={name: NearPoints(poses[name], own.index, own.position) for name, own in near.items()},
             index=candidates.index[candidates.may_be_active],
-            owner=owner[candidates.may_be_active],
+            owner=distance.owner[candidates.may_be_active],
             position=problem.position,
             F=problem.F,
             depth=candidates.depth,
             solution=solution,
+            pressed=pressed,
         )
 
+    def _pressed(
+        self,
+        points: CorotatedPoints,
+        rows: Array,
+        poses: Poses,
+        warm_start: WarmStart | None,
+        x: Array,
+    ) -> PressedPoints | None:
+        """The points that sharp points of the colliders press: the same during a step. x: approximate positions of the
+        contact points on the facets."""
+        if self.sharp is None:
+            return None
+        if warm_start is None:
+            return self.sharp.find(points, rows, poses, x, None)
+        if warm_start.frame is points and warm_start.solved.pressed is not None:
+            return warm_start.solved.pressed
+        dent = Dent(*warm_start.node_forces, warm_start.solved.solution.largest_displacement)
+        return self.sharp.find(points, rows, poses, x, dent)
+
     def _candidates(
-        self, points: CorotatedPoints, rows: Array, poses: Poses, warm_start: WarmStart | None
+        self,
+        near: dict[str, Candidates],
+        pressed: PressedPoints | None,
+        points: CorotatedPoints,
+        rows: Array,
+        poses: Poses,
+        warm_start: WarmStart | None,
+    ) -> tuple[Candidates, PointDistance] | None:
+        """The candidates on the facets and those pressed by sharp points, and their distance; None where nothing is
+        inside. Colliders of which only sharp points touch are added to those near."""
+        if pressed is not None:
+            every, names = self._with(pressed).in_frame(points), list(self.searches)
+            x = every.positions(rows, pressed.index)
+            at = [poses[name] for name in names]
+            distance = pressed.planes(slice(None)).distance(x, pressed.collider, at).value
+            for number in np.unique(pressed.collider[distance < 0.0]):
+                near.setdefault(names[number], Candidates.none(x.shape[1]))
+        if not near:
+            return None
+        candidates, owner = merge(list(near.values()))
+        colliders = tuple(PosedCollider(self.searches[name].collider, poses[name]) for name in near)
+        if pressed is None:
+            return candidates, PointDistance(tuple(near), colliders, owner)
+        number = np.array([list(near).index(name) if name in near else -1 for name in names])
+        mine = np.flatnonzero(number[pressed.collider] >= 0)
+        was_active = np.zeros(len(mine), dtype=bool)
+        if warm_start is not None:
+            was_active = np.isin(pressed.index[mine], warm_start.solved.active)
+        candidates = candidates.followed_by(pressed.index[mine], distance[mine], x[mine], was_active)
+        owner = np.concatenate([owner, number[pressed.collider[mine]]])
+        if not candidates.may_be_active.any():
+            return None
+        planes = pressed.planes(mine) if len(mine) else None
+        return candidates, PointDistance(tuple(near), colliders, owner, planes)
+
+    def _near(
+        self,
+        points: CorotatedPoints,
+        rows: Array,
+        poses: Poses,
+        warm_start: WarmStart | None,
+        bounded: tuple[Array, Array],
     ) -> dict[str, Candidates]:
-        """The candidates of every collider that the body touches."""
-        bounded = points.bounded_positions(rows)
+        """The candidates on the facets, of every collider that some are inside. bounded: see
+        `CorotatedPoints.bounded_positions`."""
         last = None if warm_start is None else warm_start.solved
         found = {}
         for name, search in self.searches.items():
@@ -164,13 +299,20 @@ class CondensedContact:
                 found[name] = near
         return found
 
-    def _problem(self, rows: Array, candidates: Candidates, distance: PointDistance) -> ContactProblem:
+    def _problem(
+        self,
+        points: CorotatedPoints,
+        compliance: PointCompliance,
+        rows: Array,
+        candidates: Candidates,
+        distance: PointDistance,
+    ) -> ContactProblem:
         """The contact problem of the points that may be active; distance: of all candidates."""
         which = candidates.may_be_active
         index = candidates.index[which]
         return ContactProblem(
-            self.compliance.among(index),
-            self.points.deformation(rows, index),
+            compliance.among(index),
+            points.deformation(rows, index),
             self.stiffness[index],
             candidates.position[which],
             candidates.depth,
@@ -179,6 +321,8 @@ class CondensedContact:
 
     def _pushed_in(
         self,
+        points: CorotatedPoints,
+        compliance: PointCompliance,
         rows: Array,
         candidates: Candidates,
         problem: ContactProblem,
@@ -193,7 +337,7 @@ class CondensedContact:
             return pushed
         index, active = candidates.index[beside], candidates.index[candidates.may_be_active][b]
         force = kernels.pulled_back(problem.F[b], solution.pressure[b], solution.normal[b])
-        v = self.compliance.displacement(index, active, force)
-        moved = kernels.to_world(self.points.deformation(rows, index), v)
+        v = compliance.displacement(index, *compliance.on_nodes(active, force))
+        moved = kernels.to_world(points.deformation(rows, index), v)
         pushed[beside] = distance.among(beside).value(candidates.position[beside] + moved) < 0.0
         return pushed

@@ -50,7 +50,7 @@ class CondensedFriction:
     ) -> SlidingPoints:
         active = contact.active_points(name)
         length = np.linalg.norm(active.normal, axis=1)
-        before = start.contact_points(active.index)
+        before = start.contact_points(active.index, contact)
         lagged = LaggedContact(
             index=np.arange(len(active.index)),
             force=active.pressure * length,

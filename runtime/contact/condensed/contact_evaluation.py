@@ -15,6 +15,7 @@ from softprint.runtime.contact.condensed.linearised_contact import LinearisedCon
 from softprint.runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
+from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
@@ -37,11 +38,13 @@ class ActivePoints:
 @dataclass(frozen=True, eq=False)
 class ContactEvaluation:
     """The contact of a body at handle rows (n_rows, dim) with all colliders of a scene. nodes: (n_contact,) the contact
-    nodes in the mesh; contact: None where the body touches no collider."""
+    nodes in the mesh; points: the contact points on the facets; every: with those that sharp points of the colliders
+    press, as loaded; contact: None where the body touches no collider."""
 
     loaded: LoadedPoints
     nodes: IntArray
     points: CorotatedPoints
+    every: CorotatedPoints
     rows: Array
     colliders: tuple[str, ...]
     contact: LinearisedContact | None
@@ -144,12 +147,15 @@ class ContactEvaluation:
         pairs = ((one, other) for one in touched for other in touched if one < other)
         return couplings, [Link(*pair, partial(touched[pair[0]].link, touched[pair[1]])) for pair in pairs]
 
-    def deformed_positions(self, index: IntArray) -> Array:
-        """Deformed positions y = x + F v (m, dim) [m] of any contact points (m,)."""
-        x = self.points.positions(self.rows, index)
-        if self.contact is None:
+    def deformed_positions(self, index: IntArray, of: ContactEvaluation | None = None) -> Array:
+        """Deformed positions y = x + F v (m, dim) [m] of any contact points (m,). of: an evaluation among whose pressed
+        points these may be, by default this one."""
+        every, compliance = self.every, None if self.contact is None else self.contact.start.compliance
+        if of is not None and isinstance(of.every, CorotatedPressedPoints) and of.contact is not None:
+            every = CorotatedPressedPoints.of(self.points, of.every.pressed.points, of.every.numbers)
+            compliance = of.contact.start.compliance
+        x = every.positions(self.rows, index)
+        if self.contact is None or compliance is None:
             return x
-        solved = self.contact.solved
-        v = self.contact.start.compliance.displacement(index, solved.active, solved.rest_force)
-        F = self.points.points.deformation(self.rows, index)
-        return np.asarray(x + kernels.to_world(F, v))
+        v = compliance.displacement(index, *self.contact.start.node_forces)
+        return np.asarray(x + kernels.to_world(every.deformation(self.rows, index), v))

@@ -10,12 +10,9 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.solver import contact_point_kernels as kernels
-from softprint.runtime.contact.solver.candidates import ActiveSet, Candidates
+from softprint.runtime.contact.solver.candidates import MARGIN, ActiveSet, Candidates
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 
-# A dent may push in neighbouring points that are outside the collider by up to this fraction of its depth. Farther out
-# this is rare (under thin and curved colliders, one in fifty active points); those are found after the solve.
-_MARGIN = 0.25
 # A collider is thin where points are displaced by more than this multiple of the depth of the deepest.
 _THIN = 1.5
 # The search distance exceeds that of the last depth by this factor, since the next contact is usually about as deep.
@@ -42,16 +39,16 @@ class CandidateSearch:
         `CorotatedPoints.bounded_positions`; active: the active set of a nearby state. Its points that the collider
         pushes into the body stay candidates even where their reduced position has passed the collider, so that a thin
         wall stays on its side. last_depth: of the contact of that state [m]; it changes the cost and not the result."""
-        searched = max(self.band, _AHEAD * _MARGIN * last_depth)
+        searched = max(self.band, _AHEAD * MARGIN * last_depth)
         index, distance, x = self._near(points, rows, pose, searched, bounded)
         depth = max(-float(distance.min(initial=0.0)), 0.0)
-        wanted = max(self.band, _MARGIN * depth, _passed(active, depth))
+        wanted = max(self.band, MARGIN * depth, _passed(active, depth))
         if wanted > searched:
             index, distance, x = self._near(points, rows, pose, wanted, bounded)
         elif wanted < searched:
             near = distance < wanted
             index, distance, x = index[near], distance[near], x[near]
-        found = Candidates(index, distance, x, depth, distance < _MARGIN * depth)
+        found = Candidates(index, distance, x, depth, distance < MARGIN * depth)
         if active is not None:
             found = _with_active_set(found, active, points, rows)
         return found if found.depth > 0.0 else None

@@ -47,13 +47,18 @@ class ContactPoints:
 
     @classmethod
     def of(
-        cls, body: ReducedBody, loaded: LoadedPoints, condensation: StaticCondensation | None
+        cls,
+        body: ReducedBody,
+        loaded: LoadedPoints,
+        condensation: StaticCondensation | None,
+        nodes: IntArray | None = None,
     ) -> ContactPoints:
-        """The loaded points of a body; condensation: of all its nodes."""
+        """The loaded points of a body; condensation: of all its nodes; nodes: see `PointCondensation.at`."""
         material = loaded.material(body)
         if condensation is None:
             return cls(material, None)
-        return cls(material, PointCondensation.at(body, condensation, loaded.corners, loaded.weights))
+        at = loaded.corners, loaded.weights
+        return cls(material, PointCondensation.at(body, condensation, *at, nodes))
 
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
@@ -79,6 +84,10 @@ class CorotatedPoints:
         x = placed(basis, rows) if index is None else placed_some(basis, rows, index)
         return x if self.condensation is None else x + self.condensation.displacement(rows, index)
 
+    def deformation(self, rows: Array, index: IntArray) -> Array:
+        """F (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
+        return self.points.deformation(rows, index)
+
     def bounded_positions(self, rows: Array) -> tuple[Array, Array]:
         """Approximate positions (n, dim) [m] of all points, and bounds on their error (n,) [m]."""
         if self._bounded is None:
@@ -99,7 +108,7 @@ class CorotatedPoints:
             else self.condensation.jacobian(index)
         )
         kernels.add_basis(material.basis, index, jacobian)
-        return PointMotion(jacobian.reshape(len(index), dim, -1), material.basis_gradient[index])
+        return PointMotion(jacobian.reshape(len(index), dim, n * dim), material.basis_gradient[index])
 
     def handle_forces(self, index: IntArray, force: Array, v: Array) -> Array:
         """sum_j f_j . (dx_j + dF_j v_j)/drows (n_rows, dim) [N] of forces f (m, dim) on points whose displacement v (m,

@@ -12,6 +12,7 @@ from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.candidates import ActiveSet
 from softprint.runtime.contact.solver.contact_solve import ContactSolution
+from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.lazy import lazy
 
 
@@ -32,7 +33,7 @@ class SolvedContact:
     frame_rows: (n_rows, dim) of the corotated frame; poses: of these colliders; near: the points near each of them;
     index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider of each;
     position: x (m, dim) [m] and F (m, dim, dim) of these points; depth: estimate of the contact displacement [m];
-    solution: of these points.
+    solution: of these points; pressed: those that sharp points of the colliders press, None without any.
     """
 
     rows: Array
@@ -45,6 +46,7 @@ class SolvedContact:
     F: Array
     depth: float
     solution: ContactSolution
+    pressed: PressedPoints | None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,9 +76,18 @@ class SolvedContact:
         return np.equal(self.owner[self.solution.active], self.names.index(name))
 
     def active_set(self, name: str) -> ActiveSet | None:
-        """The active set of one collider, for the next solve; None where the body does not touch it."""
+        """The active set of one collider on the facets, for the next solve; None where the body does not touch it."""
         if name not in self.near:
             return None
         b, solution = self.solution.active, self.solution
         everything = ActiveSet(self.active, self.F[b], solution.normal[b], solution.largest_displacement)
-        return everything if len(self.near) == 1 else everything.take(self.owned_by(name))
+        if len(self.near) == 1 and self.pressed is None:
+            return everything
+        return everything.take(self.owned_by(name) & ~self.is_pressed)
+
+    @lazy
+    def is_pressed(self) -> BoolArray:
+        """(k,) which of the active points sharp points of the colliders press."""
+        if self.pressed is None:
+            return np.zeros(len(self.active), dtype=bool)
+        return np.greater_equal(self.active, self.pressed.first)

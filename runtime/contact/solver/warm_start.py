@@ -29,6 +29,7 @@ from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.compiled import compiled
 from softprint.runtime.contact.solver.candidates import PointDistance, carried
 from softprint.runtime.contact.solver.contact_point_kernels import places
+from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, StartingPoint
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
@@ -51,7 +52,8 @@ class PointCompliance(Protocol):
     @property
     def dtype(self) -> np.dtype[np.float32]: ...
     def among(self, points: IntArray, /) -> NDArray[np.float32]: ...
-    def displacement(self, at: IntArray, points: IntArray, forces: Array, /) -> Array: ...
+    def on_nodes(self, points: IntArray, forces: Array, /) -> tuple[IntArray, Array]: ...
+    def displacement(self, at: IntArray, nodes: IntArray, forces: Array, /) -> Array: ...
 
 
 class _Earlier(NamedTuple):
@@ -69,11 +71,13 @@ class _Earlier(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class WarmStart:
     """A solved contact from which the contact solves of nearby states start. compliance: among the contact points of
-    the body; stiffness: a k (n,) [N/m^2] of all of them."""
+    the body; stiffness: a k (n,) [N/m^2] of all of them; frame: of the step in which it was solved, None if that is
+    over."""
 
     solved: SolvedContact
     compliance: PointCompliance
     stiffness: Array
+    frame: CorotatedPoints | None = None
 
     @lazy
     def factor(self) -> WoodburyFactor:
@@ -82,11 +86,21 @@ class WarmStart:
         G = self.compliance.among(own.index)
         return WoodburyFactor(G, own.F, self.stiffness[own.index], own.solution)
 
+    @lazy
+    def node_forces(self) -> tuple[IntArray, Array]:
+        """The contact nodes (k,) that bear forces, and these (k, dim) [N], in rest coordinates."""
+        return self.compliance.on_nodes(self.solved.active, self.solved.rest_force)
+
     def predict(
-        self, index: IntArray, problem: ContactProblem, poses: Poses, after: PointDistance
+        self,
+        index: IntArray,
+        problem: ContactProblem,
+        poses: Poses,
+        after: PointDistance,
+        compliance: PointCompliance,
     ) -> StartingPoint | None:
         """The starting point at the points `index` (n,) of the problem, with the colliders at poses; None for a state
-        that is too far away. after: the distance of these points."""
+        that is too far away. after: the distance of these points; compliance: among them."""
         near, solution = self.solved, self.solved.solution
         b, g, pressure = solution.active, solution.normal, solution.pressure
         before, now = ([at[name] for name in near.names] for at in (near.poses, poses))
@@ -105,23 +119,22 @@ class WarmStart:
         state = _Earlier(solution.penetration, pressure, g, solution.curvature, moved, rotations)
         new = np.flatnonzero(places(index, near.index) < 0)
         if b.size and new.size:
-            beside = self._beside(index[new], new, problem, after)
+            v = compliance.displacement(index[new], *self.node_forces)
+            beside = self._beside(v, new, problem, after)
             at = np.concatenate([at, new])
             state = _Earlier(*map(np.concatenate, zip(state, beside, strict=True)))
         return _start(at, *state, problem.F, problem.stiffness, problem.compliance)
 
-    def _beside(
-        self, index: IntArray, at: IntArray, problem: ContactProblem, after: PointDistance
-    ) -> _Earlier:
-        """Points `index` (n,) that were not in the earlier contact, numbers `at` of the problem: at their present
-        positions, displaced by the earlier forces, and with the colliders where they were."""
+    def _beside(self, v: Array, at: IntArray, problem: ContactProblem, after: PointDistance) -> _Earlier:
+        """Points that were not in the earlier contact, numbers `at` (n,) of the problem: at their present positions,
+        displaced by v (n, dim) [m] in rest coordinates, that of the earlier forces, and with the colliders where they
+        were."""
         near, after = self.solved, after.among(at)
-        v = self.compliance.displacement(index, near.active, near.rest_force)
         y = problem.position[at] + to_world(problem.F[at], v)
         before = after.at(near.poses)
         distance = before(y)
         follows, rotations = carried(y, after.owner, before.poses, after.poses)
-        nothing = np.zeros(len(index))
+        nothing = np.zeros(len(at))
         return _Earlier(-distance.value, nothing, distance.gradient, distance.hessian, -follows, rotations)
 
 

@@ -86,4 +86,5 @@ class WoodburyFactor:
         """K^-1 right (r, n)."""
         if self._factor is None:
             return right
-        return np.asarray(lu_solve(self._factor, right, check_finite=False))
+        # In one order, whatever the number of rows: kernels are compiled for every order that they meet.
+        return np.ascontiguousarray(lu_solve(self._factor, right, check_finite=False))

@@ -72,7 +72,8 @@ class BodyEvaluation:
     @lazy
     def surface(self) -> SurfaceContactEvaluation:
         """Penalty contact at the surface samples."""
-        return self.frame.surface.evaluate(self.positions, self.at.poses)
+        x, (rows, poses) = self.positions, self.at
+        return self.frame.surface.evaluate(x, poses, rows, self.displacement)
 
     @lazy
     def contact(self) -> ContactEvaluation | None:

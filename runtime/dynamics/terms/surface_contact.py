@@ -15,8 +15,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
@@ -28,6 +30,12 @@ from softprint.runtime.contact.friction import CoulombFriction, FrictionTerms, L
 from softprint.runtime.contact.lagged_friction import LaggedFriction, SlipStart
 from softprint.runtime.contact.penalty import ContactTerms, PenaltyContact
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
+from softprint.runtime.dynamics.terms.sharp_surface import (
+    SampleJacobian,
+    SharpSurface,
+    SharpSurfaceEvaluation,
+    SharpSurfaceInFrame,
+)
 from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import CorrectionField
 from softprint.runtime.linalg.chain_rule import through_basis, through_jacobian
@@ -65,6 +73,9 @@ class SurfaceContactEnergy:
             else PointCondensation.at(body, condensation, self.loaded.corners, self.loaded.weights)
         )
         self.colliders, self.contact, self.friction = colliders, contact, friction
+        # Where the surface has more nodes than samples, each is displaced like the nearest sample.
+        nearest = cKDTree(body.mesh.points[self.nodes]).query(body.mesh.points[body.mesh.surface_nodes])[1]
+        self.sharp = SharpSurface(body, colliders, contact, points.samples[nearest], condensation)
 
     @property
     def areas(self) -> Array:
@@ -74,7 +85,7 @@ class SurfaceContactEnergy:
     def in_frame(self, frame_rows: Array) -> SurfaceInFrame:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
         condensation = None if self.condensation is None else self.condensation.corotated(frame_rows)
-        return SurfaceInFrame(self, condensation)
+        return SurfaceInFrame(self, condensation, self.sharp.in_frame(frame_rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +94,7 @@ class SurfaceInFrame:
 
     term: SurfaceContactEnergy
     condensation: CorotatedPointCondensation | None
+    sharp: SharpSurfaceInFrame
 
     def positions(self, rows: Array, displacement: Array | None) -> Array:
         """x at handle rows (n_rows, dim); displacement: u (n, dim) [m] of the corrections."""
@@ -106,9 +118,12 @@ class SurfaceInFrame:
                 jacobian[active] += share[active, None, None, None] * field.jacobian[corner[active]]
         return jacobian.reshape(len(index) * dim, -1)
 
-    def evaluate(self, x: Array, poses: Poses) -> SurfaceContactEvaluation:
-        """Contact of points at x with the colliders at poses."""
-        return SurfaceContactEvaluation(self, x, poses)
+    def evaluate(
+        self, x: Array, poses: Poses, rows: Array, displacement: Array | None
+    ) -> SurfaceContactEvaluation:
+        """Contact of points at x with the colliders at poses; rows, displacement: as for `positions`, of these x."""
+        sharp = SharpSurfaceEvaluation(self.sharp, partial(self.sharp.positions, rows, displacement), poses)
+        return SurfaceContactEvaluation(self, x, poses, sharp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +133,7 @@ class SurfaceContactEvaluation:
     frame: SurfaceInFrame
     x: Array
     poses: Poses
+    sharp: SharpSurfaceEvaluation
 
     @lazy
     def terms(self) -> dict[str, ContactTerms]:
@@ -132,9 +148,9 @@ class SurfaceContactEvaluation:
     def energy(self) -> float:
         """Contact energy [J]; computed without derivatives where these have not been computed."""
         if "terms" in self.__dict__:
-            return sum(contact.energy for contact in self.terms.values())
+            return self.sharp.energy + sum(contact.energy for contact in self.terms.values())
         term = self.frame.term
-        return sum(
+        return self.sharp.energy + sum(
             term.contact.energy(self.x, term.areas, collider, self.poses[name])
             for name, collider in term.colliders.items()
         )
@@ -179,18 +195,20 @@ class SurfaceContactEvaluation:
             for name, contact in self.terms.items()
         }
         index, gradient, hessian = _summed([term for terms in by_collider.values() for term in terms], dim)
+        slots = None if field is None else SampleJacobian(self.frame.term.points.slots(field), field.jacobian)
+        by_rows, by_sharp, couplings = self.sharp.linearise(slots, centres, n_rows)
         if not len(index):
-            return np.zeros((n_rows, dim)), None, []
-        couplings = [
+            return by_rows, by_sharp, couplings
+        couplings += [
             self._coupling(name, by_collider[name], field, centre)
             for name, centre in centres.items()
             if any(len(term.index) for term in by_collider.get(name, ()))
         ]
         if field is None and self.frame.condensation is None:
-            by_rows = through_basis(self.frame.term.basis[index], gradient, hessian)
+            slope, curvature = through_basis(self.frame.term.basis[index], gradient, hessian)
         else:
-            by_rows = through_jacobian(self.frame.jacobian(index, dim, field), gradient, hessian)
-        return *by_rows, couplings
+            slope, curvature = through_jacobian(self.frame.jacobian(index, dim, field), gradient, hessian)
+        return by_rows + slope, curvature if by_sharp is None else curvature + by_sharp, couplings
 
     def _coupling(
         self, name: str, terms: Sequence[Terms], field: CorrectionField | None, centre: Array
@@ -203,14 +221,18 @@ class SurfaceContactEvaluation:
 
     def forces(self, lagged: LaggedFriction | None) -> dict[str, ContactForce]:
         """The force on each collider."""
-        friction, forces = self.friction(lagged), {}
+        friction, sharp, forces = self.friction(lagged), self.sharp.forces(), {}
         for name, contact in self.terms.items():
             parts = [self._surface_forces(contact, tangential=False)]
             if name in friction:
                 parts.append(self._surface_forces(friction[name], tangential=True))
+            depth, count = float(contact.depth.max(initial=0.0)), len(contact.index)
+            if name in sharp:
+                own, deepest = sharp[name]
+                parts.append(own)
+                depth, count = max(depth, deepest), count + len(self.sharp.terms[name].points)
             total = resultant(parts, self.poses[name].translation)
-            depth = float(contact.depth.max(initial=0.0))
-            forces[name] = ContactForce(*total, depth, len(contact.index), parts)
+            forces[name] = ContactForce(*total, depth, count, parts)
         return forces
 
     def _surface_forces(self, terms: Terms, tangential: bool) -> SurfaceForces:

@@ -25,7 +25,8 @@ class ContactSpec(Section):
         0,
         ge=0,
         le=64,
-        description="contact on surface facets, in full space at n points along an edge of each; 0: at nodes",
+        description="contact on surface facets, in full space at n points along an edge of each, and at tips and edges "
+        "of colliders; 0: at nodes",
     )
     reduced_refinement: int = Field(
         1, ge=1, le=8, description="points along an edge of a facet in reduced models, with contact on facets"

@@ -30,13 +30,16 @@ class ContactState:
     """index: (m,) contact points; force: l (m, dim) [N] by linear mechanics, in rest coordinates; inputs: a (m,
     n_contact_inputs(dim)), see `inputs.py`; lever: w F^T v_k (m, DIRECTIONS, dim) [m^(dim-1)] with the directions v =
     g, N and u / band of `inputs.py` and w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the edge of
-    the band; depth: D [m], see `patch_depth`. Rotating body and collider together changes none of these."""
+    the band; depth: D [m], see `patch_depth`. Rotating body and collider together changes none of these. pressed: the
+    contact nodes (k,) that sharp points of the collider press, and these forces (k, dim) [N], in rest coordinates,
+    which stay those of linear mechanics; None without."""
 
     index: IntArray
     force: Array
     inputs: Array
     lever: Array
     depth: float
+    pressed: tuple[IntArray, Array] | None = None
 
 
 def patch_depth(areas: Array, distance: Array) -> float:
@@ -60,10 +63,14 @@ class ContactMeasurement:
         name = self._name
         if solved is None or name not in solved.near:
             return None
-        near, points, own = solved.near[name], self._contact.points, solved.owned_by(name)
+        near, points, own = (
+            solved.near[name],
+            self._contact.points,
+            solved.owned_by(name) & ~solved.is_pressed,
+        )
         index, pose, m = near.index, near.pose, len(near.index)
         F = pose.rotation.T @ points.deformation(solved.rows, index)
-        v = self._contact.compliance.displacement(index, solved.active, solved.rest_force)
+        v = self._contact.compliance.displacement(index, *self._contact.node_forces(solved))
         moved = kernels.to_world(F, v)
         z = pose.apply_inverse(near.position)
         distance, slope, curvature = self._collider.sdf_derivatives(np.concatenate([z, z + moved]))
@@ -83,7 +90,10 @@ class ContactMeasurement:
         directions = np.stack([slope[:m], normal, moved / self._band], axis=1)
         lever = weight[:, None, None] * (directions @ F)
         depth = patch_depth(self._areas[index], distance[:m])
-        return ContactState(index, force, np.concatenate(inputs, axis=1), lever, depth)
+        pressed = self._contact.node_forces(solved, solved.owned_by(name) & solved.is_pressed)
+        return ContactState(
+            index, force, np.concatenate(inputs, axis=1), lever, depth, pressed if len(pressed[0]) else None
+        )
 
 
 class ContactStateProbe:

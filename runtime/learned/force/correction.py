@@ -82,5 +82,9 @@ class BoundForceCorrection:
         state = self._measurement.measure(solved)
         if state is None:
             return np.zeros(self._shape)
-        v = self._compliance.apply(*self._loaded.to_nodes(state.index, self._model.forces(state)))
+        nodes, forces = self._loaded.to_nodes(state.index, self._model.forces(state))
+        if state.pressed is not None:
+            nodes = np.concatenate([nodes, state.pressed[0]])
+            forces = np.concatenate([forces, state.pressed[1].astype(forces.dtype)])
+        v = self._compliance.apply(nodes, forces)
         return to_world(v, self._gradient, solved.rows.astype(v.dtype))

@@ -24,7 +24,8 @@ def options(spec: ModelSpec, body: ReducedBody, law: PenaltyContact) -> ForceMod
         band=spec.band,
         stiffness=law.stiffness,
         static_condensation=spec.static_condensation,
-        points=law.reduced_points,
+        refinement=law.refinement,
+        reduced_refinement=law.reduced_refinement,
     )
 
 

@@ -32,8 +32,8 @@ SATURATION = 4.0  # R
 class ForceModelOptions(ModelOptions):
     """widths, activation: of the network; fade_depth [m]: depth of the contact below which the correction fades out;
     band [m]: contact points up to this distance outside the collider are included; stiffness: of the penalty contact
-    [N/m^4]; static_condensation: whether reduced positions include static condensation; points: contact
-    points along an edge of a facet, 0 for the contact nodes."""
+    [N/m^4]; static_condensation: whether reduced positions include static condensation; refinement,
+    reduced_refinement: of the contact law, see `PenaltyContact`."""
 
     widths: tuple[int, ...]
     activation: Literal["tanh", "silu", "softplus", "elu"]
@@ -41,12 +41,13 @@ class ForceModelOptions(ModelOptions):
     band: float
     stiffness: float
     static_condensation: bool = True
-    points: int = 0
+    refinement: int = 0
+    reduced_refinement: int = 1
 
     @property
     def law(self) -> PenaltyContact:
         """The contact law that the model was made for."""
-        return PenaltyContact(self.stiffness, min(self.points, 1), max(self.points, 1))
+        return PenaltyContact(self.stiffness, self.refinement, self.reduced_refinement)
 
 
 class ForceModel(LearnedModel):

@@ -63,7 +63,10 @@ def into_the_top(dim, rotation_vector):
     return RigidPose.from_rotation_vector(rotation_vector, place)
 
 
-@pytest.fixture(params=[(0, 1), (1, 1), (1, 2)], ids=["at nodes", "on facets", "two along a facet"])
+@pytest.fixture(
+    params=[(0, 1), (4, 1), (4, 2), (1, 1)],
+    ids=["at nodes", "on facets", "two along a facet", "and of sharp points"],
+)
 def law(request):
     """Contact at nodes, at the centres of facets, and at several points of every facet."""
     return PenaltyContact(STIFFNESS, *request.param)
@@ -103,7 +106,7 @@ def test_points_that_the_dent_pushes_in_are_found(jelly_body, dim, law, monkeypa
 
     expected = energy()
     # Begins with those deeper than that share of the deepest.
-    monkeypatch.setattr(candidate_search, "_MARGIN", -0.4)
+    monkeypatch.setattr(candidate_search, "MARGIN", -0.4)
     # Both are balanced to a millionth of the depth.
     assert energy() == pytest.approx(expected, rel=1e-6)
 
@@ -189,7 +192,9 @@ def test_rigid_motion_is_predicted(jelly_body, dim, law):
         depth=here.solved.depth,
         distance=distance,
     )
-    penetration, normal = here.warm_start.predict(index, problem, {"ball": rotated_pose}, distance)
+    penetration, normal = here.warm_start.predict(
+        index, problem, {"ball": rotated_pose}, distance, here.warm_start.compliance
+    )
     solution = here.solved.solution
     # Solved in single precision.
     np.testing.assert_allclose(penetration[b], solution.penetration[b], rtol=1e-5)

@@ -45,7 +45,10 @@ def ball_at(dim, depth, along=0.0):
     return RigidPose(np.eye(dim), np.append(np.eye(dim - 1)[0] * along, TOP + RADIUS - depth))
 
 
-@pytest.fixture(params=[(0, 1), (1, 1), (1, 2)], ids=["at nodes", "on facets", "two along a facet"])
+@pytest.fixture(
+    params=[(0, 1), (4, 1), (4, 2), (1, 1)],
+    ids=["at nodes", "on facets", "two along a facet", "and of sharp points"],
+)
 def law(request):
     """Contact at nodes, at the centres of facets, and at several points of every facet."""
     return PenaltyContact(STIFFNESS, *request.param)

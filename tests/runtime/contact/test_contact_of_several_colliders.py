@@ -22,9 +22,10 @@ STIFFNESS = 1e10  # N/m^4
 OPTIONS = ForceModelOptions((4, 4), "silu", 5e-4, 3e-3, STIFFNESS)
 
 
-@pytest.fixture(params=[(0, 1), (1, 1), (1, 2)], ids=["at nodes", "on facets", "two along a facet"])
+@pytest.fixture(params=[(0, 1), (4, 2), (4, 3)], ids=["at nodes", "two along a facet", "three"])
 def law(request):
-    """Contact at nodes, at the centres of facets, and at several points of every facet."""
+    """Contact at nodes, and at several points of every facet, so that no ball counts as sharp: where its sharp points
+    are depends on what else is in the same collider."""
     return PenaltyContact(STIFFNESS, *request.param)
 
 
@@ -113,7 +114,12 @@ def test_dents_near_each_other_are_drawn_as_of_one_collider(jelly_body, dim, law
     }
     rest, moved = jelly_body.mesh.points, {}
     for name, placed in scenes.items():
-        colliders = corrected(jelly_body, mechanics, placed, replace(OPTIONS, points=law.reduced_points))
+        colliders = corrected(
+            jelly_body,
+            mechanics,
+            placed,
+            replace(OPTIONS, refinement=law.refinement, reduced_refinement=law.reduced_refinement),
+        )
         simulator = Simulator(jelly_body, colliders, contact=law, mechanics=mechanics)
         state = simulator.rest_state()
         moved[name] = simulator.positions(state) - rest
@@ -144,10 +150,11 @@ def test_corrections_of_one_body_have_one_stiffness(jelly_body, dim):
 def test_corrections_of_contact_on_facets_are_for_contact_on_facets(jelly_body, dim):
     mechanics = compute_mechanics(jelly_body, 50, condensation=False)
     one, _ = zip(*two_balls(dim), strict=True)
-    colliders = corrected(jelly_body, mechanics, [one], replace(OPTIONS, points=1))
+    colliders = corrected(jelly_body, mechanics, [one], replace(OPTIONS, refinement=3))
     Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS, 3), mechanics=mechanics)
     with pytest.raises(
-        SoftprintError, match=r"contact at 1 points along an edge of a facet, not at nodes: give contact=Pen"
+        SoftprintError,
+        match=r"at 1 points along an edge of a facet, and on sharp edges at 3, not at nodes: give contact=Pen",
     ):
         Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
 

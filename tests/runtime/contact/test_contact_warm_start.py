@@ -104,13 +104,13 @@ def test_points_that_a_thin_rod_comes_to_start_where_the_dent_has_taken_them(
 ):
     """Lower on its round end than where they would be without the dent."""
     rod, rows = Capsule([-0.012, 0.0], [0.012, 0.0], RADIUS, "rod"), jelly2d_body.rest_rows
-    contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, PenaltyContact(STIFFNESS, 1, 2))
+    contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, PenaltyContact(STIFFNESS, 4, 2))
     down, moved = dragged(rod, 0.009)
     before = followed(contact, rows, down)[-1]
     entering, undisplaced = [], []
 
-    def predict(start, index, problem, poses, after, found=WarmStart.predict):
-        began = found(start, index, problem, poses, after)
+    def predict(start, index, problem, poses, after, compliance, found=WarmStart.predict):
+        began = found(start, index, problem, poses, after, compliance)
         penetration, normal = began
         new = np.isin(index, start.solved.index, invert=True) & (penetration > 0.0)
         entering.extend(normal[new, 1])

@@ -9,7 +9,7 @@ from multiprocessing.reduction import ForkingPickler
 import numpy as np
 import pytest
 
-from softprint.runtime.colliders import KeyframedPath, Sphere
+from softprint.runtime.colliders import Box, KeyframedPath, Sphere
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.dynamics.state_file import load_state, save_state
@@ -22,19 +22,21 @@ STIFFNESS = 1e10  # N/m^4
 STEPS, BRANCH, BEYOND = 14, 8, 4  # of the motion; where it is taken up again, in contact; for so many steps
 
 
-def simulator_of(body, mechanics, friction):
-    """A block held by its base, into whose top a ball with an (untrained) correction is pressed, and drawn aside."""
+def simulator_of(body, mechanics, friction, refinement=0):
+    """A block held by its base, into whose top a ball with an (untrained) correction is pressed, and drawn aside; with
+    contact on facets a box, with sharp edges."""
     dim = body.dim
     above, inside = np.full(dim, 0.01), np.full(dim, 0.01)
     above[-1], inside[-1], inside[0] = 0.085, 0.074, 0.014
-    ball = Sphere(0.02, dim, "ball")
-    model = ForceModel(ForceModelOptions((4, 4), "silu", 5e-4, 3e-3, STIFFNESS), dim, body.n_rows)
+    ball = Box([0.02] * dim, name="ball") if refinement else Sphere(0.02, dim, "ball")
+    options = ForceModelOptions((4, 4), "silu", 5e-4, 3e-3, STIFFNESS, refinement=refinement)
+    model = ForceModel(options, dim, body.n_rows)
     correction = ForceCorrection("force", model, body, ball, mechanics)
     path = KeyframedPath([0.0, 0.2], [above, inside])
     return Simulator(
         body,
         [PlacedCollider("ball", ball, path, correction)],
-        contact=PenaltyContact(STIFFNESS),
+        contact=PenaltyContact(STIFFNESS, refinement),
         mechanics=mechanics,
         friction=friction,
         gravity=[0.0] * (dim - 1) + [-9.81],
@@ -51,13 +53,18 @@ def play(simulator, state, steps):
     return states
 
 
-@pytest.fixture(params=[None, CoulombFriction(0.4)], ids=["smooth", "rough"])
+@pytest.fixture(
+    params=[(None, 0), (CoulombFriction(0.4), 0), (CoulombFriction(0.4), 2)],
+    ids=["smooth", "rough", "rough, with sharp edges"],
+)
 def motion(jelly_body, request):
     """A simulator, and the states of a motion of its body."""
     mechanics = compute_mechanics(jelly_body, 300, True)
-    simulator = simulator_of(jelly_body, mechanics, request.param)
+    simulator = simulator_of(jelly_body, mechanics, *request.param)
     states = play(simulator, simulator.settle().state, STEPS)
-    assert states[BRANCH].contact is not None  # the motion is in contact where it is taken up again
+    contact = states[BRANCH].contact
+    assert contact is not None  # the motion is in contact where it is taken up again
+    assert (contact.pressed is not None) == (request.param[1] > 0)
     return simulator, states
 
 
@@ -78,7 +85,7 @@ def test_simulators_that_share_a_correction_do_not_feel_each_other(motion):
     second = Simulator(
         first.body,
         first.colliders,
-        contact=PenaltyContact(STIFFNESS),
+        contact=first.colliders[0].correction.law,
         mechanics=first.mechanics,
         friction=first._friction,
         gravity=first._gravity,

@@ -90,7 +90,10 @@ def test_compliance_among_points_is_that_of_the_forces_on_nodes(jelly_body, comp
     moved = np.einsum("iajb,jb->ia", by_all[here][:, :, there], forces)
     # Rounded to float32.
     np.testing.assert_allclose(
-        local.displacement(at, index, forces), moved, rtol=1e-4, atol=1e-5 * np.abs(moved).max()
+        local.displacement(at, *local.on_nodes(index, forces)),
+        moved,
+        rtol=1e-4,
+        atol=1e-5 * np.abs(moved).max(),
     )
     nodes, onto = points.to_nodes(index, forces)
     expected = np.einsum("ia,ijab,jb", onto, all_pairs[nodes[:, None], nodes].astype(np.float64), onto)

@@ -1,0 +1,204 @@
+"""The search for the points of a reduced body's surface that tips, edges and thin limbs of colliders press.
+
+The surface near the sharp points is deformed as far as it is known before the contact solve: by the handle rows, static
+condensation, and the contact forces of the warm start. So a point that is pressed along keeps its side, and few facets
+are looked at, whatever the size of the mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_points
+from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.contact.piercing_kernels import bounds, in_box
+from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
+from softprint.runtime.contact.solver.contact_solve_kernels import to_world
+from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
+from softprint.runtime.elasticity.invariants import cofactor
+from softprint.runtime.linalg.row_products import deformed_some, placed_some
+from softprint.runtime.mechanics.loaded_points import LoadedPoints
+from softprint.runtime.mechanics.local_compliance import LocalCompliance
+from softprint.runtime.mesh.mesh import Mesh
+from softprint.runtime.mesh.nearest_facets import nearest_of
+
+# Facets are looked at around the sharp points as far as the surface may be displaced: this multiple of the last
+# displacement by contact, and so many distances between surface nodes.
+_DISPLACED, _AROUND = 1.5, 3.0
+# Sharp points take over from contact points on facets within so many of their spacings: there the nearest side of the
+# collider changes from its edge to its flanks within a penetration.
+_BESIDE = 0.7
+# A point on a facet at the edge of a rigid frame needs this share of the facet's weights on nodes that can move.
+_LEAST_SHARE = 0.05
+
+
+class Dent(NamedTuple):
+    """The displacement by contact that is known before a solve: forces (k, dim) [N] on contact nodes (k,), in rest
+    coordinates, and the largest displacement of a point by them [m]."""
+
+    nodes: IntArray
+    forces: Array
+    largest: float
+
+
+@dataclass(frozen=True, eq=False)
+class SharpCollider:
+    """One of several colliders, with its number and name. points: (m, dim) [m] its sharp points, in its coordinates."""
+
+    number: int
+    name: str
+    collider: Collider
+    points: Array
+
+
+def sharp_colliders(
+    colliders: Mapping[str, Collider], law: PenaltyContact, mesh: Mesh
+) -> list[SharpCollider]:
+    """Those of the colliders that have sharp points; none where contact is at nodes."""
+    if not law.refinement:
+        return []
+    spacing = law.sharp_spacing(mesh)
+    found = [
+        SharpCollider(number, name, collider, sharp_points(collider, spacing))
+        for number, (name, collider) in enumerate(colliders.items())
+    ]
+    return [sharp for sharp in found if len(sharp.points)]
+
+
+class SharpSearch:
+    """Finds `PressedPoints`. count: of the sharp points of all colliders; area: that each of them stands for
+    [m^(dim-1)]; surface: the nodes of the facets that can be pressed."""
+
+    def __init__(
+        self,
+        body: ReducedBody,
+        colliders: Sequence[SharpCollider],
+        law: PenaltyContact,
+        owner: IntArray,
+        compliance: LocalCompliance,
+        loaded: LoadedPoints,
+        points: ContactPoints,
+        nodes: IntArray,
+    ) -> None:
+        """owner: (n_nodes,) contact node of every node of the mesh, -1 for none; compliance: of the contact nodes;
+        loaded, points: the contact points on the facets; nodes: (k,) those of the facets, ascending."""
+        mesh, spacing = body.mesh, law.sharp_spacing(body.mesh)
+        self.area = spacing ** (mesh.dim - 1)
+        self.surface = SurfaceNodes(nodes, body.node_points(nodes), points.condensation)
+        self._gradients = np.ascontiguousarray(self.surface.material.basis_gradient.transpose(0, 2, 1))
+        self._owner, self._compliance, self._spacing = owner[nodes], compliance, mesh.surface_spacing
+        facets = bearing_facets(mesh.facets, owner)
+        self._facets = np.searchsorted(nodes, facets)
+        self._corners, self._weights = np.searchsorted(nodes, loaded.corners), loaded.weights
+        # The contact point that is nearest at rest: whether a facet is near is decided by its position.
+        self._beside = cKDTree(points.material.rest).query(mesh.points[facets].mean(axis=1))[1]
+        self._first, self.count = len(points.material), 0
+        self._sharp: list[tuple[int, SharpCollider]] = []
+        for sharp in colliders:
+            self._sharp.append((self._first + self.count, sharp))
+            self.count += len(sharp.points)
+        self._apart = spacing
+
+    def find(
+        self, points: CorotatedPoints, rows: Array, poses: Poses, x: Array, dent: Dent | None
+    ) -> PressedPoints | None:
+        """The points pressed at handle rows (n_rows, dim), and those that soon may be; None where there are none. x:
+        approximate positions (n, dim) [m] of the contact points on the facets; dent: None without a warm start."""
+        lower, upper = bounds(x)
+        parts = []
+        for first, sharp in self._sharp:
+            pose = poses[sharp.name]
+            inside = in_box(pose.apply(sharp.points), lower, upper)
+            part = self._pressed_by(sharp, inside, points, rows, pose, x, dent) if len(inside) else None
+            if part is not None:
+                parts.append((first + part[0], *part[1:]))
+        if not parts:
+            return None
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        columns[-1] = np.unique(columns[-1])
+        return PressedPoints(self._first, *columns)
+
+    def _pressed_by(
+        self,
+        sharp: SharpCollider,
+        which: IntArray,
+        points: CorotatedPoints,
+        rows: Array,
+        pose: RigidPose,
+        x: Array,
+        dent: Dent | None,
+    ) -> tuple[Array | IntArray, ...] | None:
+        """The columns of `PressedPoints`, with the numbers of its own sharp points; None where there are none."""
+        z = sharp.points[which]
+        p = pose.apply(z)
+        lower, upper = bounds(p)
+        margin = _AROUND * self._spacing + (0.0 if dent is None else _DISPLACED * dent.largest)
+        near = np.zeros(len(x), dtype=bool)
+        near[in_box(x, lower - margin, upper + margin)] = True
+        facets = self._facets[near[self._beside]]
+        if not len(facets):
+            return None
+        nodes, facets = np.unique(facets, return_inverse=True)
+        facets = facets.reshape(-1, x.shape[1])
+        F = deformed_some(self._gradients, rows, nodes)
+        y = self._positions(points, rows, nodes, F, dent)
+        facet, weights, depth = nearest_of(p, y, facets)
+        corners = facets[facet]
+        normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
+        inward = -(weights[..., None] * normals[corners]).sum(axis=1) @ pose.rotation
+        inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+        direction, bearing = bearing_normals(sharp.collider, z, inward, self._apart)
+        of = self._owner[nodes[corners]]
+        shares = np.where(of >= 0, weights, 0.0)
+        kept = np.flatnonzero(bearing & (depth > -self._spacing) & (shares.sum(axis=1) > _LEAST_SHARE))
+        if not len(kept):
+            return None
+        return (
+            which[kept],
+            np.full(len(kept), sharp.number),
+            self.surface.nodes[nodes[corners[kept]]],
+            weights[kept],
+            np.maximum(of[kept], 0),
+            shares[kept],
+            z[kept],
+            direction[kept],
+            self._replaced(p[kept], near, nodes, y),
+        )
+
+    def _replaced(self, p: Array, near: BoolArray, nodes: IntArray, y: Array) -> IntArray:
+        """Which of the contact points near (n,) are close to sharp points p (j, dim) that bear. y: (k, dim) positions
+        of the nodes (k,) of their facets."""
+        index = np.flatnonzero(near)
+        corners = np.minimum(np.searchsorted(nodes, self._corners[index]), len(nodes) - 1)
+        known = (nodes[corners] == self._corners[index]).all(axis=1)
+        x = (self._weights[index[known]][..., None] * y[corners[known]]).sum(axis=1)
+        apart = np.square(x[:, None] - p[None]).sum(axis=2).min(axis=1)
+        return index[known][apart < (_BESIDE * self._apart) ** 2]
+
+    def _positions(
+        self, points: CorotatedPoints, rows: Array, nodes: IntArray, F: Array, dent: Dent | None
+    ) -> Array:
+        """(k, dim) [m] of some of the surface nodes (k,), with the displacement by contact that is known."""
+        x = placed_some(self.surface.material.basis, rows, nodes)
+        if points.condensation is not None:
+            x += points.condensation.of_nodes.displacement(rows, nodes)
+        of = self._owner[nodes]
+        free = np.flatnonzero(of >= 0)
+        if dent is not None and len(dent.nodes) and len(free):
+            v = self._compliance.displacement(of[free], dent.nodes, dent.forces)
+            x[free] += to_world(F[free], v)
+        return x
+
+
+def bearing_facets(facets: IntArray, owner: IntArray) -> IntArray:
+    """Those of the facets (f, dim) that have a node which contact can displace. owner: see `SharpSearch`."""
+    return facets[(owner[facets] >= 0).any(axis=1)]

@@ -1,0 +1,178 @@
+"""Sharp colliders pressed into reduced bodies: what they press, how they bear, and that they do not go in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softprint.runtime.body import assemble_body, frame_in_box, place_handles
+from softprint.runtime.colliders import Box, KeyframedPath, RigidPose, Sphere
+from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_points
+from softprint.runtime.colliders.surface_points import surface_points
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.intrusion import intrusion
+from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.mesh.box import box_mesh
+
+TOP, DEPTH = 0.06, 0.006  # m, of the block; of the edge below it
+STIFFNESS = 3e11  # N/m^4
+THIN = 0.001  # m, half of the plate's thickness: a sixth of the distance between nodes
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    """{dim: (body, its mechanics)}: blocks whose surface nodes are some 6 mm apart."""
+    return {dim: block(dim) for dim in (2, 3)}
+
+
+def block(dim):
+    mesh = box_mesh([-0.03] * (dim - 1) + [0.0], [0.03] * (dim - 1) + [TOP], [10] * (dim - 1) + [8])
+    slab = [[-1.0] * dim, [1.0] * (dim - 1) + [0.009]]
+    handles = place_handles(mesh, 6, [frame_in_box(mesh, "base", slab)])
+    body = assemble_body(mesh, handles, make_material("stable_neo_hookean", 2e4, 0.4), 1000.0, name="block")
+    return body, compute_mechanics(body, 1000, True)
+
+
+def plate(dim):
+    return Box([THIN, *[0.02] * (dim - 1)], 2e-4, "plate")
+
+
+def upright(dim, depth=DEPTH, at=0.0023):
+    """Its lower edge that deep below the top; between nodes."""
+    return RigidPose(np.eye(dim), np.append(np.full(dim - 1, at), TOP + 0.02 - depth))
+
+
+def follow(contact, body, poses):
+    """The evaluations along poses of the plate, each from the one before."""
+    rows, warm_start = body.rest_rows, None
+    for pose in poses:
+        found = contact.evaluate(contact.in_frame(rows), rows, {"plate": pose}, warm_start)
+        warm_start = found.warm_start
+        yield found
+
+
+def pressed(bodies, dim, law, depths):
+    body, mechanics = bodies[dim]
+    contact = CondensedContact.of(body, mechanics, {"plate": plate(dim)}, law)
+    return body, list(follow(contact, body, [upright(dim, depth) for depth in depths]))
+
+
+def test_an_edge_thinner_than_a_facet_is_held(bodies, dim):
+    """Its force grows with the depth, and the surface below it gives way by nearly the depth."""
+    depths = np.linspace(0.0, DEPTH, 13)[1:]
+    law = PenaltyContact(STIFFNESS, 2)
+    _, found = pressed(bodies, dim, law, depths)
+    force = np.array([one.forces()["plate"].force[-1] for one in found])
+    assert all(one.converged for one in found)
+    assert (np.diff(force) > 0.0).all()
+    # Linear elasticity and a penalty: nearly proportional to the depth.
+    assert force[-1] == pytest.approx(2.0 * force[5], rel=0.25)
+    solved = found[-1].solved
+    below = solved.is_pressed
+    assert below.any()
+    given = -solved.solution.displacement[solved.solution.active[below]][:, -1]
+    assert (
+        given.max() > 0.85 * DEPTH
+    )  # the rest is penetration, the square root of the pressure over the stiffness
+    # Points of the body alone hold a tenth of that at most: those in the plate are pushed out of its sides.
+    nodes = pressed(bodies, dim, PenaltyContact(STIFFNESS), depths)[1][-1].forces()["plate"].force[-1]
+    assert nodes < 0.1 * force[-1]
+
+
+def test_the_edge_does_not_go_into_the_body(bodies, dim):
+    """Dragged sideways, found by the cells of the deformed body."""
+    body, mechanics = bodies[dim]
+    edge, law = plate(dim), PenaltyContact(STIFFNESS, 2)
+    start, end = upright(dim).translation, upright(dim, at=0.0123).translation
+    above = start + 0.008 * np.eye(dim)[-1]
+    placed = PlacedCollider("plate", edge, KeyframedPath([0.0, 0.3, 0.8], [above, start, end]))
+    settings = DynamicsSettings(1.0 / 60.0)
+    simulator = Simulator(
+        body,
+        [placed],
+        contact=law,
+        mechanics=mechanics,
+        kinematic=[KinematicHandle("base")],
+        settings=settings,
+    )
+    points, state, deepest, unconverged = surface_points(edge), simulator.rest_state(), 0.0, 0
+    compliance = mechanics.surface_compliance
+    contact = CondensedContact.of(body, mechanics, {"plate": edge}, law)
+    for _ in range(48):
+        result = simulator.step(state)
+        state, unconverged = result.state, unconverged + (not result.converged)
+        if state.contact is not None:
+            v = compliance.apply(*contact.node_forces(state.contact))
+            F = np.einsum("nrj,ra->naj", body.node_points().basis_gradient, state.rows)
+            x = simulator.positions(state) + np.einsum("naj,nj->na", F, v)
+            around = state.poses["plate"].apply(points)
+            deepest = max(deepest, intrusion(around, body.mesh, x).depth)
+    # A point of a facet that the edge comes to is first nearest to its face, and then to its side: a jump, at which a
+    # step may end without convergence. It says so, and is not pierced.
+    assert unconverged <= 8
+    # A fifth of the depth, and of the distance between nodes.
+    assert 0.0 < deepest < 0.2 * DEPTH
+
+
+def test_without_a_dent_the_nearest_point_is_pressed(bodies, dim):
+    body, mechanics = bodies[dim]
+    law, rows = PenaltyContact(STIFFNESS, 2), body.rest_rows
+    contact = CondensedContact.of(body, mechanics, {"plate": plate(dim)}, law)
+    pose = upright(dim, 0.002)
+    solved = contact.evaluate(contact.in_frame(rows), rows, {"plate": pose}, None).solved
+    at = solved.pressed
+    rest = (at.weights[..., None] * body.mesh.points[at.corners]).sum(axis=1)
+    p = pose.apply(at.place)
+    np.testing.assert_allclose(rest[:, -1], TOP, atol=1e-12)
+    np.testing.assert_allclose(rest[:, :-1], p[:, :-1], atol=1e-12)
+    # The flat lower face bears, and against the flat top it bears along the normal.
+    np.testing.assert_allclose(at.direction[:, -1], -1.0, atol=1e-3)
+
+
+def test_the_points_stay_during_a_step(bodies, dim):
+    """So that the energy is a function of the handle rows; in the next step they are looked for anew."""
+    body, mechanics = bodies[dim]
+    law, rows = PenaltyContact(STIFFNESS, 2), body.rest_rows
+    contact = CondensedContact.of(body, mechanics, {"plate": plate(dim)}, law)
+    points = contact.in_frame(rows)
+    first = contact.evaluate(points, rows, {"plate": upright(dim)}, None)
+    moved = {"plate": upright(dim, at=0.0033)}
+    same = contact.evaluate(points, rows, moved, first.warm_start)
+    assert same.solved.pressed is first.solved.pressed
+    renewed = contact.evaluate(contact.in_frame(rows), rows, moved, first.warm_start)
+    assert renewed.solved.pressed is not first.solved.pressed
+    # A millimetre is a sixth of a facet, and the dent moves along in part.
+    old, new = first.solved.pressed, renewed.solved.pressed
+    common, one, other = np.intersect1d(new.index, old.index, return_indices=True)
+    assert len(common)
+    assert np.abs(new.weights[one] - old.weights[other]).max() > 0.05
+
+
+def test_how_a_box_bears(dim):
+    """An edge bears against every push between the normals of its faces, a face only along its own normal."""
+    box, spacing = Box([0.01] * dim, 1e-5, "box"), 0.003
+    points = sharp_points(box, spacing)
+    corner = points[np.argmin(np.linalg.norm(points - 0.01, axis=1))][None]
+    for against in np.eye(dim):
+        for share in (0.2, 0.5, 0.8):
+            push = share * against + (1.0 - share) * np.ones(dim) / np.sqrt(dim)
+            push /= np.linalg.norm(push)
+            normal, bears = bearing_normals(box, corner, push[None], spacing)
+            assert bears.all()
+            np.testing.assert_allclose(normal[0], push, atol=0.02)  # rounded by a hundredth of a millimetre
+    away = -np.ones(dim) / np.sqrt(dim)
+    assert not bearing_normals(box, corner, away[None], spacing)[1].any()
+
+
+def test_a_small_ball_bears_along_the_push(dim):
+    """A tip that is much smaller than the distance between points has every normal."""
+    ball, push = Sphere(3e-4, dim), np.zeros((1, dim))
+    push[0, 0], push[0, -1] = 0.3, -np.sqrt(1.0 - 0.09)
+    lowest = np.zeros((1, dim))
+    lowest[0, -1] = -3e-4
+    normal, bears = bearing_normals(ball, lowest, push, 0.003)
+    assert bears.all()
+    assert normal[0] @ push[0] > 0.99
