@@ -162,7 +162,10 @@ class Scenes:
         x, solved = simulator.positions(state), state.contact
         if solved is None:
             return x
-        v = self.mechanics.surface_compliance.apply(*self.points.to_nodes(solved.active, solved.rest_force))
+        pressed, points = solved.pressed, self.points
+        if pressed is not None:
+            points = points.followed_by(pressed.index, pressed.nodes, pressed.shares)
+        v = self.mechanics.surface_compliance.apply(*points.to_nodes(solved.active, solved.rest_force))
         F = np.einsum("nrj,ra->naj", self.body.node_points().basis_gradient, state.rows)
         return x + np.einsum("naj,nj->na", F, v)
 

@@ -26,9 +26,12 @@ import numpy as np
 import pyvista
 
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.fem_truth.report.drawing.panels import save_panels
+from softprint.fem_truth.report.drawing.picture import Picture
+from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, load_body
-from softprint.runtime.colliders import Collider, KeyframedPath, mesh_collider
+from softprint.runtime.colliders import Collider, KeyframedPath, RigidPose, mesh_collider
 from softprint.runtime.colliders.library import zero_level
 from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.colliders.surface_mesh.mesh_collider import read_surface
@@ -130,10 +133,11 @@ def shape_of(name: str) -> Collider:
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """Frames of one model. x: (t, n_nodes, 3) [m]; force: (t, 3) [N]; depth: of the collider in the body (t,) [m];
-    flagged, unconverged: steps that said PIERCED, or that did not converge otherwise."""
+    """Frames of one model. x: (t, n_nodes, 3) [m]; poses: of the shape (t); force: (t, 3) [N]; depth: of the collider
+    in the body (t,) [m]; flagged, unconverged: steps that said PIERCED, or that did not converge otherwise."""
 
     x: Array
+    poses: Sequence[RigidPose]
     force: Array
     depth: Array
     flagged: int
@@ -159,7 +163,7 @@ class Bench:
         path = KeyframedPath(TIMES, [[x, 0.003, z] for x, z in zip(along, heights, strict=True)])
         simulator: Any = self._simulator(shape, path, model)
         state = simulator.rest_state()
-        x, force, depth = [], [], []
+        x, poses, force, depth = [], [], [], []
         flagged = unconverged = 0
         for _ in range(round(TIMES[-1] / self.experiment.dynamics.time_step)):
             result = simulator.step(state)
@@ -167,10 +171,11 @@ class Bench:
             flagged += pierced
             unconverged += not result.converged and not pierced
             x.append(simulator.positions(state))
+            poses.append(state.poses[shape.name])
             force.append(result.contacts[shape.name].force)
-            around = state.poses[shape.name].apply(points)
+            around = poses[-1].apply(points)
             depth.append(intrusion(around, self.body.mesh, x[-1]).depth)
-        return Played(np.array(x), np.array(force), np.array(depth), flagged, unconverged)
+        return Played(np.array(x), poses, np.array(force), np.array(depth), flagged, unconverged)
 
     def _simulator(self, shape: Collider, path: KeyframedPath, model: str) -> Simulator | FullSpaceSimulator:
         own = self.experiment.dynamics
@@ -228,6 +233,23 @@ def line(shape: str, played: Mapping[str, Played], limit: float) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+def panels(
+    body: ReducedBody, name: str, shape: Collider, played: Mapping[str, Played]
+) -> list[tuple[str, Picture]]:
+    """The models cut open through the deepest node of full space, half way along the drag."""
+    full = played["full"]
+    frame = round(len(full.x) * 0.5 * (TIMES[2] + TIMES[3]) / TIMES[3])
+    pose, surface = full.poses[frame], body.mesh.surface_nodes
+    moved = np.linalg.norm(full.x[frame] - body.mesh.points, axis=1)[surface]
+    centre = full.x[frame][surface[np.argmax(moved)]]
+    renderer = make_renderer(body.mesh, shape, pose)
+    row = []
+    for model, own in played.items():
+        shot = renderer.cut(own.x[frame], pose, centre, model)
+        row.append((f"{name}: {model}", shot or renderer.outside(own.x[frame], pose, model)))
+    return row
+
+
 def _inside(played: Played, limit: float) -> str:
     """Deepest, frames that are pierced, of these said by the step; and steps that did not converge."""
     pierced = int((played.depth > limit).sum())
@@ -248,6 +270,9 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--models", nargs="+", default=["mechanics", "ours"], metavar="NAME")
     parser.add_argument("--depth", type=float, default=0.004, help="m, below the undeformed top")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the experiment")
+    parser.add_argument(
+        "--picture", type=Path, metavar="FILE.png", help="all shapes, cut open half way along the drag"
+    )
     given = parser.parse_args(words)
     logging.getLogger("softprint").setLevel(logging.ERROR)  # what a warning says is in the table
     run = given.out or Path("runs") / given.experiment.stem
@@ -259,6 +284,7 @@ def main(words: Sequence[str] | None = None) -> None:
     print(f"pierced from {1e3 * limit:.1f} mm on\n")
     print("| " + " | ".join(heads) + " |")
     print("| --- " * len(heads) + "|", flush=True)
+    drawn = []
     for name in given.shapes:
         try:
             shape = shape_of(name)
@@ -267,6 +293,10 @@ def main(words: Sequence[str] | None = None) -> None:
             continue
         played = {model: bench.play(shape, model) for model in ("full", "bare", *given.models)}
         print(line(name, played, limit), flush=True)
+        if given.picture:
+            drawn.append(panels(bench.body, name, shape, played))
+    if given.picture:
+        save_panels(given.picture, drawn)
 
 
 if __name__ == "__main__":

@@ -19,13 +19,13 @@ frame where the bare subspace misses most.
 from __future__ import annotations
 
 import argparse
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from softprint.fem_truth.report.assemble import JudgedScene
+from softprint.fem_truth.report.drawing.panels import save_panels
 from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.make import judge_scene
 from softprint.fem_truth.report.measurements.comparison import error_row, relative_displacement_error
@@ -34,7 +34,6 @@ from softprint.fem_truth.report.measurements.motions import distances_over_time
 from softprint.fem_truth.report.run_files import find_run_files, judged_scenes
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
-from softprint.runtime.io.files import atomic_path
 
 MODELS = ("full", "bare", "thesis6", "mechanics", "ours")  # drawn in this order
 
@@ -58,12 +57,6 @@ def table(judged: JudgedScene, comparison: SceneComparison) -> list[str]:
 
 def picture(path: Path, comparer: Comparer, comparison: SceneComparison, names: Sequence[str]) -> int:
     """Cuts side by side, in the frame where the bare subspace misses most, which is returned."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    from PIL import Image
-
     bare = comparison.everywhere["bare"]
     frame = int(bare.frames[np.argmax(bare.rms)])
     comparer.lead_to(frame, comparison.contact)
@@ -71,18 +64,11 @@ def picture(path: Path, comparer: Comparer, comparison: SceneComparison, names: 
     surface = comparer.body.mesh.surface_nodes
     deepest = surface[np.argmax(comparer.depth(positions["full"], pose))]
     renderer = make_renderer(comparer.body.mesh, comparer.collider, pose)
-    figure, axes = plt.subplots(1, len(names), figsize=(2.4 * len(names), 2.1), layout="constrained")
-    for panel, name in zip(axes, names, strict=True):
+    row = []
+    for name in names:
         shot = renderer.cut(positions[name], pose, positions["full"][deepest], name)
-        shot = shot or renderer.outside(positions[name], pose, name)
-        panel.imshow(np.asarray(Image.open(io.BytesIO(shot.data)).convert("RGBA")))
-        panel.set_title(name, fontsize=10)
-        panel.set_axis_off()
-    drawn = io.BytesIO()
-    figure.savefig(drawn, dpi=130)
-    few_colours = Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE)
-    with atomic_path(path) as temporary:
-        few_colours.save(temporary, format="PNG", optimize=True)
+        row.append((name, shot or renderer.outside(positions[name], pose, name)))
+    save_panels(path, [row])
     return frame
 
 

@@ -169,10 +169,11 @@ FIGURES: Mapping[str, Figure] = {
         (
             "python -m benchmarks.thin_shapes examples/jelly_library_small.toml",
             "python -m benchmarks.thin_shapes examples/jelly_library_small.toml --models mechanics "
-            "--set contact.reduced_refinement=2",
+            '--shapes comb "plate, across" needle --picture docs/thin_shapes.png',
         ),
         (RESULTS,),
         ("jelly_library_small",),
+        pictures=("docs/thin_shapes.png",),
     ),
     "hat": Figure(
         (
