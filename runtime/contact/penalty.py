@@ -68,6 +68,10 @@ class ContactTable(Protocol):
     def reduced_refinement(self) -> int: ...
 
 
+# The version of contact on facets: motions and solves of another version are made again.
+FACETS_VERSION = 2
+
+
 @dataclass(frozen=True)
 class PenaltyContact:
     """Contact energy (stiffness / 3) depth^3 per unit of surface area; stiffness in N/m^4.

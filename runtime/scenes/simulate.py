@@ -11,6 +11,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion, pierced_from
+from softprint.runtime.contact.penalty import FACETS_VERSION
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.sources import scene_files
 from softprint.runtime.io.files import content_hash, file_hash
@@ -60,6 +61,8 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         "contact": experiment.contact.model_dump_json(),
         "dynamics": experiment.dynamics.model_dump_json(),
     }
+    if experiment.contact.refinement:
+        content["facets"] = FACETS_VERSION
     for entry in scene.colliders:
         content[f"collider_{entry.name}"] = experiment.collider(entry.name).model_dump_json()
     content |= scene_files(experiment, scene)

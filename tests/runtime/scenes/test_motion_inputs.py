@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from softprint.runtime.experiment import load_experiment
+from softprint.runtime.scenes import simulate
 from softprint.runtime.scenes.scene import find_scene
 from softprint.runtime.scenes.simulate import inputs_hash
 from tests.toy_experiment import write_experiment
@@ -44,3 +45,15 @@ def test_motions_depend_on_the_files_of_their_scene(tmp_path):
     (tmp_path / "ball.stl").write_bytes((tmp_path / "ball.stl").read_bytes() + b"\0")
     assert digest() != before
     assert digest(other) != untracked
+
+
+def test_contact_on_facets_has_a_version(tmp_path, monkeypatch):
+    """Motions with it are made again when it has changed, and those with contact at nodes are kept."""
+    for refinement in (0, 2):
+        experiment = load_experiment(write_experiment(tmp_path, 3), [f"contact.refinement={refinement}"])
+        scene = find_scene(experiment, "held_out")
+        digests = []
+        for version in (1, 2):
+            monkeypatch.setattr(simulate, "FACETS_VERSION", version)
+            digests.append(inputs_hash(experiment, BODY, scene, tmp_path, "bare"))
+        assert (digests[0] != digests[1]) == (refinement > 0)
