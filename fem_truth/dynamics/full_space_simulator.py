@@ -112,7 +112,10 @@ class FullSpaceSimulator:
         if barrier is not None and friction is not None and friction.coefficient > 0:
             raise SoftprintError("contact by a barrier is without friction: set contact.friction = 0")
         self._contact_points = whole_body(body).contact_points(contact.refinement)
-        self._sharp = [SharpContact.of(placed.collider, contact, body.mesh) for placed in self.colliders]
+        self._sharp = [
+            None if self._surfaces else SharpContact.of(placed.collider, contact, body.mesh)
+            for placed in self.colliders
+        ]
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
         self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
         self._springs, self._kinematic = tuple(springs), tuple(kinematic)

@@ -18,7 +18,7 @@ from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_poi
 _OUTSIDE = 0.25
 # A collider bears at a point if its normal there is nearer to the push than this cosine.
 _FACING = 0.5
-# Curvatures count as equal within a factor of 2 to one over that.
+# Curvatures are compared in so many classes for every factor of two.
 _CLASSES = 2.0
 # No two points are closer than this share of the spacing.
 _CLOSEST = 0.7

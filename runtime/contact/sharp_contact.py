@@ -106,13 +106,9 @@ class SharpContact:
 
     @classmethod
     def of(cls, collider: Collider, law: PenaltyContact, mesh: Mesh) -> SharpContact | None:
-        """None where contact is at nodes."""
-        return cls(collider, law, mesh) if law.refinement else None
-
-    @property
-    def count(self) -> int:
-        """Of the sharp points."""
-        return len(self._points)
+        """None where contact is at nodes, or the collider has no sharp points."""
+        found = cls(collider, law, mesh) if law.refinement else None
+        return found if found is not None and len(found._points) else None
 
     def terms(self, x: Array, pose: RigidPose) -> SharpTerms:
         """With the nodes at x (n_nodes, dim) [m] and the collider at a pose."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -73,6 +74,12 @@ def fields_of(body: ReducedBody, contact: PenaltyContact, deformed: Deformed) ->
     )
 
 
+@lru_cache(maxsize=8)
+def _sharp_contact(collider: Collider, contact: PenaltyContact, mesh: Mesh) -> SharpContact | None:
+    """The same for all frames of a series."""
+    return SharpContact.of(collider, contact, mesh)
+
+
 def contact_fields(mesh: Mesh, contact: PenaltyContact, deformed: Deformed) -> tuple[Array, Array]:
     """Pressure (n_nodes,) [Pa] and force (n_nodes, dim) [N] of all colliders on every surface node."""
     normal, force = np.zeros((mesh.n_nodes, 1)), np.zeros((mesh.n_nodes, mesh.dim))
@@ -81,9 +88,10 @@ def contact_fields(mesh: Mesh, contact: PenaltyContact, deformed: Deformed) -> t
         near = points.near(x, collider, pose)
         terms = contact.terms(points.points(near).positions(x), points.area(near), collider, pose)
         touching = [(points.points(near[terms.index]), terms.gradient)]
-        if contact.refinement:
-            sharp = SharpContact(collider, contact, mesh).terms(x, pose)
-            touching.append((sharp.points, sharp.gradient))
+        sharp = _sharp_contact(collider, contact, mesh)
+        if sharp is not None:
+            pressed = sharp.terms(x, pose)
+            touching.append((pressed.points, pressed.gradient))
         for at, gradient in touching:
             pushed = np.linalg.norm(gradient, axis=1, keepdims=True)
             normal += at.gradient(pushed, mesh.n_nodes)

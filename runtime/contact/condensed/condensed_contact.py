@@ -10,7 +10,7 @@ to push too, and 20 % less where their dents overlap. One collider is a group of
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +72,7 @@ class CondensedContact:
     stiffness: Array
     searches: Mapping[str, CandidateSearch]
     sharp: SharpSearch | None
-    _last: list[_AllPoints]
+    _last: list[_AllPoints] = field(default_factory=list, repr=False)
 
     @classmethod
     def of(
@@ -107,7 +107,6 @@ class CondensedContact:
             stiffness,
             {name: CandidateSearch(collider, band) for name, collider in colliders.items()},
             sharp,
-            [],
         )
 
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:

@@ -50,10 +50,8 @@ class SharpSurface:
         samples: IntArray,
         condensation: StaticCondensation | None,
     ) -> None:
-        found = {}
-        if law.refinement:
-            found = {name: SharpContact(own, law, body.mesh) for name, own in colliders.items()}
-        self.contacts = {name: own for name, own in found.items() if own.count}
+        found = {name: SharpContact.of(own, law, body.mesh) for name, own in colliders.items()}
+        self.contacts = {name: own for name, own in found.items() if own is not None}
         self.nodes = body.mesh.surface_nodes if self.contacts else body.mesh.surface_nodes[:0]
         self.samples = samples[: len(self.nodes)]
         self.basis = np.ascontiguousarray(body.basis[self.nodes])
