@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.friction import LaggedContact
+from softprint.runtime.contact.surface_quadrature import FacetPoints
 
 if TYPE_CHECKING:
     from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
@@ -36,23 +37,36 @@ class SlidingPoints:
 
 
 @dataclass(frozen=True, eq=False)
+class SlidingFacetPoints:
+    """k points of facets, fixed in the body, that sharp points of one collider press: the nearest of its surface at the
+    evaluation of contact that was lagged."""
+
+    lagged: LaggedContact
+    points: FacetPoints
+
+
+@dataclass(frozen=True, eq=False)
 class SlipStart:
     """The start of a step of length time_step [s], from which slip is measured: the surface samples (s, dim) [m] and
     the poses; contact_points: computes the deformed positions (m, dim)
-    there of contact points (m,) of an evaluation of condensed contact."""
+    there of contact points (m,) of an evaluation of condensed contact; nodes: computes the positions (n_nodes, dim) [m]
+    there of the mesh, of which those of the surface are used."""
 
     surface: Array
     poses: Poses
     time_step: float
     contact_points: Callable[[IntArray, ContactEvaluation], Array]
+    nodes: Callable[[], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class LaggedFriction:
-    """Lagged friction by collider: surface, at the surface samples; points, at the active points of condensed contact;
-    bodies: by pair of colliders, for the surface points of the first inside the second."""
+    """Lagged friction by collider: surface, at the surface samples; sharp, where sharp points of colliders press the
+    surface; points, at the active points of condensed contact; bodies: by pair of colliders, for the surface points of
+    the first inside the second."""
 
     start: SlipStart
     surface: Mapping[str, LaggedContact]
+    sharp: Mapping[str, SlidingFacetPoints]
     points: Mapping[str, SlidingPoints]
     bodies: Mapping[tuple[str, str], LaggedContact]

@@ -70,6 +70,8 @@ class ContactTable(Protocol):
 
 # The version of contact on facets: motions and solves of another version are made again.
 FACETS_VERSION = 2
+# The same for motions with friction on facets.
+FACETS_FRICTION_VERSION = 2
 
 
 @dataclass(frozen=True)

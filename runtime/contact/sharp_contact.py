@@ -42,6 +42,11 @@ class SharpTerms:
     way: Array
 
     @property
+    def index(self) -> IntArray:
+        """(m,) of all."""
+        return np.arange(len(self.depth))
+
+    @property
     def energy(self) -> float:
         """W [J]."""
         return float(self.weight / 3.0 * (self.depth**3).sum())

@@ -203,15 +203,15 @@ class Simulator:
         """The start from which the slip of a step is measured; None without friction."""
         if self._friction is None:
             return None
-        frame = self._terms.in_frame(state.frame)
-        body = self._evaluated(frame, state, timings)
+        body = self._evaluated(self._terms.in_frame(state.frame), state, timings)
+        h = self.settings.time_step
 
         def contact_points(index: IntArray, of: ContactEvaluation) -> Array:
             found = self._contact_at(state, body)
             assert found is not None  # called by condensed contact only
             return found.deformed_positions(index, of)
 
-        slip = SlipStart(body.positions, state.poses, self.settings.time_step, contact_points)
+        slip = SlipStart(body.positions, state.poses, h, contact_points, lambda: body.surface.sharp.x)
         return SlidingStep(slip, self.settings.friction_updates)
 
     def _contact_at(self, state: ReducedState, body: BodyEvaluation) -> ContactEvaluation | None:

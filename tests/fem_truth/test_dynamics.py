@@ -22,6 +22,7 @@ from softprint.runtime.dynamics import (
     PlacedCollider,
     Simulator,
 )
+from softprint.runtime.dynamics.terms.sharp_surface import SharpSurfaceEvaluation
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.optimise import Newton
 
@@ -149,6 +150,19 @@ def test_friction_drags_within_the_cone_and_against_the_slip(block, dim):
     assert abs(drag) < 1.5 * coefficient * normal  # the cone, with room for the ball's own slope
 
 
+def with_identity(body):
+    """The body with a handle at every node, and every cell and surface node evaluated."""
+    n = body.n_nodes
+    return replace(
+        body,
+        handles=Handles(body.dim, np.arange(n), ()),
+        basis=np.eye(n),
+        reduced_mass=np.diag(body.node_mass),
+        cubature=Cubature(np.arange(body.mesh.n_cells), body.mesh.cell_volumes, 0.0, 0.0),
+        surface=SurfaceSamples(body.mesh.surface_nodes, body.mesh.surface_areas),
+    )
+
+
 @both
 @pytest.mark.parametrize(
     ("mu", "sharp"), [(0.0, False), (0.3, False), (0.0, True)], ids=["smooth", "rough", "with sharp edges"]
@@ -156,18 +170,10 @@ def test_friction_drags_within_the_cone_and_against_the_slip(block, dim):
 def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim, mu, sharp):
     """At nodes; and for a box with sharp edges on facets, with as many points on each as in full space."""
     body = block(dim)
-    n = body.n_nodes
     led = ball(dim, [0.065, 0.064, 0.062, 0.060])
     if sharp:
         led = replace(led, collider=Box([0.015] * dim, name="ball"))
-    identity = replace(
-        body,
-        handles=Handles(dim, np.arange(n), ()),
-        basis=np.eye(n),
-        reduced_mass=np.diag(body.node_mass),
-        cubature=Cubature(np.arange(body.mesh.n_cells), body.mesh.cell_volumes, 0.0, 0.0),
-        surface=SurfaceSamples(body.mesh.surface_nodes, body.mesh.surface_areas),
-    )
+    identity = with_identity(body)
     scene = {
         "colliders": [led],
         "contact": PenaltyContact(CONTACT.stiffness, 2, 2) if sharp else CONTACT,
@@ -188,6 +194,41 @@ def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim
     if sharp:
         edges = SharpContact(led.collider, scene["contact"], body.mesh)
         assert len(edges.terms(fast.x, fast.poses["ball"]).points) > 0
+
+
+@both
+def test_friction_on_sharp_edges_with_the_identity_as_basis_is_that_of_full_space(block, dim, monkeypatch):
+    """A plate, thinner than the facets, is pressed in and drawn aside: its lower edge alone touches."""
+    body = with_identity(block(dim))
+    plate = Box(np.array([0.002, 0.004, 0.015])[[0, 2] if dim == 2 else slice(None)], name="plate")
+    positions = np.full((5, dim), 0.024)
+    positions[:, 0] = [0.03, 0.03, 0.032, 0.034, 0.036]
+    positions[:, -1] = [0.066, 0.062, 0.061, 0.061, 0.061]  # m, of its middle: the top is at 50 mm
+    scene = {
+        "colliders": [PlacedCollider("plate", plate, KeyframedPath(np.arange(5) * STEP, positions))],
+        "contact": PenaltyContact(1e11, 2, 2),
+        "friction": CoulombFriction(0.5, slip_velocity=0.1),
+        "kinematic": [KinematicHandle(int(node)) for node in block(dim).handles.frame_nodes],
+        # The normal forces are renewed until they no longer change.
+        "settings": replace(TIGHT, friction_updates=30),
+    }
+    reduced, full = Simulator(body, **scene), FullSpaceSimulator(body, **scene)
+    slow, fast = reduced.rest_state(), full.rest_state()
+    for _ in range(4):
+        before, slow, fast = slow, reduced.step(slow), full.step(fast)
+        assert slow.converged, slow.reason
+        assert fast.converged, fast.reason
+        force, own = fast.contacts["plate"].force, slow.contacts["plate"].force
+        slow, fast = slow.state, fast.state
+        moved = np.abs(fast.x - body.mesh.points).max()
+        # Residuals of 1e-10; where the normal forces still change a little at their last update, 1e-5 at most.
+        assert np.abs(slow.rows - fast.x).max() < 1e-4 * moved
+        np.testing.assert_allclose(own, force, atol=1e-4 * np.linalg.norm(force))
+    assert moved > 1e-3
+    assert own[0] < -0.3 * own[-1]  # slipping at mu = 0.5, on a surface that is inclined
+    monkeypatch.setattr(SharpSurfaceEvaluation, "lag", lambda *_: {})
+    smooth = reduced.step(before)
+    assert np.abs(smooth.state.rows - slow.rows).max() > 0.1 * moved  # friction was at the sharp points
 
 
 @both

@@ -164,7 +164,7 @@ class StepEnergy:
             )
             free = self.free_bodies
             bodies = {} if free is None else free.bodies.contact.lag(body.at.poses, start)
-            return LaggedFriction(start, body.surface.lag(start), points, bodies)
+            return LaggedFriction(start, *body.surface.lag(start), points, bodies)
 
     def slope(self, body: BodyEvaluation, contact: Array) -> Array:
         """The gradient (n_free,) [N] at a state of the body, with the contact gradient (n_free,) of another state."""

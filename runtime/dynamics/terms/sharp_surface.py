@@ -1,11 +1,13 @@
-"""Penalty contact of tips, edges and thin limbs of colliders (`runtime/contact/sharp_contact.py`) with a reduced body
-whose surface does not give way by itself: the part of `surface_contact.py` that is not at points of the body.
+"""Penalty contact and friction of tips, edges and thin limbs of colliders (`runtime/contact/sharp_contact.py`) with a
+reduced body whose surface does not give way by itself: the part of `surface_contact.py` that is not at points of the
+body.
 
 With the nodes x of the surface, of which the energy W is a function, and J = dx/drows,
 
     gradient = J^T dW/dx,    Hessian = J^T d2W/dx2 J.
 
-It is without friction.
+Friction acts on the points of the surface that were the nearest to sharp points where its normal forces were lagged.
+During a minimisation they stay the same material points.
 """
 
 from __future__ import annotations
@@ -22,8 +24,11 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.collider_coupling import Centres, Coupling
 from softprint.runtime.contact.contact_force import SurfaceForces
+from softprint.runtime.contact.friction import CoulombFriction, FrictionTerms
+from softprint.runtime.contact.lagged_friction import LaggedFriction, SlidingFacetPoints, SlipStart
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.sharp_contact import SharpContact, SharpTerms
+from softprint.runtime.contact.surface_quadrature import FacetPoints
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.row_products import placed
 from softprint.runtime.mechanics.static_condensation import CorotatedCondensation, StaticCondensation
@@ -47,9 +52,11 @@ class SharpSurface:
         body: ReducedBody,
         colliders: Mapping[str, Collider],
         law: PenaltyContact,
+        friction: CoulombFriction | None,
         samples: IntArray,
         condensation: StaticCondensation | None,
     ) -> None:
+        self.friction = friction
         found = {name: SharpContact.of(own, law, body.mesh) for name, own in colliders.items()}
         self.contacts = {name: own for name, own in found.items() if own is not None}
         self.nodes = body.mesh.surface_nodes if self.contacts else body.mesh.surface_nodes[:0]
@@ -121,17 +128,50 @@ class SharpSurfaceEvaluation:
         """[J]"""
         return sum(terms.energy for terms in self.terms.values())
 
+    def lag(self, start: SlipStart) -> dict[str, SlidingFacetPoints]:
+        """Fix the points that sharp points of each collider press; none without friction."""
+        law = self.frame.term.friction
+        if law is None:
+            return {}
+        return {
+            name: SlidingFacetPoints(
+                law.lag(terms, terms.points.positions(start.nodes()), start.poses[name], self.poses[name]),
+                terms.points,
+            )
+            for name, terms in self.terms.items()
+            if len(terms.points)
+        }
+
+    def friction(self, lagged: LaggedFriction | None) -> dict[str, tuple[FacetPoints, FrictionTerms]]:
+        """Friction with each collider that has lagged points, and these points."""
+        law = self.frame.term.friction
+        if law is None or lagged is None:
+            return {}
+        h = lagged.start.time_step
+        return {
+            name: (own.points, law.terms(own.points.positions(self.x), own.lagged.at(self.poses[name]), h))
+            for name, own in lagged.sharp.items()
+        }
+
+    def friction_energy(self, lagged: LaggedFriction | None) -> float:
+        """[J]"""
+        return sum(terms.energy for _, terms in self.friction(lagged).values())
+
     def linearise(
-        self, corrections: SampleJacobian | None, centres: Centres, n_rows: int
+        self,
+        corrections: SampleJacobian | None,
+        lagged: LaggedFriction | None,
+        centres: Centres,
+        n_rows: int,
     ) -> tuple[Array, Array | None, list[Coupling]]:
-        """Gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows, no Hessian without
-        contact; and the couplings with the colliders that move freely, about their centres."""
-        dim = self.frame.term.dim
+        """Gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] of contact and friction by the rows, no
+        Hessian without contact; and the couplings with the colliders that move freely, about their centres."""
+        dim, friction = self.frame.term.dim, self.friction(lagged)
         gradient, hessian, couplings = np.zeros((n_rows, dim)), None, []
         for name, terms in self.terms.items():
-            if not len(terms.points):
+            nodes, slope, curvature = self._by_nodes(terms, friction.get(name))
+            if not len(nodes):
                 continue
-            nodes, slope, curvature = self._by_nodes(terms)
             jacobian = self.frame.jacobian(nodes, corrections)
             by_rows = jacobian.T @ curvature
             gradient = gradient + (jacobian.T @ slope.ravel()).reshape(-1, dim)
@@ -141,25 +181,49 @@ class SharpSurfaceEvaluation:
                 couplings.append(_coupling(name, arms, slope, curvature, jacobian))
         return gradient, hessian, couplings
 
-    def forces(self) -> dict[str, tuple[SurfaceForces, float]]:
+    def forces(self, lagged: LaggedFriction | None) -> dict[str, tuple[list[SurfaceForces], float]]:
         """For each collider that sharp points of touch: the forces on it, and its depth [m]."""
-        found = {}
+        friction, found = self.friction(lagged), {}
         for name, terms in self.terms.items():
-            if len(terms.points):
-                nodes, slope, _ = self._by_nodes(terms)
-                own = self.frame.term.nodes
-                parts = SurfaceForces(own, np.searchsorted(own, nodes), self.x[nodes], slope, False)
-                found[name] = parts, float(terms.depth.max())
+            parts = [self._surface_forces(terms.points, terms.gradient, tangential=False)]
+            if name in friction:
+                points, sliding = friction[name]
+                parts.append(self._surface_forces(points, sliding.gradient, tangential=True))
+            if len(terms.points) or name in friction:
+                found[name] = parts, float(terms.depth.max(initial=0.0))
         return found
 
-    def _by_nodes(self, terms: SharpTerms) -> tuple[IntArray, Array, Array]:
-        """The nodes (k,) of the mesh that are pressed, and dW/dx (k, dim) and d2W/dx2 (k*dim, k*dim)."""
-        nodes, corners = np.unique(terms.points.nodes, return_inverse=True)
-        corners, k, dim = corners.reshape(terms.points.nodes.shape), len(nodes), self.frame.term.dim
+    def _by_nodes(
+        self, terms: SharpTerms, friction: tuple[FacetPoints, FrictionTerms] | None
+    ) -> tuple[IntArray, Array, Array]:
+        """The nodes (k,) of the mesh that are touched, and dW/dx (k, dim) and d2W/dx2 (k*dim, k*dim)."""
+        gradients = [(terms.points, terms.gradient)]
+        hessians = [(terms.points.nodes, terms.hessian(self.x))] if len(terms.points) else []
+        if friction is not None:
+            points, sliding = friction
+            gradients.append((points, sliding.gradient))
+            hessians.append(points.hessian(sliding.hessian))
+        nodes = np.unique(np.concatenate([points.nodes.ravel() for points, _ in gradients]))
+        k, dim = len(nodes), self.frame.term.dim
         slope, curvature = np.zeros((k, dim)), np.zeros((k, k, dim, dim))
-        np.add.at(slope, corners, terms.points.shares[..., None] * terms.gradient[:, None])
-        np.add.at(curvature, (corners[:, :, None], corners[:, None, :]), terms.hessian(self.x))
+        for points, gradient in gradients:
+            _add_gradient(slope, np.searchsorted(nodes, points.nodes), points.shares, gradient)
+        for corners, hessian in hessians:
+            at = np.searchsorted(nodes, corners)
+            np.add.at(curvature, (at[:, :, None], at[:, None, :]), hessian)
         return nodes, slope, curvature.transpose(0, 2, 1, 3).reshape(k * dim, k * dim)
+
+    def _surface_forces(self, points: FacetPoints, gradient: Array, tangential: bool) -> SurfaceForces:
+        """At the nodes of the surface, of forces (k, dim) [N] at points."""
+        nodes, own = np.unique(points.nodes), self.frame.term.nodes
+        forces = np.zeros((len(nodes), self.frame.term.dim))
+        _add_gradient(forces, np.searchsorted(nodes, points.nodes), points.shares, gradient)
+        return SurfaceForces(own, np.searchsorted(own, nodes), self.x[nodes], forces, tangential)
+
+
+def _add_gradient(by_nodes: Array, corners: IntArray, shares: Array, by_points: Array) -> None:
+    """Adds a gradient (k, dim) by points with corners and shares (k, c) to one (n, dim) by nodes."""
+    np.add.at(by_nodes, corners, shares[..., None] * by_points[:, None])
 
 
 def _coupling(name: str, arms: Array, slope: Array, curvature: Array, jacobian: Array) -> Coupling:

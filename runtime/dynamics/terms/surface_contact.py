@@ -27,7 +27,7 @@ from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, point_coupling
 from softprint.runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
 from softprint.runtime.contact.friction import CoulombFriction, FrictionTerms, LaggedContact
-from softprint.runtime.contact.lagged_friction import LaggedFriction, SlipStart
+from softprint.runtime.contact.lagged_friction import LaggedFriction, SlidingFacetPoints, SlipStart
 from softprint.runtime.contact.penalty import ContactTerms, PenaltyContact
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.sharp_surface import (
@@ -75,7 +75,7 @@ class SurfaceContactEnergy:
         self.colliders, self.contact, self.friction = colliders, contact, friction
         # Where the surface has more nodes than samples, each is displaced like the nearest sample.
         nearest = cKDTree(body.mesh.points[self.nodes]).query(body.mesh.points[body.mesh.surface_nodes])[1]
-        self.sharp = SharpSurface(body, colliders, contact, points.samples[nearest], condensation)
+        self.sharp = SharpSurface(body, colliders, contact, friction, points.samples[nearest], condensation)
 
     @property
     def areas(self) -> Array:
@@ -155,18 +155,19 @@ class SurfaceContactEvaluation:
             for name, collider in term.colliders.items()
         )
 
-    def lag(self, start: SlipStart) -> dict[str, LaggedContact]:
-        """The lagged contact with each collider."""
+    def lag(self, start: SlipStart) -> tuple[dict[str, LaggedContact], dict[str, SlidingFacetPoints]]:
+        """The lagged contact with each collider: of the contact points, and of its sharp points."""
         law = self.frame.term.friction
         if law is None:
-            return {}
-        return {
+            return {}, {}
+        own = {
             name: law.lag(contact, start.surface, start.poses[name], self.poses[name])
             for name, contact in self.terms.items()
         }
+        return own, self.sharp.lag(start)
 
     def friction(self, lagged: LaggedFriction | None) -> dict[str, FrictionTerms]:
-        """Friction with each collider."""
+        """Friction of the contact points with each collider."""
         law = self.frame.term.friction
         if law is None or lagged is None:
             return {}
@@ -178,7 +179,8 @@ class SurfaceContactEvaluation:
 
     def friction_energy(self, lagged: LaggedFriction | None) -> float:
         """Friction energy [J]."""
-        return sum(terms.energy for terms in self.friction(lagged).values())
+        own = sum(terms.energy for terms in self.friction(lagged).values())
+        return own + self.sharp.friction_energy(lagged)
 
     def linearise(
         self,
@@ -196,7 +198,7 @@ class SurfaceContactEvaluation:
         }
         index, gradient, hessian = _summed([term for terms in by_collider.values() for term in terms], dim)
         slots = None if field is None else SampleJacobian(self.frame.term.points.slots(field), field.jacobian)
-        by_rows, by_sharp, couplings = self.sharp.linearise(slots, centres, n_rows)
+        by_rows, by_sharp, couplings = self.sharp.linearise(slots, lagged, centres, n_rows)
         if not len(index):
             return by_rows, by_sharp, couplings
         couplings += [
@@ -221,7 +223,7 @@ class SurfaceContactEvaluation:
 
     def forces(self, lagged: LaggedFriction | None) -> dict[str, ContactForce]:
         """The force on each collider."""
-        friction, sharp, forces = self.friction(lagged), self.sharp.forces(), {}
+        friction, sharp, forces = self.friction(lagged), self.sharp.forces(lagged), {}
         for name, contact in self.terms.items():
             parts = [self._surface_forces(contact, tangential=False)]
             if name in friction:
@@ -229,7 +231,7 @@ class SurfaceContactEvaluation:
             depth, count = float(contact.depth.max(initial=0.0)), len(contact.index)
             if name in sharp:
                 own, deepest = sharp[name]
-                parts.append(own)
+                parts += own
                 depth, count = max(depth, deepest), count + len(self.sharp.terms[name].points)
             total = resultant(parts, self.poses[name].translation)
             forces[name] = ContactForce(*total, depth, count, parts)

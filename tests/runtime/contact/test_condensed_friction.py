@@ -89,7 +89,8 @@ def lag_at(body, mechanics, law, begin, end, start_rows, rows):
     points = contact.in_frame(body.rest_rows)
     before = contact.evaluate(points, start_rows, {"ball": begin}, None)
     after = contact.evaluate(points, rows, {"ball": end}, before.warm_start)
-    slip = SlipStart(np.empty((0, body.dim)), {"ball": begin}, TIME_STEP, before.deformed_positions)
+    nothing = np.empty((0, body.dim))
+    slip = SlipStart(nothing, {"ball": begin}, TIME_STEP, before.deformed_positions, lambda: nothing)
     return after, slip
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
-from softprint.runtime.colliders import KeyframedPath, RigidPose, Sphere
+from softprint.runtime.colliders import Box, KeyframedPath, RigidPose, Sphere
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.dynamics import (
     DynamicsSettings,
@@ -28,7 +28,11 @@ from softprint.runtime.mesh import box_mesh
 TIME_STEP = 0.01
 dims = pytest.mark.parametrize("dim", [2, 3])
 kinds = pytest.mark.parametrize("corrected", [False, True], ids=["bare", "corrected"])
-points = pytest.mark.parametrize("refinement", [0, 1], ids=["at nodes", "on facets"])
+points = pytest.mark.parametrize(
+    ("refinement", "sharp"),
+    [(0, False), (1, False), (1, True)],
+    ids=["at nodes", "on facets", "and of sharp points"],
+)
 subspaces = pytest.mark.parametrize("condensed", [False, True], ids=["U", "condensed"])
 
 
@@ -89,13 +93,13 @@ def condensed_mechanics(body):
     return BodyMechanics(None, replace(found, modes=modes, weight=weight))
 
 
-def step_energy(dim, corrected, condensed, refinement, monkeypatch, kinematic=()):
-    """The `StepEnergy` of a step of a rotated, strained, moving body that a ball slides along; and a point near its
-    start, where friction is lagged."""
+def step_energy(dim, corrected, condensed, refinement, monkeypatch, kinematic=(), sharp=False):
+    """The `StepEnergy` of a step of a rotated, strained, moving body that a ball slides along, or a box with sharp
+    edges; and a point near its start, where friction is lagged."""
     body = make_body(dim)
     gravity = [0.0] * (dim - 1) + [-9.81]
     rng = np.random.default_rng(dim)
-    ball = Sphere(0.03, dim, "ball")
+    ball = Box([0.02] * dim, name="ball") if sharp else Sphere(0.03, dim, "ball")
     begin = RigidPose.from_rotation_vector([0.3] if dim == 2 else [0.3, 0.1, 0.2], [0.07, 0.072, 0.02][:dim])
     end = RigidPose(begin.rotation, begin.translation + 0.002 * np.eye(dim)[0])
     target = KeyframedPath([0.0], [[0.12, 0.02, 0.03][:dim]], [[0.5] if dim == 2 else [0.5, 0.2, 0.1]])
@@ -147,12 +151,14 @@ def differences(problem, x, function, directions, step):
 @kinds
 @subspaces
 @points
-def test_gradient_is_the_derivative_of_the_energy(dim, corrected, condensed, refinement, monkeypatch):
-    problem, x, rng = step_energy(dim, corrected, condensed, refinement, monkeypatch)
+def test_gradient_is_the_derivative_of_the_energy(dim, corrected, condensed, refinement, sharp, monkeypatch):
+    problem, x, rng = step_energy(dim, corrected, condensed, refinement, monkeypatch, sharp=sharp)
     at = problem.linearise(x)
     contact, friction, _ = x.contacts()
     assert contact > 0
     assert friction > 0  # all terms take part
+    slides = x.body.surface.sharp.friction_energy(problem.lagged) > 0
+    assert slides == sharp
     assert at.energy == pytest.approx(problem.energy(x), rel=1e-12)  # the same sums in another order
     directions = rng.normal(size=(12, len(at.gradient)))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -165,9 +171,9 @@ def test_gradient_is_the_derivative_of_the_energy(dim, corrected, condensed, ref
 @subspaces
 @points
 def test_hessian_without_corrections_is_the_derivative_of_the_gradient(
-    dim, condensed, refinement, monkeypatch
+    dim, condensed, refinement, sharp, monkeypatch
 ):
-    problem, x, rng = step_energy(dim, False, condensed, refinement, monkeypatch)
+    problem, x, rng = step_energy(dim, False, condensed, refinement, monkeypatch, sharp=sharp)
     at = problem.linearise(x)
     # With static condensation the elastic part is in single precision.
     symmetric = 1e-6 if condensed else 1e-10

@@ -57,3 +57,16 @@ def test_contact_on_facets_has_a_version(tmp_path, monkeypatch):
             monkeypatch.setattr(simulate, "FACETS_VERSION", version)
             digests.append(inputs_hash(experiment, BODY, scene, tmp_path, "bare"))
         assert (digests[0] != digests[1]) == (refinement > 0)
+
+
+def test_friction_on_facets_has_a_version(tmp_path, monkeypatch):
+    """Motions without friction, or with contact at nodes, are kept when it has changed."""
+    for refinement, friction in ((0, 0.3), (2, 0.0), (2, 0.3)):
+        changes = [f"contact.refinement={refinement}", f"contact.friction={friction}"]
+        experiment = load_experiment(write_experiment(tmp_path, 3), changes)
+        scene = find_scene(experiment, "held_out")
+        digests = []
+        for version in (1, 2):
+            monkeypatch.setattr(simulate, "FACETS_FRICTION_VERSION", version)
+            digests.append(inputs_hash(experiment, BODY, scene, tmp_path, "bare"))
+        assert (digests[0] != digests[1]) == (refinement > 0 and friction > 0.0)
