@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ import numpy as np
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator, FullSpaceState
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody
+from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.state import StepResult
 from softprint.runtime.scenes.scene import SceneParts, scene_parts
 
@@ -27,6 +28,11 @@ class FullSpaceModel:
     def __init__(self, simulator: FullSpaceSimulator, held: bool) -> None:
         self._simulator = simulator
         self._held = held
+
+    @property
+    def colliders(self) -> Sequence[PlacedCollider]:
+        """The colliders of the scene, in its order."""
+        return self._simulator.colliders
 
     def start(self) -> StepResult[FullSpaceState]:
         """Frame 0: static equilibrium, or the rest state if nothing fixes the body."""

@@ -6,7 +6,7 @@ import fcntl
 import resource
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
@@ -36,7 +36,6 @@ from softprint.fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactP
 from softprint.fem_truth.sampling.rotations import spread_rotations
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.fem_truth.statics.newton import FullSpaceSettings
-from softprint.runtime.arrays import IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.progress import Progress
 from softprint.runtime.colliders.build import build_collider
@@ -95,10 +94,13 @@ def generate(
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
         problem = _problem(groups, experiment, body)
         on_first_rank(comm, lambda: _refuse_barrier(experiment))
-        on_first_rank(comm, lambda: _refuse_bad_collider(experiment, body))
-        states, refused = find_states(groups, folder, experiment, problem)
-        work = _contact_work(comm, experiment, problem, states)
         names = experiment.sampled_colliders
+        colliders = [cache(partial(sampled_collider, experiment, name, body)) for name in names]
+        # One that cannot be used is refused before anything is solved. All shapes of a library are as large as the
+        # first.
+        size = on_first_rank(comm, lambda: colliders[0]().size)
+        states, refused = find_states(groups, folder, experiment, problem)
+        work = _contact_work(comm, experiment, problem, states, colliders, size)
 
         pending = on_first_rank(
             comm, lambda: [unit for unit in range(len(work.plan)) if not is_whole(_shard(folder, unit))]
@@ -197,12 +199,19 @@ def _problem(groups: Groups, experiment: Experiment, body: ReducedBody) -> Const
 
 
 def _contact_work(
-    comm: MPI.Intracomm, experiment: Experiment, problem: ConstrainedProblem, states: Columns
+    comm: MPI.Intracomm,
+    experiment: Experiment,
+    problem: ConstrainedProblem,
+    states: Columns,
+    colliders: Sequence[Callable[[], Collider]],
+    size: float,
 ) -> ContactWork:
+    """colliders: build them, each once; size: of the first [m]."""
     sampling, seed, body = experiment.sampling, experiment.seed, problem.body
     names = experiment.sampled_colliders
     counts = tuple(map(experiment.contact_places, names))
-    places = on_first_rank(comm, lambda: _places(body, experiment, max(counts), len(states["rows"])))
+    clearance = sampling.frame_clearance * size
+    places = on_first_rank(comm, lambda: places_by_state(body, max(counts), len(states["rows"]), clearance))
     rotations = spread_rotations(
         body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM])
     )
@@ -210,7 +219,7 @@ def _contact_work(
     turns = len(rotations) if len(names) == 1 else 1
     return ContactWork(
         problem=problem,
-        colliders=[cache(partial(sampled_collider, experiment, name, body)) for name in names],
+        colliders=colliders,
         plan=ContactPlan(len(reduced), counts, len(rotations), turns, sampling.repeat_share, seed),
         rows=states["rows"],
         internal=reduced + states["internal"],
@@ -245,19 +254,6 @@ def _refuse_barrier(experiment: Experiment) -> None:
             f'{experiment.path}: contact.model = "barrier" is for motions in full space (`softprint simulate --model '
             "full`); reference samples are solved with a penalty: leave contact.model out to generate them"
         )
-
-
-def _refuse_bad_collider(experiment: Experiment, body: ReducedBody) -> None:
-    """Raises SoftprintError for a collider that cannot be used, before anything is solved. Shapes of a library are all
-    as large as the first."""
-    sampled_collider(experiment, experiment.sampled_colliders[0], body)
-
-
-def _places(body: ReducedBody, experiment: Experiment, count: int, n_states: int) -> IntArray:
-    sampling = experiment.sampling
-    # All shapes of a library have the same size.
-    size = sampled_collider(experiment, experiment.sampled_colliders[0], body).size
-    return places_by_state(body, count, n_states, sampling.frame_clearance * size)
 
 
 @contextmanager

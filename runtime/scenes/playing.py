@@ -6,7 +6,7 @@ its name there is the model's name (`full` for full space).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.dynamics.corrected_nodes import Snapshot
+from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.dynamics.state import ReducedState, StepResult
 from softprint.runtime.errors import SoftprintError
@@ -29,6 +30,11 @@ BARE = "bare"
 
 class SceneModel(Protocol):
     """Plays one scene. A state is opaque except for its `time` [s] and the `poses` of the colliders."""
+
+    @property
+    def colliders(self) -> Sequence[PlacedCollider]:
+        """The colliders of the scene, in its order."""
+        ...
 
     def start(self) -> StepResult[Any]:
         """Frame 0: static equilibrium under gravity and springs with the colliders at the scene's start; at rest and
@@ -70,6 +76,11 @@ class ReducedModel:
     def __init__(self, simulator: Simulator, held: bool) -> None:
         self._simulator = simulator
         self._held = held
+
+    @property
+    def colliders(self) -> Sequence[PlacedCollider]:
+        """See `SceneModel`."""
+        return self._simulator.colliders
 
     def start(self) -> StepResult[ReducedState]:
         """See `SceneModel`."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion, pierced_from
 from softprint.runtime.contact.penalty import FACETS_FRICTION_VERSION, FACETS_VERSION
@@ -90,10 +89,7 @@ def simulate_scene(
         return Played(path, kept=True)
     player = build_model(experiment, body, scene, out, model)
     n_steps = scene_steps(experiment, scene)
-    surfaces = {
-        entry.name: surface_points(build_collider(experiment.collider(entry.name), experiment.base_dir))
-        for entry in scene.colliders
-    }
+    surfaces = {placed.name: surface_points(placed.collider) for placed in player.colliders}
     tables = collider_tables(experiment, scene)
     header = MotionHeader(model, scene.name, digest, experiment.text, tables)
     seconds, not_converged, untouched = 0.0, 0, set(surfaces)

@@ -133,6 +133,15 @@ def test_a_finished_motion_is_kept_while_its_inputs_are_the_same(context):
     assert not simulate_scene(softer, body, scene, "bare").kept
 
 
+def test_a_collider_is_built_once_for_a_motion(context, monkeypatch):
+    body = body_of_run(context)
+    kind = type(context.experiment.collider("ball"))
+    make, made = kind.make, []
+    monkeypatch.setattr(kind, "make", lambda *own: made.append(own[1]) or make(*own))
+    simulate_scene(context, body, find_scene(context.experiment, "press"), "bare")
+    assert made == ["ball"]
+
+
 def test_an_interrupted_scene_leaves_no_file(context, monkeypatch):
     body = build_body(context.experiment.body, context.experiment.base_dir)
     scene = find_scene(context.experiment, "press")
