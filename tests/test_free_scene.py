@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from softprint.runtime.body import build_body
+from softprint.runtime.cli.context import Context
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.mesh import box_mesh, write_mesh
@@ -78,19 +77,9 @@ def test_it_starts_with_its_initial_state_and_falls(experiment_of):
 
 
 def test_motions_record_its_poses(experiment_of, tmp_path):
-    class Bar(SimpleNamespace):
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
     experiment = experiment_of(START)
     body = build_body(experiment.body, experiment.base_dir)
-    progress = Bar(update=lambda: None)
-    context = SimpleNamespace(
-        experiment=experiment, out_dir=tmp_path, resume=True, progress=lambda *_, **__: progress
-    )
+    context = Context(experiment_path=experiment.path, out=tmp_path, quiet=True, rank=0)
     played = simulate_scene(context, body, experiment.scenes[0], "bare")
     track = load_motion(played.path).colliders["ball"]
     assert [pose.translation[0] for pose in track.poses] == pytest.approx([0.3, 0.31, 0.32, 0.33, 0.34, 0.35])

@@ -64,7 +64,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
         minutes=args.time_budget,
         resume=context.resume,
         ranks_per_solve=args.ranks_per_solve,
-        progress=lambda total: context.progress(total, unit="contacts", desc="truth"),
+        progress=context.progress,
+        stage=context.stage,
     )
     body = first_rank_first(MPI.COMM_WORLD, lambda: body_of_run(context))
     done = generate(MPI.COMM_WORLD, context.experiment, body, context.out_dir, options)

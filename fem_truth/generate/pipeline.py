@@ -37,7 +37,7 @@ from softprint.fem_truth.sampling.rotations import spread_rotations
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.cli.progress import Progress
+from softprint.runtime.cli.progress import Progress, Stage
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.size_check import check_size
@@ -54,13 +54,14 @@ if TYPE_CHECKING:
 class Options:
     """Limits of this run. units: stop after this many new contacts; minutes: start no new contact after this time;
     resume: keep finished work; ranks_per_solve: number of ranks over which the body is partitioned, which solve a
-    contact together; progress(total): makes the progress bar of contacts."""
+    contact together; progress(total, unit, desc) and stage(desc): make progress bars and clocks."""
 
     units: int | None = None
     minutes: float | None = None
     resume: bool = True
     ranks_per_solve: int = 1
-    progress: Callable[[int], Progress] = lambda total: Progress(total, silent=True)
+    progress: Callable[[int, str, str], Progress] = lambda total, *_: Progress(total, silent=True)
+    stage: Callable[[str], Stage] = lambda desc: Stage(desc, silent=True)
 
 
 @dataclass(frozen=True)
@@ -92,15 +93,17 @@ def generate(
             on_first_rank(comm, lambda: _tidy_up(truth, folder))
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
-        problem = _problem(groups, experiment, body)
         on_first_rank(comm, lambda: _refuse_barrier(experiment))
         names = experiment.sampled_colliders
         colliders = [cache(partial(sampled_collider, experiment, name, body)) for name in names]
         # One that cannot be used is refused before anything is solved. All shapes of a library are as large as the
         # first.
-        size = on_first_rank(comm, lambda: colliders[0]().size)
-        states, refused = find_states(groups, folder, experiment, problem)
-        work = _contact_work(comm, experiment, problem, states, colliders, size)
+        with options.stage("preparing full space"):
+            problem = _problem(groups, experiment, body)
+            size = on_first_rank(comm, lambda: colliders[0]().size)
+        states, refused = find_states(groups, folder, experiment, problem, options.progress)
+        with options.stage("planning contacts"):
+            work = _contact_work(comm, experiment, problem, states, colliders, size)
 
         pending = on_first_rank(
             comm, lambda: [unit for unit in range(len(work.plan)) if not is_whole(_shard(folder, unit))]
@@ -113,7 +116,7 @@ def generate(
             if groups.leads:
                 write_shard(_shard(folder, unit), tables)
 
-        with options.progress(len(work.plan)) as bar:
+        with options.progress(len(work.plan), "contacts", "truth") as bar:
             bar.skip(n_before)
             share_units(
                 groups, pending, solve, budget, lambda taken: bar.update(n_before + taken - bar.count)
@@ -128,7 +131,8 @@ def generate(
                 - n_before
             )
 
-        solved = on_first_rank(comm, finish)
+        with options.stage(f"writing {truth.name}"):
+            solved = on_first_rank(comm, finish)
     return Run(truth, solved, time.monotonic() - began, _peak_memory(comm))
 
 

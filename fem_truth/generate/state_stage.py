@@ -4,6 +4,7 @@ equilibrium."""
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +12,10 @@ import numpy as np
 
 from softprint.fem_truth.generate.farm import Groups, on_first_rank, share_units
 from softprint.fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
-from softprint.fem_truth.sampling.recorded_states import record_scenes, spread_states
+from softprint.fem_truth.sampling.recorded_states import n_frames, record_scenes, spread_states
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.cli.progress import Progress
 from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
@@ -28,14 +30,21 @@ Columns = dict[str, Column]
 
 
 def find_states(
-    groups: Groups, folder: Path, experiment: Experiment, problem: ConstrainedProblem
+    groups: Groups,
+    folder: Path,
+    experiment: Experiment,
+    problem: ConstrainedProblem,
+    progress: Callable[[int, str, str], Progress],
 ) -> tuple[Columns, Columns]:
     """Columns of the tables `states` (as many rows as the experiment asks for) and `refused`. Collective.
+    progress(total, unit, desc): makes progress bars.
 
     Recording and candidates are kept as shards in ``folder``: a resumed run reads them.
     """
     wanted = experiment.sampling.states
-    on_first_rank(groups.world, lambda: _record(folder / "recording.shard", experiment, problem.body))
+    on_first_rank(
+        groups.world, lambda: _record(folder / "recording.shard", experiment, problem.body, progress)
+    )
     recording = read_shard(folder / "recording.shard")["recording"]
     n_candidates = len(recording["rows"])
 
@@ -54,18 +63,24 @@ def find_states(
                 f"{n_candidates} candidates ({reasons}): "
                 "use fewer states, or record scenes that are more varied and less violent"
             )
-        _solve_candidates(groups, folder, problem, recording, batch)
+        _solve_candidates(groups, folder, problem, recording, batch, progress)
         for candidate in batch:
             tables = read_shard(_candidate_path(folder, candidate))
             (accepted if "states" in tables else refused).append(next(iter(tables.values())))
     return _stacked(accepted), _stacked(refused) if refused else _no_refused(problem.body)
 
 
-def _record(path: Path, experiment: Experiment, body: ReducedBody) -> None:
+def _record(
+    path: Path,
+    experiment: Experiment,
+    body: ReducedBody,
+    progress: Callable[[int, str, str], Progress],
+) -> None:
     """Save the candidate frames for states, in farthest-point order."""
     if is_whole(path):
         return
-    recording = record_scenes(experiment, body)
+    with progress(n_frames(experiment), "frames", "recording scenes") as bar:
+        recording = record_scenes(experiment, body, bar.update)
     order = spread_states(body, recording.rows, _TRIES * experiment.sampling.states)
     log.info("recorded %d frames, %d of them candidates for states", len(recording.rows), len(order))
     columns = {
@@ -78,7 +93,12 @@ def _record(path: Path, experiment: Experiment, body: ReducedBody) -> None:
 
 
 def _solve_candidates(
-    groups: Groups, folder: Path, problem: ConstrainedProblem, recording: Columns, batch: range
+    groups: Groups,
+    folder: Path,
+    problem: ConstrainedProblem,
+    recording: Columns,
+    batch: range,
+    progress: Callable[[int, str, str], Progress],
 ) -> None:
     missing = on_first_rank(
         groups.world, lambda: [k for k in batch if not is_whole(_candidate_path(folder, k))]
@@ -89,7 +109,10 @@ def _solve_candidates(
         if groups.leads:
             write_shard(_candidate_path(folder, candidate), tables)
 
-    share_units(groups, missing, solve)
+    if missing:
+        with progress(len(missing), "states", "internal equilibria") as bar:
+            share_units(groups, missing, solve, progress=lambda taken: bar.update(taken - bar.count))
+            bar.update(len(missing) - bar.count)
 
 
 def _candidate_tables(problem: ConstrainedProblem, recording: Columns, candidate: int) -> Tables:

@@ -81,7 +81,8 @@ def make_report(context: Context, pictures: bool = True) -> Made:
             shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
         )
         context.say("drawing")
-        content = assemble(inputs, _renderer if pictures else None)
+        with context.stage("drawing"):
+            content = assemble(inputs, _renderer if pictures else None)
     page, numbers = folder / "report.html", folder / "report.json"
     html = render_page(content)  # before anything is written, so that either both files change or none
     write_text(numbers, json_text(content.summary))
@@ -93,8 +94,9 @@ def make_report(context: Context, pictures: bool = True) -> Made:
 def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpec) -> JudgedScene:
     """Compare all models on one test scene; full-space solves of an earlier run are read from its files."""
     experiment = context.experiment
-    motions = load_motions(files, experiment, scene, body)
-    collider = _collider(experiment, scene)
+    with context.stage(f"{scene.name}: reading motions"):
+        motions = load_motions(files, experiment, scene, body)
+        collider = _collider(experiment, scene)
     full = motions[FULL]
     # Several models in a row read the same frame: cache the last ones.
     motion = HeldOutMotion(
@@ -108,8 +110,10 @@ def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: Sce
     if not len(contact):
         return JudgedScene(scene.name, comparer, None, motions, left_out)
 
+    with context.stage("preparing full space"):
+        elasticity = FullSpaceElasticity(body)
     problem = ConstrainedProblem(
-        FullSpaceElasticity(body),
+        elasticity,
         np.array(experiment.dynamics.gravity),
         PenaltyContact.of(experiment.contact),
         body,

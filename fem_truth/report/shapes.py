@@ -80,10 +80,12 @@ def judge_shapes(
     }
     chosen = judged if judged in models else next(iter(models))
     summary = _summary(truth, errors, chosen, context.experiment.library_roles)
-    views = [
-        _view(truth, body, collider(row["shape"]), models, chosen, row["sample"])
-        for row in (summary["worst"] if pictures else ())
-    ]
+    views = []
+    if pictures:
+        with context.progress(len(summary["worst"]), "shape", "drawing the worst shapes") as bar:
+            for row in summary["worst"]:
+                views.append(_view(truth, body, collider(row["shape"]), models, chosen, row["sample"]))
+                bar.update()
     return ShapeSection(summary, views)
 
 

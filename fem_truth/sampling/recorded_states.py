@@ -7,7 +7,7 @@ snap.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -39,14 +39,21 @@ class Recording:
     time: Array
 
 
-def record_scenes(experiment: Experiment, body: ReducedBody) -> Recording:
-    """Simulate every scene with ``role = "record"`` in the bare subspace; raises SoftprintError if there is
-    none."""
-    frames = [
-        (scene.name, number, state.time, state.rows)
-        for scene in experiment.scenes_of_role("record")
-        for number, state in enumerate(_states_of(experiment, body, scene))
-    ]
+def n_frames(experiment: Experiment) -> int:
+    """How many frames `record_scenes` simulates."""
+    return sum(1 + scene_steps(experiment, scene) for scene in experiment.scenes_of_role("record"))
+
+
+def record_scenes(
+    experiment: Experiment, body: ReducedBody, progress: Callable[[int], None] = lambda n: None
+) -> Recording:
+    """Simulate every scene with ``role = "record"`` in the bare subspace; raises SoftprintError if there is none.
+    progress(1) is called after each frame."""
+    frames = []
+    for scene in experiment.scenes_of_role("record"):
+        for number, state in enumerate(_states_of(experiment, body, scene)):
+            frames.append((scene.name, number, state.time, state.rows))
+            progress(1)
     if not frames:
         raise SoftprintError(
             f'{experiment.path}: no scene has role = "record", but states are sampled from such scenes'

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace, context: Context) -> int:
     outcomes = []
     for case in chosen:  # printed before it runs, so that a slow case is visible
         context.say(f"\n{case.name}: {case.title}")
-        with _quiet():
+        with _quiet(), context.stage(case.name):
             outcomes.append(run_case(case, options.quick))
         context.say("\n".join(table.lines(outcomes[-1])))
     page = write_page(outcomes, folder, options.quick)

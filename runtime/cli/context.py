@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softprint.runtime.cli.progress import Progress
+from softprint.runtime.cli.progress import Progress, Stage, print_beside_bars
 from softprint.runtime.cli.ranks import launched_rank
 from softprint.runtime.errors import SoftprintError
 
@@ -30,7 +30,7 @@ class Context:
     quiet: bool = False
     resume: bool = True
     rank: int = field(default_factory=launched_rank)
-    write: Callable[[str], None] = print
+    write: Callable[[str], None] = print_beside_bars
 
     @cached_property
     def experiment(self) -> Experiment:
@@ -67,3 +67,7 @@ class Context:
         On other ranks it is silent; with --quiet, or if the output is not a terminal, it logs a line at intervals.
         """
         return Progress(total, unit=unit, desc=desc, quiet=self.quiet, silent=self.rank != 0)
+
+    def stage(self, desc: str) -> Stage:
+        """A clock for work that is not counted, as a context manager; silent as `progress` is."""
+        return Stage(desc, quiet=self.quiet, silent=self.rank != 0)

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.discover import FoundVerb, find_verbs
+from softprint.runtime.cli.progress import LogHandler
 from softprint.runtime.cli.ranks import end_all_ranks, launched_rank
 from softprint.runtime.cli.verb import Verb
 from softprint.runtime.errors import SoftprintError
@@ -180,7 +181,9 @@ def _refuse(message: str, rank: int) -> int:
 
 def _set_up_logging(rank: int, debug: bool) -> None:
     level = logging.DEBUG if debug else logging.INFO if rank == 0 else logging.WARNING
-    logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
+    logging.basicConfig(level=level, format="%(message)s", handlers=[LogHandler(sys.stderr)])
+    # Progress is logged where a verb has silenced the rest.
+    logging.getLogger(LogHandler.__module__).setLevel(level)
     for chatty in ("matplotlib", "h5py", "FFCx", "UFL", "numba", "PIL", "trimesh"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
 

@@ -35,8 +35,9 @@ def body_of_run(context: Context) -> ReducedBody:
     if not path.is_file():
         context.say("building the body")
         experiment = context.experiment
-        body = body_of_experiment(experiment)
-        save_body(path, body, body_recipe(experiment.body, experiment.base_dir, experiment.seed))
+        with context.stage("building the body"):
+            body = body_of_experiment(experiment)
+            save_body(path, body, body_recipe(experiment.body, experiment.base_dir, experiment.seed))
         return body
     body = load_body(path)
     difference = _difference(context, body)

@@ -87,9 +87,10 @@ def simulate_scene(
     digest = inputs_hash(experiment, body, scene, out, model)
     if context.resume and _is_finished(path, digest):
         return Played(path, kept=True)
-    player = build_model(experiment, body, scene, out, model)
+    with context.stage(f"preparing {scene.name} ({model})"):
+        player = build_model(experiment, body, scene, out, model)
+        surfaces = {placed.name: surface_points(placed.collider) for placed in player.colliders}
     n_steps = scene_steps(experiment, scene)
-    surfaces = {placed.name: surface_points(placed.collider) for placed in player.colliders}
     tables = collider_tables(experiment, scene)
     header = MotionHeader(model, scene.name, digest, experiment.text, tables)
     seconds, not_converged, untouched = 0.0, 0, set(surfaces)

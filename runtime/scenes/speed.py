@@ -60,16 +60,22 @@ def with_newton(experiment: Experiment, iterations: int | None, tolerance: float
 
 
 def measure(
-    name: str, model: SceneModel, n_steps: int, at_most: int | None, beside: bool = False
+    name: str,
+    model: SceneModel,
+    n_steps: int,
+    at_most: int | None,
+    beside: bool = False,
+    progress: Callable[[int], None] = lambda n: None,
 ) -> Speed | None:
     """Play up to n_steps, until ``at_most`` steps with contact are timed (None: all of them); None if there are none.
-    beside: draw the surface of a step in the background of the next one, if the model is reduced."""
+    beside: draw the surface of a step in the background of the next one, if the model is reduced; progress(1) is called
+    between frames."""
     if beside and isinstance(model, ReducedModel):
         with BackgroundDrawing(model) as drawer:
-            found = _measure(name, model, n_steps, at_most, drawer.next)
+            found = _measure(name, model, n_steps, at_most, drawer.next, progress)
             drawer.last()
             return found
-    return _measure(name, model, n_steps, at_most, model.surface_positions)
+    return _measure(name, model, n_steps, at_most, model.surface_positions, progress)
 
 
 def _warm_up(model: SceneModel, n_steps: int, draw: Callable[[Any], object]) -> None:
@@ -85,7 +91,12 @@ def _warm_up(model: SceneModel, n_steps: int, draw: Callable[[Any], object]) -> 
 
 
 def _measure(
-    name: str, model: SceneModel, n_steps: int, at_most: int | None, draw: Callable[[Any], object]
+    name: str,
+    model: SceneModel,
+    n_steps: int,
+    at_most: int | None,
+    draw: Callable[[Any], object],
+    progress: Callable[[int], None],
 ) -> Speed | None:
     _warm_up(model, n_steps, draw)
     state = model.start().state
@@ -102,6 +113,7 @@ def _measure(
         detail = time.perf_counter() - stepped
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu_began
         state = result.state
+        progress(1)
         if not result.in_contact:
             continue
         walls.append(wall)

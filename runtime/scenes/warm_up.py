@@ -6,7 +6,8 @@ on disk for every process to come. Here every kind of step is played once on bod
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import product
 
 import numpy as np
 import trimesh
@@ -35,10 +36,21 @@ _SIZE = 0.1  # m, of the block
 _STIFFNESS = 1e10  # N/m^4
 _BAND = 5e-3  # m
 _STEPS = 6  # the first ones have no active contact node of the step before to start from
+DIMS = (2, 3)
+# Bare, and with mechanics of one rotation and of several, with contact at nodes and on facets; smooth and rough;
+# without and with a collider that moves freely.
+_BODIES = ((1, False, 0), (1, False, 1), (1, True, 0), (2, True, 1))
+_SCENES = tuple(product(_BODIES, (None, CoulombFriction(0.3)), (False, True)))
 
 
-def warm_up(dims: Sequence[int] = (2, 3)) -> None:
-    """Compile the kernels of simulations of bodies in these dimensions, those that are not on disk yet."""
+def n_scenes(dims: Sequence[int] = DIMS) -> int:
+    """How many scenes `warm_up` plays."""
+    return len(dims) * len(_SCENES)
+
+
+def warm_up(dims: Sequence[int] = DIMS, progress: Callable[[int], None] = lambda n: None) -> None:
+    """Compile the kernels of simulations of bodies in these dimensions, those that are not on disk yet. progress(1) is
+    called after each of `n_scenes`."""
     for dim in dims:
         for simulator in _simulators(dim):
             state = simulator.settle().state
@@ -48,29 +60,27 @@ def warm_up(dims: Sequence[int] = (2, 3)) -> None:
             # One that pierces the body.
             inside = RigidPose(np.eye(dim), np.full(dim, 0.5 * _SIZE))
             simulator.step(state, {simulator.colliders[0].name: inside})
+            progress(1)
 
 
 def _simulators(dim: int) -> Iterator[Simulator]:
-    """Bare, and with mechanics of one rotation and of several; contact at nodes and on facets; smooth and rough; all
-    kinds of colliders."""
-    one, several = _block(dim, 1), _block(dim, 2)
+    """Of all scenes, with all kinds of colliders."""
     gravity = [0.0] * (dim - 1) + [-9.81]
-    bodies = ((one, False, 0), (one, False, 1), (one, True, 0), (several, True, 1))
-    for body, with_mechanics, refinement in bodies:
-        law = PenaltyContact(_STIFFNESS, refinement)
-        mechanics = compute_mechanics(body, 60, True, gravity) if with_mechanics else None
-        for friction in (None, CoulombFriction(0.3)):
-            for free in (False, True):
-                yield Simulator(
-                    body,
-                    _placed(body, mechanics, free, law),
-                    contact=law,
-                    mechanics=mechanics,
-                    friction=friction,
-                    gravity=gravity,
-                    springs=[HandleSpring(0, 10.0, KeyframedPath([0.0], [np.full(dim, 0.5 * _SIZE)]))],
-                    kinematic=[KinematicHandle("base")],
-                )
+    blocks = {frames: _block(dim, frames) for frames in (1, 2)}
+    made = {frames: compute_mechanics(body, 60, True, gravity) for frames, body in blocks.items()}
+    for (frames, with_mechanics, refinement), friction, free in _SCENES:
+        body, law = blocks[frames], PenaltyContact(_STIFFNESS, refinement)
+        mechanics = made[frames] if with_mechanics else None
+        yield Simulator(
+            body,
+            _placed(body, mechanics, free, law),
+            contact=law,
+            mechanics=mechanics,
+            friction=friction,
+            gravity=gravity,
+            springs=[HandleSpring(0, 10.0, KeyframedPath([0.0], [np.full(dim, 0.5 * _SIZE)]))],
+            kinematic=[KinematicHandle("base")],
+        )
 
 
 def _block(dim: int, frames: int) -> ReducedBody:

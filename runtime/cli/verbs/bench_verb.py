@@ -137,8 +137,11 @@ def _measured(
     full = ["full"] if led and find_spec("dolfinx") is not None else []
     speeds = []
     for name in args.model or [BARE, *trained_models(context.out_dir), *full]:
-        model = build_model(experiment, body, scene, context.out_dir, name)
-        speed = measure(name, model, scene_steps(experiment, scene), args.steps, args.cores == 2)
+        with context.stage(f"preparing {scene.name} ({name})"):
+            model = build_model(experiment, body, scene, context.out_dir, name)
+        n_steps = scene_steps(experiment, scene)
+        with context.progress(n_steps, "steps", f"{scene.name} ({name})") as bar:
+            speed = measure(name, model, n_steps, args.steps, args.cores == 2, bar.update)
         if speed is None:
             raise SoftprintError(
                 f"scene {scene.name!r} has no contact with the model {name!r}: nothing to measure"

@@ -29,8 +29,9 @@ def run(options: argparse.Namespace, context: Context) -> int:
     if body is not None:
         context.say(f"{path} is up to date.")
     else:
-        body = body_of_experiment(experiment)
-        save_body(path, body, recipe)
+        with context.stage("building the body"):
+            body = body_of_experiment(experiment)
+            save_body(path, body, recipe)
         context.say(f"{path} written.")
     for label, value in describe(body):
         context.say(f"  {label:<12} {value}")

@@ -38,7 +38,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     """Print the defects, the repairs and the accuracy of the collider; 1 if FILE cannot be used as it is."""
     from softprint.runtime.inspect.examined_surface import examined_surface, write_surface
 
-    summary, examined = examined_surface(args.file, args.scale, args.resolution)
+    with context.stage(f"examining {args.file.name}"):
+        summary, examined = examined_surface(args.file, args.scale, args.resolution)
     context.say(summary.as_json() if args.json else summary.as_text())
     if args.out is not None:
         write_surface(args.out, examined)

@@ -67,7 +67,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
         motion = load_motion(context.out_dir / "motions" / f"{args.motion}.h5")
         if motion.body_hash != body.content_hash:
             raise SoftprintError(f"{motion.path}: is a motion of a body other than {body.name!r}")
-        colliders = build_colliders(motion.collider_tables, motion.path)
+        with context.stage("building colliders"):
+            colliders = build_colliders(motion.collider_tables, motion.path)
         frames = args.frame if args.frame is not None else list(range(motion.n_frames))
         return _write(context, body, args.motion, len(frames), deformed_frames(motion, colliders, frames))
     with load_truth(context.out_dir / "truth.h5", body) as truth:
@@ -75,7 +76,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
         samples = _samples(truth, args)
         contacts = [int(truth.samples["contact"][k]) for k in samples if 0 <= k < truth.n_samples]
         names = {truth.header.colliders[truth.contacts["collider"][contact]] for contact in contacts}
-        colliders = _colliders(context, names)
+        with context.stage("building colliders"):
+            colliders = _colliders(context, names)
         return _write(context, body, "truth", len(samples), deformed_samples(truth, body, colliders, samples))
 
 

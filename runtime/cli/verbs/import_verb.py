@@ -49,7 +49,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     material = make_material(args.material, args.young, args.poisson)
     given = GivenMaterial(args.material, args.young, args.poisson, args.density)
     with open_dataset(args.dataset, meshes) as data:
-        adopted = adopt_body(meshes.body, material, args.density, args.scale, str(args.meshes))
+        with context.stage("building the body"):
+            adopted = adopt_body(meshes.body, material, args.density, args.scale, str(args.meshes))
         poses = adopted_poses(meshes.collider, data.z, args.scale, str(args.dataset))
         path = write_experiment(args.out, adopted.body, meshes.collider, given, args.scale, str(args.meshes))
         experiment = load_experiment(path)

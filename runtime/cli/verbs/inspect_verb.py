@@ -40,7 +40,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     if args.colliders is not None and args.png is None:
         raise SoftprintError("--colliders is for pictures: add --png PICTURE.png")
     part = Part(args.sample, args.frame)
-    summary = inspect_file(args.file, part)
+    with context.stage(f"reading {args.file.name}"):
+        summary = inspect_file(args.file, part)
     if args.experiment:
         if summary.experiment is None:
             raise SoftprintError(
@@ -50,7 +51,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     else:
         context.say(summary.as_json() if args.json else summary.as_text())
     if args.png is not None:
-        picture_of(args.file, part, args.png, args.colliders)
+        with context.stage("drawing"):
+            picture_of(args.file, part, args.png, args.colliders)
     return 0
 
 

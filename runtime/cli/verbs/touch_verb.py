@@ -72,8 +72,9 @@ def run(args: argparse.Namespace, context: Context) -> int:
     body = body_of_run(context)
     points = dict(args.point or [("top", body.mesh.points[np.argmax(body.mesh.points[:, -1])])])
     places = [point_places(body, points), *([surface_places(body)] if args.surface else [])]
-    model = build_model(experiment, body, scene, context.out_dir, args.model)
-    sensors = [TouchSensor(model, body, sensed) for sensed in places]
+    with context.stage(f"preparing {scene.name} ({args.model})"):
+        model = build_model(experiment, body, scene, context.out_dir, args.model)
+        sensors = [TouchSensor(model, body, sensed) for sensed in places]
     measured: list[list[Touch]] = [[] for _ in sensors]
     n_steps, left = scene_steps(experiment, scene), 0
     with context.progress(n_steps, "steps", f"{scene.name} ({args.model})") as bar:

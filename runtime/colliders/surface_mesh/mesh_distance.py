@@ -18,6 +18,8 @@ from softprint.runtime.colliders.surface_mesh import sweep_kernels
 
 # Vertices of more facets than this (the tip of a fan) do not connect facets for the walk; edges still do.
 _MOST_AROUND = 64
+# Winding numbers are computed at this many points at a time, or at so many for each triangle if that is more.
+_PART, _PART_OF_TRIANGLES = 100_000, 10
 
 
 class MeshDistance:
@@ -50,8 +52,16 @@ class MeshDistance:
         found = igl.point_mesh_squared_distance(nodes[near], vertices, self._triangles)
         squared[near], facet[near] = found[0], found[1]
         sweep_kernels.sweep(corners, *_neighbours(self._triangles), shape, near, squared, facet)
-        winding = np.asarray(igl.fast_winding_number(vertices, self._triangles, nodes))
+        winding = _winding_numbers(vertices, self._triangles, nodes)
         return np.where(winding > 0.5, -spacing, spacing).reshape(shape) * np.sqrt(squared).reshape(shape)
+
+
+def _winding_numbers(vertices: Array, triangles: IntArray, points: Array) -> Array:
+    """(n,) at points (n, 3), in parts: libigl lets no other thread run, such as that of a progress bar, until it
+    returns. Each part builds a tree of the triangles."""
+    n_parts = max(1, len(points) // max(_PART, _PART_OF_TRIANGLES * len(triangles)))
+    parts = np.array_split(points, n_parts)
+    return np.concatenate([np.asarray(igl.fast_winding_number(vertices, triangles, part)) for part in parts])
 
 
 def _neighbours(triangles: IntArray) -> tuple[IntArray, IntArray]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import io
 import logging
 import os
 import re
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -15,10 +17,12 @@ from importlib.util import find_spec
 import pytest
 
 from softprint.runtime.cli import discover, main
+from softprint.runtime.cli import progress as progress_module
 from softprint.runtime.cli.context import Context
-from softprint.runtime.cli.progress import Progress
+from softprint.runtime.cli.progress import Progress, Stage, print_beside_bars
 from softprint.runtime.cli.verb import Verb
 from softprint.runtime.errors import SoftprintError
+from tests.conftest import REPOSITORY
 
 WORDS = {"seen": None}
 
@@ -159,9 +163,85 @@ def test_progress_in_a_log(caplog):
     assert re.search(r"truth: 7/10 samples, \S+/s, \d+ s left, loss 0.5", caplog.text)
 
 
-def test_progress_of_other_ranks_is_silent(caplog, capsys):
+@pytest.fixture
+def quick_clock(monkeypatch):
+    """Lines in a log after 0.02 s."""
+    for name in ("LOG_AFTER", "LOG_INTERVAL", "_TICK"):
+        monkeypatch.setattr(progress_module, name, 0.02)
+
+
+def wait_for(caplog, text):
+    """Until the log holds a text; a thread writes it. Ten seconds are more than any busy machine needs."""
+    end = time.monotonic() + 10.0
+    while text not in caplog.text and time.monotonic() < end:
+        time.sleep(0.01)
+    assert text in caplog.text
+
+
+def test_a_long_unit_of_work_is_logged(caplog, quick_clock):
+    """Before the first unit has been counted, and again between two."""
+    with caplog.at_level(logging.INFO), Progress(10, unit="steps", desc="full", quiet=True) as progress:
+        wait_for(caplog, "full: 0/10 steps, 0 s so far")
+        progress.update()
+        wait_for(caplog, "full: 1/10 steps, ")
+    assert not [one for one in threading.enumerate() if one.name == "progress"]
+
+
+def test_a_stage_says_how_long_it_takes(caplog, quick_clock):
+    with caplog.at_level(logging.INFO), Stage("factorising", quiet=True):
+        wait_for(caplog, "factorising: 0 s so far")
+    assert caplog.messages[-1] == "factorising: 0 s"
+
+
+def test_a_quick_stage_leaves_nothing_in_a_log(caplog):
+    with caplog.at_level(logging.INFO), Stage("factorising", quiet=True):
+        pass
+    assert caplog.text == ""
+
+
+def test_progress_is_logged_where_the_rest_is_silenced():
+    """`warm-up` and `verify` silence what the bodies log that they make."""
+    program = (
+        "import logging\n"
+        "from softprint.runtime.cli import main, progress\n"
+        "main._set_up_logging(0, False)\n"
+        "logging.getLogger('softprint').setLevel(logging.WARNING)\n"
+        "logging.getLogger('softprint.runtime.body').info('a body')\n"
+        "with progress.Progress(2, 'scenes', 'kernels', quiet=True) as bar: bar.update(2)\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True
+    )
+    assert ran.stderr.startswith("kernels: 2/2 scenes")
+    assert "a body" not in ran.stderr
+
+
+def test_a_bar_on_a_terminal_ticks_and_makes_room(monkeypatch, quick_clock):
+    """While a unit of work takes long the bar is drawn again; what is printed does not run into it."""
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setattr(sys, "stdout", screen)
+    with Progress(3, unit="steps", desc="full") as progress:
+        drawn, end = screen.getvalue().count("0/3"), time.monotonic() + 10.0
+        while screen.getvalue().count("0/3") < drawn + 2 and time.monotonic() < end:
+            time.sleep(0.01)
+        assert screen.getvalue().count("0/3") >= drawn + 2
+        print_beside_bars("a line")
+        progress.update(3)
+    lines = re.split(r"[\r\n]", screen.getvalue())
+    assert "a line" in lines
+    assert any("3/3" in line for line in lines)
+
+
+def test_progress_of_other_ranks_is_silent(caplog, capsys, quick_clock):
     with caplog.at_level(logging.INFO), Progress(10, silent=True) as progress:
         progress.update(10)
+        time.sleep(0.1)
     assert caplog.text == ""
     assert capsys.readouterr().err == ""
 

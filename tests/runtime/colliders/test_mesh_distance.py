@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from softprint.runtime.colliders.library import library_surface, zero_level
+from softprint.runtime.colliders.surface_mesh import mesh_distance
 from softprint.runtime.colliders.surface_mesh.mesh_collider import surface_collider
 from softprint.runtime.colliders.surface_mesh.mesh_distance import MeshDistance
 from softprint.runtime.shapes import SHAPES
@@ -74,3 +75,13 @@ def test_a_surface_of_many_triangles_is_fast_and_accurate() -> None:
     slope = collider.sdf_derivatives(z).gradient
     # The normals of neighbouring facets differ by 1/60, and so does the slope; interpolated between cells, far less.
     assert np.sqrt(np.mean((np.linalg.norm(slope, axis=1) - 1.0) ** 2)) < 2e-3
+
+
+def test_winding_numbers_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of a point do not depend on the other points."""
+    vertices, triangles = library_surface("torus", 0.03)
+    points = np.random.default_rng(3).uniform(-0.05, 0.05, (1000, 3))
+    whole = mesh_distance._winding_numbers(vertices, triangles, points)
+    monkeypatch.setattr(mesh_distance, "_PART", 300)
+    monkeypatch.setattr(mesh_distance, "_PART_OF_TRIANGLES", 0)
+    np.testing.assert_array_equal(mesh_distance._winding_numbers(vertices, triangles, points), whole)

@@ -14,6 +14,7 @@ import numpy as np
 import softprint
 from numba.core.dispatcher import Dispatcher
 from softprint.runtime.rigid import free_collider
+from softprint.runtime.scenes.warm_up import n_scenes
 from tests.conftest import _jelly
 
 def kernels():
@@ -48,7 +49,9 @@ def play(mechanics, refinement):
         simulator.surface_positions(state)
     assert deepest > 0
 
-softprint.warm_up((dim,))
+played = []
+softprint.warm_up((dim,), played.append)
+assert sum(played) == n_scenes((dim,))
 warm = kernels()
 assert sum(map(len, warm.values())) > 30
 for refinement in (0, 1):
