@@ -152,7 +152,9 @@ class FullSpaceSimulator:
         """The rest state as a result without a step: its energies and contact forces."""
         started, state = time.perf_counter(), self.rest_state()
         parts = self._parts(state, state.time, state.poses, None)
-        nothing = NewtonResult(state.x, Status.CONVERGED, 0.0, 0.0, 0, 0, 0.0, 0.0, None)
+        nothing = NewtonResult(
+            state.x, np.zeros_like(state.x), Status.CONVERGED, 0.0, 0.0, 0, 0, 0.0, 0.0, None
+        )
         return self._report(state, parts, nothing, started)
 
     def positions(self, state: FullSpaceState) -> Array:

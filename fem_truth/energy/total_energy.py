@@ -25,10 +25,11 @@ REUSE_RATE = 0.1
 
 
 class Gradient(NamedTuple):
-    """elastic: this rank's shares of W' of elasticity alone (n, dim) [N]; projected: P times the whole gradient; norm:
-    of `projected`."""
+    """elastic: this rank's shares of W' of elasticity alone (n, dim) [N]; whole: E' with all terms; projected: P times
+    `whole`; norm: of `projected`."""
 
     elastic: Array
+    whole: Array
     projected: Array
     norm: float
 
@@ -100,7 +101,7 @@ class TotalEnergy:
         share = self.null_space.share
         share.assemble(total)
         projected = self.null_space.project(total)
-        return share.total(energy), Gradient(elastic, projected, share.norm(projected))
+        return share.total(energy), Gradient(elastic, total, projected, share.norm(projected))
 
     def hessian(self, x: Array, convex: bool = False) -> BlockMatrix:
         """convex: without the negative curvature of the terms, which contact with a curved collider has."""

@@ -142,6 +142,10 @@ class ContactWork:
             "cg_iterations": [sample.work.cg_iterations for sample in samples],
             "seconds": [sample.work.seconds for sample in samples],
         }
+        unknown = np.full(self.problem.body.rest_rows.shape, np.nan)
+        columns["handle_force"] = [
+            unknown if sample.solution is None else sample.solution.handle_force for sample in samples
+        ]
         for measure in ("residual", "decrement", "min_det_F", "max_depth", "energy"):
             columns[measure] = [
                 np.nan if sample.solution is None else getattr(sample.solution, measure) for sample in samples

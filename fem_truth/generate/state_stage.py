@@ -122,7 +122,16 @@ def _candidate_tables(problem: ConstrainedProblem, recording: Columns, candidate
     if not (solution.converged and solution.stable):
         return {"refused": {**origin, "reason": np.array([solution.reason])}}
     internal = solution.x - problem.body.reduced_positions(rows)
-    measures = ("residual", "decrement", "min_det_F", "min_eigenvalue", "energy", "stable", "seconds")
+    measures = (
+        "residual",
+        "decrement",
+        "min_det_F",
+        "min_eigenvalue",
+        "energy",
+        "handle_force",
+        "stable",
+        "seconds",
+    )
     return {
         "states": {
             **origin,

@@ -58,6 +58,18 @@ class BodyPart:
         """(n, dim) x = U rows [m]."""
         return self.take(self.body.reduced_positions(rows))
 
+    def handle_force(self, gradient: Array) -> Array:
+        """(n_rows, dim) [N] U^T times the gradient of an energy at the part's nodes (n, dim) [N]: its derivative by the
+        handle rows, with the displacement outside the subspace fixed. By the envelope theorem also that of the energy
+        of the equilibria with these rows."""
+        owned = self.share.owned
+        return self.share.total(self._basis[owned].T @ gradient[owned])
+
+    @cached_property
+    def _basis(self) -> Array:
+        """The rows of U (n, n_rows)."""
+        return self.take(self.body.basis)
+
     @cached_property
     def node_mass(self) -> Array:
         """(n,) lumped masses [kg], as `shares`."""

@@ -42,10 +42,11 @@ class Solution:
     """A full-space equilibrium and its quality.
 
     x: (n_nodes, dim) [m]; residual, decrement: relative, see `fem_truth.statics.newton`; min_det_F: smallest volume
-    ratio of a cell; max_depth: deepest penetration [m]; energy: total [J]; stable: no negative curvature was
-    seen; min_eigenvalue: lowest Ritz value relative to the block diagonal (`fem_truth.statics.stability`; internal
-    equilibria only, NaN otherwise); seconds: processor time, summed over all ranks; `reason` says in a sentence how
-    the solve ended.
+    ratio of a cell; max_depth: deepest penetration [m]; energy: total [J]; handle_force: (n_rows, dim) [N] the
+    derivative of the energy of equilibria by the handle rows (the Lagrange multipliers of the constraint, on the rows);
+    stable: no negative curvature was seen; min_eigenvalue: lowest Ritz value relative to the block diagonal
+    (`fem_truth.statics.stability`; internal equilibria only, NaN otherwise); seconds: processor time, summed over all
+    ranks; `reason` says in a sentence how the solve ended.
     """
 
     x: Array
@@ -57,6 +58,7 @@ class Solution:
     min_det_F: float
     max_depth: float
     energy: float
+    handle_force: Array
     seconds: float
     stable: bool
     min_eigenvalue: float
@@ -318,6 +320,7 @@ def _solution(
         min_det_F=share.smallest(problem.elasticity.min_det_F(result.x)),
         max_depth=share.largest(max_depth),
         energy=result.energy,
+        handle_force=part.handle_force(result.gradient),
         seconds=share.total(result.seconds),
         stable=status is not Status.UNSTABLE and result.negative_curvature is None,
         min_eigenvalue=min_eigenvalue,

@@ -42,7 +42,11 @@ class FullSpaceSettings:
 
 @dataclass(frozen=True, eq=False)
 class NewtonResult:
+    """x (n, dim): where it ended; energy, gradient: E and E' (n, dim) there, not projected; negative_curvature: a
+    direction of it, None if none was seen; seconds: of this rank's processor."""
+
     x: Array
+    gradient: Array
     status: Status
     residual: float
     decrement: float
@@ -109,7 +113,16 @@ def minimise(problem: TotalEnergy, x0: Array, settings: FullSpaceSettings) -> Ne
             break
         eta = _forcing(gradient.norm / previous.norm, eta, residual, settings)
     return NewtonResult(
-        x, status, residual, decrement, iteration, cg_total, energy, time.process_time() - start, direction
+        x=x,
+        gradient=gradient.whole,
+        status=status,
+        residual=residual,
+        decrement=decrement,
+        newton_iterations=iteration,
+        cg_iterations=cg_total,
+        energy=energy,
+        seconds=time.process_time() - start,
+        negative_curvature=direction,
     )
 
 

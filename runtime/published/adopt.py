@@ -188,6 +188,7 @@ def _state(body: ReducedBody, rows: Array) -> dict[str, Any]:
         "rows": rows[None],
         "internal": np.zeros((1, body.n_nodes, body.dim)),
         **dict.fromkeys(("residual", "decrement", "min_eigenvalue", "energy", "time", "seconds"), unknown),
+        "handle_force": np.full((1, *rows.shape), np.nan),
         "min_det_F": [_min_det_F(body, body.reduced_positions(rows))],
         "stable": [False],
         "scene": ["published"],
@@ -249,6 +250,7 @@ def _samples(
         "branch_flag": np.zeros(n, dtype=bool),
         **dict.fromkeys(("node_speed", "residual", "decrement", "energy", "seconds"), np.full(n, np.nan)),
         **dict.fromkeys(("newton_iterations", "cg_iterations"), np.zeros(n, dtype=int)),
+        "handle_force": np.full((n, *body.rest_rows.shape), np.nan),
         "min_det_F": [_min_det_F(body, positions) for positions in x],
         "max_depth": deepest(x),
         "intrusion": [

@@ -330,6 +330,18 @@ class TruthData:
         """(n_nodes, dim) internal correction of a state: internal equilibrium minus U rows [m]."""
         return self.states.field("internal", state)
 
+    def contact_energy(self, sample: int) -> float:
+        """[J] what the contact of a sample adds to the energy of its state: of contact, elasticity and gravity."""
+        energy = self.samples["energy"][sample] - self.states["energy"][self.sample_state[sample]]
+        return float(energy)
+
+    def contact_handle_force(self, sample: int) -> Array:
+        """(n_rows, dim) [N] the generalised contact force of a sample: the derivative of `contact_energy` by the handle
+        rows, with the collider fixed. As the subspace reproduces translations, its sum over point handles and origins
+        of frames is minus the force on the collider."""
+        force = self.samples["handle_force"][sample] - self.states["handle_force"][self.sample_state[sample]]
+        return np.asarray(force)
+
     def pose(self, sample: int) -> RigidPose:
         """The collider's pose in a sample."""
         return RigidPose(self.samples["pose_rotation"][sample], self.samples["pose_translation"][sample])

@@ -17,7 +17,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.optimise.status import Status
 
 KIND = "truth"
-VERSION = 4
+VERSION = 5
 TEXT_BYTES = 1024  # of a text in a table; compression makes unused bytes free
 
 # Status of a sample: how the full-space solve ended (never STALLED or PIERCED), or 5 if it was skipped because an
@@ -64,6 +64,9 @@ STATES: dict[str, Column] = {
         "f8", "lowest Ritz value on the null space, relative to the block diagonal", "1"
     ),
     "energy": Column("f8", "potential energy of the internal equilibrium", "J"),
+    "handle_force": Column(
+        "f8", "derivative of the energy of internal equilibria by the handle rows", "N", ("rows", "dim")
+    ),
     "stable": Column("?", "no negative curvature on the null space"),
     "scene": Column("str", "recorded scene the state comes from"),
     "frame": Column("i8", "frame of the recording"),
@@ -118,6 +121,12 @@ SAMPLES: dict[str, Column] = {
         "m",
     ),
     "energy": Column("f8", "potential energy at equilibrium", "J"),
+    "handle_force": Column(
+        "f8",
+        "derivative of the energy of equilibria by the handle rows; less that of the state, generalised contact force",
+        "N",
+        ("rows", "dim"),
+    ),
     "seconds": Column("f8", "core-seconds of the solve", "s", measured=True),
 }
 

@@ -106,6 +106,48 @@ def test_contact_solution_is_that_of_a_dense_kkt_newton(problem, dim, model):
 
 
 @both
+@pytest.mark.parametrize("frame", [False, True])
+def test_the_handle_force_is_the_derivative_of_the_energy_of_equilibria(problem, dim, frame):
+    """Along a displacement of the point handles, and along a rigid motion of the frame."""
+    problem = problem(dim)
+    body, rows = problem.body, moved_rows(problem.body)
+    collider, pose = pressed(body)
+    x0 = problem.internal_equilibrium(rows).x
+
+    def solved(at):
+        solution = problem.solve(at, collider, pose, problem.constrained(at, x0), TIGHT, x0)
+        assert solution.converged, solution.reason
+        return solution
+
+    count = body.handles.n_points
+    direction = np.zeros_like(rows)
+    if frame:  # rows R^T and the origin
+        direction[count:-1], direction[-1] = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 0]])[:dim, :dim], 0.5
+    else:
+        direction[:count] = np.random.default_rng(6).standard_normal((count, dim))
+    direction *= 1e-5 / np.abs(body.basis @ direction).max()  # 10 um
+    expected = 0.5 * (solved(rows + direction).energy - solved(rows - direction).energy)
+    force = solved(rows).handle_force
+    # Central differences of energies that contact makes C2; two energies differ by 1e-4 of their value.
+    assert np.vdot(force, direction) == pytest.approx(expected, rel=1e-5)
+
+
+@both
+def test_the_handle_forces_of_contact_sum_to_the_force_of_the_collider(problem, dim):
+    problem = problem(dim)
+    body, rows = problem.body, moved_rows(problem.body)
+    collider, pose = pressed(body)
+    internal = problem.internal_equilibrium(rows, TIGHT)
+    solution = problem.solve(rows, collider, pose, internal.x, TIGHT)
+    nodes, areas = body.mesh.surface_nodes, body.mesh.surface_areas
+    push = CONTACT.terms(solution.x[nodes], areas, collider, pose).gradient.sum(axis=0)
+    contact = solution.handle_force - internal.handle_force
+    origins = np.r_[: body.handles.n_points, len(rows) - 1]  # and the translation of the frame
+    # the solves are converged to 1e-9 of the contact force
+    np.testing.assert_allclose(contact[origins].sum(axis=0), push, atol=1e-7 * np.linalg.norm(push))
+
+
+@both
 def test_without_columns_it_is_the_unconstrained_equilibrium(problem, dim):
     """With U empty and only the base fixed: forces balance on every free node and the base carries the weight."""
     body, elasticity = problem(dim).body, problem(dim).elasticity
