@@ -47,6 +47,11 @@ class LearningTask(Protocol[ModelT]):
         """What defines the task, as plain values: a checkpoint with a different identity is not resumed."""
         ...
 
+    @property
+    def notes(self) -> dict[str, Any]:
+        """What was found before training, as plain values, for the file of the curves."""
+        ...
+
     def fresh_model(self, seed: int) -> ModelT: ...
     def loss(self, model: ModelT, index: Tensor) -> Tensor:
         """Loss on samples `index` (b,), dimensionless."""

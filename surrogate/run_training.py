@@ -6,6 +6,7 @@ import json
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.cli.context import Context
@@ -76,7 +77,7 @@ def _train_one(data: TrainingData, spec: ModelSpec) -> None:
     else:
         result = _trained(context, spec.name, task, settings, checkpoint, json.dumps(recipe, sort_keys=True))
     seconds = time.perf_counter() - started
-    _write_curves(path.with_suffix(".json"), spec.name, result, data)
+    _write_curves(path.with_suffix(".json"), spec.name, task.notes, result, data)
     save_correction(
         path,
         spec.name,
@@ -123,7 +124,9 @@ def _trained(
         )
 
 
-def _write_curves(path: Path, name: str, result: TrainingResult[ModelT], data: TrainingData) -> None:
+def _write_curves(
+    path: Path, name: str, notes: dict[str, Any], result: TrainingResult[ModelT], data: TrainingData
+) -> None:
     """Write loss and held-out error by step, for the report."""
     curves = {
         "model": name,
@@ -131,6 +134,7 @@ def _write_curves(path: Path, name: str, result: TrainingResult[ModelT], data: T
         "noise_floor": data.truth.noise_floor,
         "samples": len(data.split.train),
         "left_out": data.split.left_out,
+        **notes,
         "history": result.history,
     }
     with atomic_path(path) as temporary:

@@ -250,6 +250,10 @@ def test_curves_and_timings_are_described(tmp_path) -> None:
         "rms": 0.25,
         "worst": 0.5,
     }
+    errors = {"mechanics": {"handles": 0.2}, "learned": {"handles": 0.1}, "samples": 10}
+    (tmp_path / "forces.json").write_text(json.dumps(curves | {"history": [], "energy": errors}))
+    told = facts(tmp_path / "forces.json")["energy of contact, RMS errors on held-out samples"]
+    assert told == {"handles, mechanics": 0.2, "handles, learned": 0.1}
     bench = {
         "scene": "press",
         "iterations": 2,

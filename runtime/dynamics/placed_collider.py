@@ -87,7 +87,7 @@ def check_colliders(
     contact: PenaltyContact,
 ) -> None:
     """Raises SoftprintError where names, dimensions, sizes or corrections do not fit together."""
-    dim = body.dim
+    dim, of_contact = body.dim, list[ContactCorrection]()
     names = [placed.name for placed in colliders]
     if len(set(names)) != len(names):
         raise SoftprintError(
@@ -109,10 +109,22 @@ def check_colliders(
             )
         if isinstance(correction, ContactCorrection):
             _check_contact_correction(placed, correction, mechanics, contact)
+            of_contact.append(correction)
         elif placed.free is not None:
             raise SoftprintError(
                 f"correction {correction.name!r} has no derivative by the pose of its collider, so {placed.name!r} "
                 "cannot move freely with it: play the scene with a correction of form force, or without corrections"
+            )
+    _check_same_energy(of_contact)
+
+
+def _check_same_energy(corrections: Sequence[ContactCorrection]) -> None:
+    """Raises SoftprintError where corrections have learned different energies of contact."""
+    for other in corrections[1:]:
+        if other.learned != corrections[0].learned:
+            raise SoftprintError(
+                f"corrections {corrections[0].name!r} and {other.name!r} have learned different energies of "
+                "contact with the body, which all colliders share: give them all corrections of one training"
             )
 
 

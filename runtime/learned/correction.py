@@ -21,6 +21,7 @@ from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.errors import SoftprintError
@@ -94,7 +95,7 @@ class BoundContactCorrection(Protocol):
 class ContactCorrection(Protocol):
     """Learned contact forces. shape: the collider; mechanics: of the body, those used in training; law: the
     stiffness of contact, and whether it is on facets; band [m]: contact points up to this distance outside the collider
-    are included."""
+    are included; learned: the energy of contact, None for that of linear mechanics."""
 
     name: str
     collider: str
@@ -102,6 +103,7 @@ class ContactCorrection(Protocol):
     mechanics: BodyMechanics
     law: PenaltyContact
     band: float
+    learned: LearnedEnergy | None
 
     def bind(self, points: MaterialPoints, contact: CondensedContact, name: str) -> BoundContactCorrection:
         """The correction at these points, nodes of the body, prepared once. contact: solves the contacts, with the

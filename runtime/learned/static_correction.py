@@ -23,7 +23,7 @@ class StaticCorrection:
         if isinstance(correction, ContactCorrection):
             colliders = {correction.collider: correction.shape}
             self._contact: CondensedContact | None = CondensedContact.of(
-                body, correction.mechanics, colliders, correction.law, correction.band
+                body, correction.mechanics, colliders, correction.law, correction.band, correction.learned
             )
             self._bound = correction.bind(points, self._contact, correction.collider)
         else:

@@ -57,6 +57,15 @@ def find_scene(experiment: Experiment, name: str) -> SceneSpec:
     raise SoftprintError(f"{experiment.path}: there is no scene {name!r}; its scenes: {known}")
 
 
+def held_frames(experiment: Experiment) -> set[str]:
+    """The names of the frames that are held or moved in every scene: nothing is solved for there."""
+    held = [
+        {str(entry if isinstance(entry, int | str) else entry.handle) for entry in scene.kinematic}
+        for scene in experiment.scenes
+    ]
+    return set.intersection(*held) if held else set()
+
+
 def scene_steps(experiment: Experiment, scene: SceneSpec) -> int:
     """How many time steps fill the scene's duration; frame 0 comes before them."""
     return max(1, round(scene.duration / experiment.dynamics.time_step))

@@ -64,7 +64,7 @@ def read_force_data(
     progress: Callable[[int], None] | None = None,
 ) -> ForceData:
     """The given rows of a truth file. Samples in which the reduced body has no contact are dropped."""
-    probe = ContactStateProbe(body, collider, mechanics, options.law, options.band)
+    probe = ContactStateProbe(body, collider, mechanics, options.law, options.band, options.learned)
     loaded = probe.contact.loaded
     gradient = body.node_points().basis_gradient
     state = -1

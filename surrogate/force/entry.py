@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from softprint.runtime.arrays import IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
+from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.data import ForceData, join_force_data, read_force_data
+from softprint.surrogate.force.energy import EnergyErrors, energy_of
 from softprint.surrogate.force.loss import ForceMetric
 from softprint.surrogate.force.task import ForceTask
 from softprint.surrogate.form import TrainingForm
@@ -20,10 +25,15 @@ from softprint.surrogate.form import TrainingForm
 def task(data: TrainingData, spec: ModelSpec) -> ForceTask:
     """The training task of a [[training.models]] table."""
     own = options(spec, data.body, PenaltyContact.of(data.context.experiment.contact))
+    learned = _energy(data, spec, own) if spec.learned else None
+    notes = {}
+    if learned is not None:
+        own = replace(own, energy=learned[0].values)
+        notes = {"energy": learned[1]._asdict()}
     # Networks on the same mechanics share their data.
-    key = ("force", spec.contact_nodes, spec.static_condensation, own.band, own.law)
+    key = ("force", spec.contact_nodes, spec.static_condensation, own.band, own.law, own.energy)
     training, validation = data.once(key, lambda: _read(data, spec, own))
-    return ForceTask(own, metric(data, spec), training, validation, data.body.n_rows)
+    return ForceTask(own, metric(data, spec), training, validation, data.body.n_rows, notes)
 
 
 def metric(data: TrainingData, spec: ModelSpec) -> ForceMetric:
@@ -55,6 +65,19 @@ def force_data(
             for collider, part in data.by_collider(samples)
         ]
     )
+
+
+def _energy(
+    data: TrainingData, spec: ModelSpec, options: ForceModelOptions
+) -> tuple[LearnedEnergy, EnergyErrors] | None:
+    """The energy of contact, learned once for all networks on the same mechanics."""
+    own = mechanics(data, spec)
+
+    def contact_of(collider: Collider, learned: LearnedEnergy) -> ContactStateProbe:
+        return ContactStateProbe(data.body, collider, own, options.law, options.band, learned)
+
+    key = ("energy", spec.contact_nodes, spec.static_condensation, options.band, options.law)
+    return data.once(key, lambda: energy_of(data, contact_of))
 
 
 def _read(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) -> tuple[ForceData, ForceData]:

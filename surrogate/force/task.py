@@ -28,8 +28,10 @@ class ForceTask:
         data: ForceData,
         validation: ForceData,
         n_rows: int,
+        notes: dict[str, Any] | None = None,
     ) -> None:
         self._options, self._data, self._validation, self._n_rows = options, data, validation, n_rows
+        self._notes = notes or {}
         self._gamma = metric.gamma.to(self.device)
         self._volume_gamma = metric.volume_gamma.to(self.device)
         weight = 1.0 / (data.squared + _SHALLOW * data.squared.mean())
@@ -46,6 +48,10 @@ class ForceTask:
     @property
     def identity(self) -> dict[str, Any]:
         return {"form": ForceModel.form, **self._options.to_json()}
+
+    @property
+    def notes(self) -> dict[str, Any]:
+        return self._notes
 
     def fresh_model(self, seed: int) -> ForceModel:
         """Initial weights from the seed, normalisation from the data."""

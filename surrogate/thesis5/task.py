@@ -69,6 +69,10 @@ class ContactCentricTask:
             **gains,
         }
 
+    @property
+    def notes(self) -> dict[str, Any]:
+        return {}
+
     def fresh_model(self, seed: int) -> ContactCentricModel:
         """Initial weights from the seed, normalisation from the data."""
         data = self._data

@@ -47,6 +47,10 @@ class DescriptorTask:
     def identity(self) -> dict[str, Any]:
         return {"form": DescriptorModel.form, **self._options.to_json(), **asdict(self.weights)}
 
+    @property
+    def notes(self) -> dict[str, Any]:
+        return {}
+
     def fresh_model(self, seed: int) -> DescriptorModel:
         """Initial weights from the seed, normalisation from the data."""
         data = self.data

@@ -20,6 +20,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
@@ -62,7 +63,7 @@ class CondensedContact:
     """The contact of one body with colliders, by name. loaded: where contact acts on the facets; nodes: (n_contact,)
     mesh indices of the contact nodes; points and compliance: of the points on the facets; stiffness: a k (n,) [N/m^2]
     of these, and of those that sharp points of the colliders press; sharp: searches for the latter, None where no
-    collider has any."""
+    collider has any; learned: None for the energy of linear mechanics."""
 
     loaded: LoadedPoints
     nodes: IntArray
@@ -72,6 +73,7 @@ class CondensedContact:
     stiffness: Array
     searches: Mapping[str, CandidateSearch]
     sharp: SharpSearch | None
+    learned: LearnedEnergy | None
     _last: list[_AllPoints] = field(default_factory=list, repr=False)
 
     @classmethod
@@ -82,9 +84,12 @@ class CondensedContact:
         colliders: Mapping[str, Collider],
         law: PenaltyContact,
         band: float = 0.0,
+        learned: LearnedEnergy | None = None,
     ) -> CondensedContact:
-        """law: contact is at the contact nodes, or on the facets between them; band: [m], see `CandidateSearch`. Raises
-        SoftprintError for mechanics without surface compliance."""
+        """law: contact is at the contact nodes, or on the facets between them; band: [m], see `CandidateSearch`;
+        learned: None for the energy of linear mechanics. Raises SoftprintError for mechanics without surface
+        compliance."""
+        scale = None if learned is None else learned.scale
         compliance = mechanics.surface_compliance
         loaded = LoadedPoints.of_compliance(body, compliance, law.reduced_points)
         of_nodes = LocalCompliance(compliance.among_nodes())
@@ -93,11 +98,11 @@ class CondensedContact:
         if known:
             owner = owners(body, compliance.nodes)
             corners = np.unique(bearing_facets(body.mesh.facets, owner))
-            points = ContactPoints.of(body, loaded, mechanics.condensation, corners)
+            points = ContactPoints.of(body, loaded, mechanics.condensation, corners, scale)
             sharp = SharpSearch(body, known, law, owner, of_nodes, loaded, points, corners)
             stiffness = np.concatenate([stiffness, np.full(sharp.count, law.stiffness * sharp.area)])
         else:
-            points = ContactPoints.of(body, loaded, mechanics.condensation)
+            points = ContactPoints.of(body, loaded, mechanics.condensation, scale=scale)
         return cls(
             loaded,
             compliance.nodes,
@@ -107,6 +112,7 @@ class CondensedContact:
             stiffness,
             {name: CandidateSearch(collider, band) for name, collider in colliders.items()},
             sharp,
+            learned,
         )
 
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:
@@ -119,10 +125,14 @@ class CondensedContact:
             return None
         return WarmStart(solved, self._with(solved.pressed).compliance, self.stiffness, frame)
 
-    def node_forces(self, solved: SolvedContact, which: BoolArray | None = None) -> tuple[IntArray, Array]:
-        """The contact nodes (k,), ascending, that bear the forces of a solved contact on some of its active points
-        (m,), all by default, and these forces (k, dim) [N], in rest coordinates."""
-        index, force = solved.active, solved.rest_force
+    def node_forces(self, solved: SolvedContact) -> tuple[IntArray, Array]:
+        """The contact nodes (k,), ascending, that bear the forces of a solved contact, and these forces (k, dim) [N],
+        in rest coordinates."""
+        return self._with(solved.pressed).loaded.to_nodes(solved.active, solved.rest_force)
+
+    def drawn_forces(self, solved: SolvedContact, which: BoolArray | None = None) -> tuple[IntArray, Array]:
+        """The same for `SolvedContact.drawn_force`, of some of its active points (m,), all by default."""
+        index, force = solved.active, solved.drawn_force
         if which is not None:
             index, force = index[which], force[which]
         return self._with(solved.pressed).loaded.to_nodes(index, force)
@@ -150,17 +160,14 @@ class CondensedContact:
         self, points: CorotatedPoints, rows: Array, solved: SolvedContact | None
     ) -> ContactEvaluation:
         """The evaluation of a contact that was already solved at these handle rows, in this frame."""
+        loaded, every, contact = self.loaded, points, None
         start = self.resume(solved, points)
-        if solved is None or start is None:
-            return ContactEvaluation(
-                self.loaded, self.nodes, points, points, rows, tuple(self.searches), None
-            )
-        together = self._with(solved.pressed)
-        every = together.in_frame(points)
-        contact = LinearisedContact(start, every)
-        return ContactEvaluation(
-            together.loaded, self.nodes, points, every, rows, tuple(self.searches), contact
-        )
+        if solved is not None and start is not None:
+            together = self._with(solved.pressed)
+            loaded, every = together.loaded, together.in_frame(points)
+            contact = LinearisedContact(start, every)
+        names = tuple(self.searches)
+        return ContactEvaluation(loaded, self.nodes, points, every, rows, names, contact, self.learned)
 
     def _solve(
         self,
@@ -219,6 +226,7 @@ class CondensedContact:
             owner=distance.owner[candidates.may_be_active],
             position=problem.position,
             F=problem.F,
+            scale=every.scales(rows, candidates.index[candidates.may_be_active]),
             depth=candidates.depth,
             solution=solution,
             pressed=pressed,
@@ -240,7 +248,7 @@ class CondensedContact:
             return self.sharp.find(points, rows, poses, x, None)
         if warm_start.frame is points and warm_start.solved.pressed is not None:
             return warm_start.solved.pressed
-        dent = Dent(*warm_start.node_forces, warm_start.solved.solution.largest_displacement)
+        dent = Dent(*self.drawn_forces(warm_start.solved), warm_start.solved.solution.largest_displacement)
         return self.sharp.find(points, rows, poses, x, dent)
 
     def _candidates(
@@ -311,7 +319,7 @@ class CondensedContact:
         index = candidates.index[which]
         return ContactProblem(
             compliance.among(index),
-            points.deformation(rows, index),
+            points.carriers(rows, index),
             self.stiffness[index],
             candidates.position[which],
             candidates.depth,
@@ -337,6 +345,6 @@ class CondensedContact:
         index, active = candidates.index[beside], candidates.index[candidates.may_be_active][b]
         force = kernels.pulled_back(problem.F[b], solution.pressure[b], solution.normal[b])
         v = compliance.displacement(index, *compliance.on_nodes(active, force))
-        moved = kernels.to_world(points.deformation(rows, index), v)
+        moved = kernels.to_world(points.carriers(rows, index), v)
         pushed[beside] = distance.among(beside).value(candidates.position[beside] + moved) < 0.0
         return pushed

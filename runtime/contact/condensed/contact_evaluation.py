@@ -11,6 +11,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray, RowHessian
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
 from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSensitivity
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
 from softprint.runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
@@ -18,6 +19,7 @@ from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.warm_start import WarmStart
+from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 
@@ -39,7 +41,8 @@ class ActivePoints:
 class ContactEvaluation:
     """The contact of a body at handle rows (n_rows, dim) with all colliders of a scene. nodes: (n_contact,) the contact
     nodes in the mesh; points: the contact points on the facets; every: with those that sharp points of the colliders
-    press, as loaded; contact: None where the body touches no collider."""
+    press, as loaded; contact: None where the body touches no collider; learned: None for the energy of linear
+    mechanics, see `LearnedEnergy`, by which energy, gradient, Hessian and forces differ from those of `contact`."""
 
     loaded: LoadedPoints
     nodes: IntArray
@@ -48,6 +51,7 @@ class ContactEvaluation:
     rows: Array
     colliders: tuple[str, ...]
     contact: LinearisedContact | None
+    learned: LearnedEnergy | None
 
     @property
     def solved(self) -> SolvedContact | None:
@@ -67,17 +71,43 @@ class ContactEvaluation:
     @property
     def energy(self) -> float:
         """W [J]."""
-        return 0.0 if self.contact is None else self.contact.solved.solution.energy
+        if self.contact is None:
+            return 0.0
+        mechanics = self.contact.solved.solution.energy
+        return mechanics if self.learned is None else self.learned.energy(mechanics)
 
     @property
     def gradient(self) -> Array:
         """dW/drows (n_rows, dim) [N]."""
-        return np.zeros_like(self.rows) if self._active is None else self._active.gradient
+        return np.zeros_like(self.rows) if self._active is None else self._slope * self._active.gradient
 
     @property
     def hessian(self) -> RowHessian | None:
         """d2W/drows2, computed when called; None where no point is active."""
-        return None if self._active is None else self._active.hessian
+        contact = self._active
+        if contact is None:
+            return None
+        return contact.hessian if self.learned is None else partial(self._hardened, contact)
+
+    def _hardened(self, contact: LinearisedContact, along: Array | None = None) -> Array:
+        """See `RowHessian`."""
+        slope = contact.gradient.ravel()
+        slope = slope if along is None else slope @ along
+        return self._slope * contact.hessian(along) + self._curvature * np.outer(slope, slope)
+
+    @lazy
+    def _slope(self) -> float:
+        """dW/dW_mechanics: what the forces of mechanics are multiplied by."""
+        if self.contact is None or self.learned is None:
+            return 1.0
+        return self.learned.slope(self.contact.solved.solution.energy)
+
+    @lazy
+    def _curvature(self) -> float:
+        """d2W/dW_mechanics2 [1/J]."""
+        if self.contact is None or self.learned is None:
+            return 0.0
+        return self.learned.curvature(self.contact.solved.solution.energy)
 
     @property
     def _active(self) -> LinearisedContact | None:
@@ -101,7 +131,7 @@ class ContactEvaluation:
             solved.index[b],
             position,
             solved.solution.normal[b],
-            solved.solution.pressure[b],
+            self._slope * solved.solution.pressure[b],
             solved.solution.penetration[b],
             lambda: contact.position_jacobian.reshape(shape)[owned],
         )
@@ -143,12 +173,32 @@ class ContactEvaluation:
             for name, mine in owned.items()
             if mine.any()
         }
-        couplings = [Coupling(name, own.gradient, own.blocks) for name, own in touched.items()]
+        couplings = [
+            Coupling(name, self._slope * own.gradient, partial(self._blocks, contact, own))
+            for name, own in touched.items()
+        ]
         pairs = ((one, other) for one in touched for other in touched if one < other)
-        return couplings, [Link(*pair, partial(touched[pair[0]].link, touched[pair[1]])) for pair in pairs]
+        return couplings, [
+            Link(*pair, partial(self._link, *(touched[name] for name in pair))) for pair in pairs
+        ]
+
+    def _blocks(self, contact: LinearisedContact, own: ColliderSensitivity) -> tuple[Array, Array]:
+        """See `ColliderSensitivity`."""
+        mixed, twice = own.blocks()
+        if self.learned is None:
+            return mixed, twice
+        mixed = self._slope * mixed + self._curvature * np.outer(contact.gradient, own.gradient)
+        return mixed, self._slope * twice + self._curvature * np.outer(own.gradient, own.gradient)
+
+    def _link(self, one: ColliderSensitivity, other: ColliderSensitivity) -> Array:
+        """See `ColliderSensitivity`."""
+        found = one.link(other)
+        if self.learned is None:
+            return found
+        return self._slope * found + self._curvature * np.outer(one.gradient, other.gradient)
 
     def deformed_positions(self, index: IntArray, of: ContactEvaluation | None = None) -> Array:
-        """Deformed positions y = x + F v (m, dim) [m] of any contact points (m,). of: an evaluation among whose pressed
+        """Deformed positions y = x + A v (m, dim) [m] of any contact points (m,). of: an evaluation among whose pressed
         points these may be, by default this one."""
         every, compliance = self.every, None if self.contact is None else self.contact.start.compliance
         if of is not None and isinstance(of.every, CorotatedPressedPoints) and of.contact is not None:
@@ -158,4 +208,4 @@ class ContactEvaluation:
         if self.contact is None or compliance is None:
             return x
         v = compliance.displacement(index, *self.contact.start.node_forces)
-        return np.asarray(x + kernels.to_world(every.deformation(self.rows, index), v))
+        return np.asarray(x + kernels.to_world(every.carriers(self.rows, index), v))

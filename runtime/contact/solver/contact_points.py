@@ -1,10 +1,12 @@
-"""Positions x and deformation gradients F of the contact points of a body, as functions of its handle rows q (n_rows,
-dim).
+"""Positions x, deformation gradients F and carriers A of the contact points of a body, as functions of its handle rows
+q (n_rows, dim).
 
-A Hessian needs the position Jacobian dx (m, dim, n_rows*dim) of m points. The force on the handles alone is computed
-without it,
+A carries displacements of the body at rest along, u = A v. It is F, or s F where a learned scale s of the compliance
+depends on the strain (`compliance_scale.py`). A Hessian needs the position Jacobian dx (m, dim, n_rows*dim) of m
+points. The force on the handles alone is computed without it,
 
-    sum_j f_j . (dx_j + dF_j v_j),    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j.
+    sum_j f_j . (dx_j + dA_j v_j),    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j,
+    f_j . dA_j v_j = f_j . dF_j (s_j v_j) + (f_j . A_j v_j) dtheta_j.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.contact.solver import contact_point_kernels as kernels
+from softprint.runtime.contact.solver.compliance_scale import ComplianceScale, ScaleDerivatives
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.row_products import deformed_some, placed, placed_some
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
@@ -39,10 +42,15 @@ class PointMotion:
 
 class ContactPoints:
     """Material points of a body that may touch a collider, n of them. condensation: of these points, None for a body
-    without static condensation."""
+    without static condensation; scale: of the compliance there, None for 1."""
 
-    def __init__(self, material: MaterialPoints, condensation: PointCondensation | None) -> None:
-        self.material, self.condensation = material, condensation
+    def __init__(
+        self,
+        material: MaterialPoints,
+        condensation: PointCondensation | None,
+        scale: ComplianceScale | None = None,
+    ) -> None:
+        self.material, self.condensation, self.scale = material, condensation, scale
         self.basis_gradients = np.ascontiguousarray(material.basis_gradient.transpose(0, 2, 1))
 
     @classmethod
@@ -52,13 +60,14 @@ class ContactPoints:
         loaded: LoadedPoints,
         condensation: StaticCondensation | None,
         nodes: IntArray | None = None,
+        scale: ComplianceScale | None = None,
     ) -> ContactPoints:
         """The loaded points of a body; condensation: of all its nodes; nodes: see `PointCondensation.at`."""
         material = loaded.material(body)
         if condensation is None:
-            return cls(material, None)
+            return cls(material, None, scale)
         at = loaded.corners, loaded.weights
-        return cls(material, PointCondensation.at(body, condensation, *at, nodes))
+        return cls(material, PointCondensation.at(body, condensation, *at, nodes), scale)
 
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
@@ -88,6 +97,29 @@ class CorotatedPoints:
         """F (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
         return self.points.deformation(rows, index)
 
+    def carriers(self, rows: Array, index: IntArray) -> Array:
+        """A (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
+        F, scale = self.deformation(rows, index), self.points.scale
+        return F if scale is None else F * scale.scale(F, self.surface_normals(index))[:, None, None]
+
+    def scales(self, rows: Array, index: IntArray) -> Array:
+        """s (m,) of some of the points (m,) at handle rows (n_rows, dim)."""
+        scale = self.points.scale
+        if scale is None:
+            return np.ones(len(index))
+        return scale.scale(self.deformation(rows, index), self.surface_normals(index))
+
+    def scale_derivatives(self, rows: Array, index: IntArray) -> ScaleDerivatives | None:
+        """s and the derivatives of theta at some of the points (m,); None where s is 1 everywhere."""
+        scale = self.points.scale
+        if scale is None:
+            return None
+        return scale.derivatives(self.deformation(rows, index), self.surface_normals(index))
+
+    def surface_normals(self, index: IntArray) -> Array:
+        """N (m, dim) of some of the points (m,), at rest."""
+        return np.asarray(self.points.material.surface_normal[index])
+
     def bounded_positions(self, rows: Array) -> tuple[Array, Array]:
         """Approximate positions (n, dim) [m] of all points, and bounds on their error (n,) [m]."""
         if self._bounded is None:
@@ -110,9 +142,11 @@ class CorotatedPoints:
         kernels.add_basis(material.basis, index, jacobian)
         return PointMotion(jacobian.reshape(len(index), dim, n * dim), material.basis_gradient[index])
 
-    def handle_forces(self, index: IntArray, force: Array, v: Array) -> Array:
-        """sum_j f_j . (dx_j + dF_j v_j)/drows (n_rows, dim) [N] of forces f (m, dim) on points whose displacement v (m,
-        dim) is fixed in rest coordinates."""
+    def handle_forces(self, index: IntArray, force: Array, v: Array, by_strain: Array | None = None) -> Array:
+        """sum_j [ f_j . (dx_j + dF_j v_j) + S_j : dF_j ] / drows (n_rows, dim) [N] of forces f (m, dim) on points whose
+        displacement v (m, dim) is fixed in rest coordinates; by_strain: S (m, dim, dim) [J], None for zero."""
         material = self.points.material
         forces = kernels.handle_forces(material.basis, self.points.basis_gradients, index, force, v)
+        if by_strain is not None:
+            forces += np.tensordot(material.basis_gradient[index], by_strain, axes=([0, 2], [0, 2]))
         return forces if self.condensation is None else forces + self.condensation.pulled_back(force, index)

@@ -19,6 +19,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.contact.solver.compliance_scale import ComplianceScale
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints, PointMotion
 from softprint.runtime.contact.solver.planes import Planes
 from softprint.runtime.linalg.means import means
@@ -81,6 +82,11 @@ class CorotatedPressedPoints(CorotatedPoints):
         first = super().deformation(rows, own)
         return np.concatenate([first, self.pressed.deformation(rows, others)]) if len(others) else first
 
+    def surface_normals(self, index: IntArray) -> Array:
+        """See `CorotatedPoints`."""
+        own, others = self._split(index)
+        return np.concatenate([super().surface_normals(own), self.pressed.surface_normals(others)])
+
     def motion(self, index: IntArray) -> PointMotion:
         """See `CorotatedPoints`."""
         own, others = self._split(index)
@@ -93,12 +99,15 @@ class CorotatedPressedPoints(CorotatedPoints):
             np.concatenate([first.basis_gradient, second.basis_gradient]),
         )
 
-    def handle_forces(self, index: IntArray, force: Array, v: Array) -> Array:
+    def handle_forces(self, index: IntArray, force: Array, v: Array, by_strain: Array | None = None) -> Array:
         """See `CorotatedPoints`."""
         own, others = self._split(index)
         k = len(own)
-        total = super().handle_forces(own, force[:k], v[:k])
-        return total + self.pressed.handle_forces(others, force[k:], v[k:]) if len(others) else total
+        first, second = (None, None) if by_strain is None else (by_strain[:k], by_strain[k:])
+        total = super().handle_forces(own, force[:k], v[:k], first)
+        if not len(others):
+            return total
+        return total + self.pressed.handle_forces(others, force[k:], v[k:], second)
 
     def _split(self, index: IntArray) -> tuple[IntArray, IntArray]:
         """Points (m,), ascending: those on the facets, and the places of the others among the pressed points."""
@@ -109,19 +118,22 @@ class CorotatedPressedPoints(CorotatedPoints):
 @dataclass(frozen=True, eq=False)
 class SurfaceNodes:
     """The nodes of the surface of a body, of which pressed points are weighted means. nodes: (k,) of the mesh,
-    ascending; material: these; condensation: of these, None for a body without static condensation."""
+    ascending; material: these; condensation: of these, None for a body without static condensation; scale: of the
+    compliance, see `ContactPoints`."""
 
     nodes: IntArray
     material: MaterialPoints
     condensation: PointCondensation | None
+    scale: ComplianceScale | None
 
     def pressed(self, pressed: PressedPoints) -> ContactPoints:
         """The pressed points as contact points."""
         at, own = np.searchsorted(self.nodes, pressed.corners), self.material
-        columns = own.rest, own.basis, own.basis_gradient
-        rest, basis, gradient = (means(column, at, pressed.weights) for column in columns)
-        normals = np.zeros_like(rest)
+        columns = own.rest, own.basis, own.basis_gradient, own.surface_normal
+        rest, basis, gradient, normals = (means(column, at, pressed.weights) for column in columns)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         material = MaterialPoints(rest, basis, gradient, np.zeros(len(rest)), normals)
         if self.condensation is None:
-            return ContactPoints(material, None)
-        return ContactPoints(material, replace(self.condensation, corners=at, weights=pressed.weights))
+            return ContactPoints(material, None, self.scale)
+        condensation = replace(self.condensation, corners=at, weights=pressed.weights)
+        return ContactPoints(material, condensation, self.scale)

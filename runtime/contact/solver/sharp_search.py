@@ -93,7 +93,7 @@ class SharpSearch:
         loaded, points: the contact points on the facets; nodes: (k,) those of the facets, ascending."""
         mesh, spacing = body.mesh, law.sharp_spacing(body.mesh)
         self.area = spacing ** (mesh.dim - 1)
-        self.surface = SurfaceNodes(nodes, body.node_points(nodes), points.condensation)
+        self.surface = SurfaceNodes(nodes, body.node_points(nodes), points.condensation, points.scale)
         self._gradients = np.ascontiguousarray(self.surface.material.basis_gradient.transpose(0, 2, 1))
         self._owner, self._compliance, self._spacing = owner[nodes], compliance, mesh.surface_spacing
         facets = bearing_facets(mesh.facets, owner)

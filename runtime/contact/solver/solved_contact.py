@@ -32,7 +32,8 @@ class SolvedContact:
 
     frame_rows: (n_rows, dim) of the corotated frame; poses: of these colliders; near: the points near each of them;
     index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider of each;
-    position: x (m, dim) [m] and F (m, dim, dim) of these points; depth: estimate of the contact displacement [m];
+    position: x (m, dim) [m], carriers F (m, dim, dim) and scales (m,) of the compliance of these points, see
+    `contact_points.py`; depth: estimate of the contact displacement [m];
     solution: of these points; pressed: those that sharp points of the colliders press, None without any.
     """
 
@@ -44,6 +45,7 @@ class SolvedContact:
     owner: IntArray
     position: Array
     F: Array
+    scale: Array
     depth: float
     solution: ContactSolution
     pressed: PressedPoints | None
@@ -68,6 +70,12 @@ class SolvedContact:
         """F^T f (k, dim) [N] on the active points."""
         b, solution = self.solution.active, self.solution
         return kernels.pulled_back(self.F[b], solution.pressure[b], solution.normal[b])
+
+    @property
+    def drawn_force(self) -> Array:
+        """The forces (k, dim) [N], in rest coordinates, that displace the body as the active points are displaced where
+        nothing is scaled, u_X = F_X G_Xj f_j: what the body is drawn with."""
+        return self.scale[self.solution.active, None] * self.rest_force
 
     def owned_by(self, name: str) -> BoolArray:
         """(k,) which of the active points touch the collider."""

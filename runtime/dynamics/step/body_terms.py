@@ -53,7 +53,9 @@ def find_corrections(
     if mechanics is None or mechanics.compliance is None or not condensed:
         return Corrections(fields, of_contact, None)
     band = max((correction.band for correction in of_contact.values()), default=0.0)
-    solver = CondensedContact.of(body, mechanics, condensed, contact, band)
+    # Of the body: `check_colliders` has made sure that all are the same.
+    learned = next((correction.learned for correction in of_contact.values()), None)
+    solver = CondensedContact.of(body, mechanics, condensed, contact, band, learned)
     return Corrections(fields, of_contact, solver)
 
 

@@ -18,7 +18,7 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Training steps, training data, and the error on held-out states."""
+    """Training steps, training data, the error on held-out states, and of forces and energy where these are learned."""
     curves = json.loads(path.read_text(encoding="utf-8"))
     try:
         held_out, history = curves["held_out"], curves["history"]
@@ -31,6 +31,13 @@ def summarise(path: Path, part: Part) -> Summary:
             "validations": len(history),
         }
         sections = {"training": facts}
+        if "energy" in curves:
+            errors = curves["energy"]
+            sections["energy of contact, RMS errors on held-out samples"] = {
+                f"{kind}, {model}": errors[model][kind]
+                for kind in errors["learned"]
+                for model in ("mechanics", "learned")
+            }
         if history:
             sections["at the end"] = dict(history[-1])
     except (KeyError, TypeError, ValueError) as error:

@@ -16,6 +16,8 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
@@ -71,12 +73,14 @@ class ContactMeasurement:
         index, pose, m = near.index, near.pose, len(near.index)
         F = pose.rotation.T @ points.deformation(solved.rows, index)
         v = self._contact.compliance.displacement(index, *self._contact.node_forces(solved))
+        rest_normal = points.material.surface_normal[index]
         moved = kernels.to_world(F, v)
+        if points.scale is not None:
+            moved *= points.scale.scale(F, rest_normal)[:, None]
         z = pose.apply_inverse(near.position)
         distance, slope, curvature = self._collider.sdf_derivatives(np.concatenate([z, z + moved]))
         force = np.zeros_like(moved)
-        force[np.searchsorted(index, solved.active[own])] = solved.rest_force[own]
-        rest_normal = points.material.surface_normal[index]
+        force[np.searchsorted(index, solved.active[own])] = solved.drawn_force[own]
         normal = (cofactor(F) @ rest_normal[..., None])[..., 0]
         length = np.sqrt((normal * normal).sum(axis=1, keepdims=True))
         normal /= np.maximum(length, SHORTEST)
@@ -90,7 +94,7 @@ class ContactMeasurement:
         directions = np.stack([slope[:m], normal, moved / self._band], axis=1)
         lever = weight[:, None, None] * (directions @ F)
         depth = patch_depth(self._areas[index], distance[:m])
-        pressed = self._contact.node_forces(solved, solved.owned_by(name) & solved.is_pressed)
+        pressed = self._contact.drawn_forces(solved, solved.owned_by(name) & solved.is_pressed)
         return ContactState(
             index, force, np.concatenate(inputs, axis=1), lever, depth, pressed if len(pressed[0]) else None
         )
@@ -106,10 +110,11 @@ class ContactStateProbe:
         mechanics: BodyMechanics,
         law: PenaltyContact,
         band: float,
+        learned: LearnedEnergy | None = None,
     ) -> None:
-        """law: see `CondensedContact.of`; band: see `ContactMeasurement`."""
+        """law, learned: see `CondensedContact.of`; band: see `ContactMeasurement`."""
         self._name = collider.name
-        self.contact = CondensedContact.of(body, mechanics, {collider.name: collider}, law, band)
+        self.contact = CondensedContact.of(body, mechanics, {collider.name: collider}, law, band, learned)
         self._measurement = ContactMeasurement(self.contact, collider.name, collider, band)
 
     def solve(self, rows: Array, pose: RigidPose, near: SolvedContact | None = None) -> SolvedContact | None:
@@ -117,6 +122,10 @@ class ContactStateProbe:
         solved contact nearby. There may be several equilibria; the solve converges to the one nearest to it."""
         points, start = self.contact.in_frame(rows), self.contact.resume(near)
         return self.contact.evaluate(points, rows, {self._name: pose}, start).solved
+
+    def evaluation(self, solved: SolvedContact) -> ContactEvaluation:
+        """The energy and derivatives of a contact that `solve` returned."""
+        return self.contact.evaluation(self.contact.in_frame(solved.rows), solved.rows, solved)
 
     def measure(self, rows: Array, pose: RigidPose, near: SolvedContact | None = None) -> ContactState | None:
         """The contact state of the contact that `solve` returns."""

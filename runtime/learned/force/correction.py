@@ -43,7 +43,7 @@ class ForceCorrection:
         require_body(name, model.dim, model.n_rows, body)
         self.name, self.collider, self.shape = name, collider.name, collider
         self.model, self.mechanics = model.eval(), mechanics
-        self.law, self.band = model.options.law, model.options.band
+        self.law, self.band, self.learned = model.options.law, model.options.band, model.options.learned
         self._compliance = mechanics.surface_compliance
         self._mesh_points = body.mesh.points
 

@@ -12,12 +12,14 @@ of the collider, on its identity, or on the position on it. With y = 0 the field
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import torch
 from torch import Tensor, nn
 
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.learned.fade import Fade
 from softprint.runtime.learned.force.confidence import Confidence
@@ -33,7 +35,8 @@ class ForceModelOptions(ModelOptions):
     """widths, activation: of the network; fade_depth [m]: depth of the contact below which the correction fades out;
     band [m]: contact points up to this distance outside the collider are included; stiffness: of the penalty contact
     [N/m^4]; static_condensation: whether reduced positions include static condensation; refinement,
-    reduced_refinement: of the contact law, see `PenaltyContact`."""
+    reduced_refinement: of the contact law, see `PenaltyContact`; energy: `values` of the `LearnedEnergy` of contact,
+    none without one."""
 
     widths: tuple[int, ...]
     activation: Literal["tanh", "silu", "softplus", "elu"]
@@ -43,6 +46,17 @@ class ForceModelOptions(ModelOptions):
     static_condensation: bool = True
     refinement: int = 0
     reduced_refinement: int = 1
+    energy: tuple[float, ...] = ()
+
+    @property
+    def learned(self) -> LearnedEnergy | None:
+        """The energy of contact; None for that of linear mechanics."""
+        return LearnedEnergy.of(self.energy) if self.energy else None
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Self:
+        """See `ModelOptions`."""
+        return super().from_json({**values, "energy": tuple(values["energy"])})
 
     @property
     def law(self) -> PenaltyContact:

@@ -11,8 +11,10 @@ from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.solver import candidate_search, contact_solve
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
+from softprint.runtime.contact.solver.compliance_scale import ComplianceScale
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
 from softprint.runtime.contact.solver.warm_start import WarmStart
@@ -20,6 +22,8 @@ from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 
 STIFFNESS = 1e10  # N/m^4
 RADIUS = 0.02
+# Twice what is learned on the Jelly.
+LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8, -0.8)), 0.85, 1.0, 0.3)
 
 
 def doubled(mechanics):
@@ -45,10 +49,10 @@ class PressedBall:
     pose: RigidPose
 
     @classmethod
-    def of(cls, body, mechanics, rows, pose, law):
+    def of(cls, body, mechanics, rows, pose, law, learned=None):
         """In the frame of the state itself."""
         ball = Sphere(RADIUS, body.dim, "ball")
-        contact = CondensedContact.of(body, mechanics, {"ball": ball}, law)
+        contact = CondensedContact.of(body, mechanics, {"ball": ball}, law, learned=learned)
         return cls(contact, contact.in_frame(rows), rows, pose)
 
     def at(self, rows=None, pose=None, warm_start: WarmStart | None = None) -> ContactEvaluation:
@@ -72,13 +76,14 @@ def law(request):
     return PenaltyContact(STIFFNESS, *request.param)
 
 
-@pytest.fixture(params=[False, True], ids=["subspace", "condensation"])
+@pytest.fixture(params=["subspace", "condensation", "learned energy"])
 def pressed(jelly_body, dim, law, request):
     """A strained body with a ball 6 mm deep in its top."""
     gravity = np.append(np.zeros(dim - 1), -9.81)
-    mechanics = doubled(compute_mechanics(jelly_body, 400, request.param, gravity))
+    mechanics = doubled(compute_mechanics(jelly_body, 400, request.param != "subspace", gravity))
     pose = into_the_top(dim, [0.3] if dim == 2 else [0.3, -0.2, 0.5])
-    return PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose, law)
+    learned = LEARNED if request.param == "learned energy" else None
+    return PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose, law, learned)
 
 
 def test_hessian_along_some_directions(pressed):
@@ -150,8 +155,8 @@ def test_derivatives(pressed, monkeypatch):
 
 def test_gradient_is_the_contact_force_through_the_position_jacobian(pressed):
     here = pressed.at()
-    force = here.solved.solution.force[here.solved.solution.active].ravel()
-    expected = -force @ here.contact.position_jacobian
+    active = here.active_points("ball")
+    expected = -(active.pressure[:, None] * active.normal).ravel() @ here.contact.position_jacobian
     # The same sums in another order.
     np.testing.assert_allclose(here.gradient.ravel(), expected, rtol=1e-10, atol=1e-12)
 
@@ -235,14 +240,15 @@ def test_nothing_out_of_contact(pressed):
     assert away.converged
 
 
-def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim, law):
+@pytest.mark.parametrize("learned", [None, LEARNED], ids=["mechanics", "learned energy"])
+def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim, law, learned):
     """Gravity, which does not move along, is left out."""
     mechanics = doubled(compute_mechanics(jelly_body, 400, condensation=True))
     rows, pose = strained(jelly_body), into_the_top(dim, np.zeros(1 if dim == 2 else 3))
     motion = RigidPose.from_rotation_vector([0.7] if dim == 2 else [0.2, 0.7, -0.4], 0.1 * np.ones(dim))
     moved_rows = rows @ motion.rotation.T + np.outer(jelly_body.handles.affine_part, motion.translation)
-    here = PressedBall.of(jelly_body, mechanics, rows, pose, law).at()
-    moved = PressedBall.of(jelly_body, mechanics, moved_rows, motion.compose(pose), law).at()
+    here = PressedBall.of(jelly_body, mechanics, rows, pose, law, learned).at()
+    moved = PressedBall.of(jelly_body, mechanics, moved_rows, motion.compose(pose), law, learned).at()
     # The modes are rounded to float32, and so annihilate translations to 1e-7.
     assert moved.energy == pytest.approx(here.energy, rel=2e-6)
     rotated = here.gradient @ motion.rotation.T

@@ -11,6 +11,7 @@ import pytest
 from softprint.runtime.colliders import KeyframedPath, Placed, RigidPose, SmoothUnion, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.dynamics.kinematic import KinematicHandle
 from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.errors import SoftprintError
@@ -157,6 +158,45 @@ def test_corrections_of_contact_on_facets_are_for_contact_on_facets(jelly_body, 
         match=r"at 1 points along an edge of a facet, and on sharp edges at 3, not at nodes: give contact=Pen",
     ):
         Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
+
+
+LEARNED = replace(OPTIONS, energy=(0.5, -0.8, -0.4, 1.0, 1.0, 0.1))
+
+
+def test_corrections_of_one_body_have_one_energy(jelly_body, dim):
+    mechanics = compute_mechanics(jelly_body, 50, condensation=False)
+    one, other = zip(*two_balls(dim), strict=True)
+    colliders = corrected(jelly_body, mechanics, [one]) + corrected(jelly_body, mechanics, [other], LEARNED)
+    with pytest.raises(SoftprintError, match="different energies of contact with the body"):
+        Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
+
+
+def test_what_is_learned_moves_the_body(jelly_body, dim):
+    """The energy is in the step: two balls that are pressed in for ten steps leave other handles, and feel other
+    forces."""
+    mechanics = compute_mechanics(jelly_body, 400, condensation=True)
+    placed = [*zip(*two_balls(dim), strict=True)]
+    rows, forces = {}, {}
+    for name, options in (("mechanics", OPTIONS), ("learned", LEARNED)):
+        colliders = corrected(jelly_body, mechanics, placed, options)
+        simulator = Simulator(
+            jelly_body,
+            colliders,
+            contact=PenaltyContact(STIFFNESS),
+            mechanics=mechanics,
+            kinematic=[KinematicHandle("base")],
+        )
+        state = simulator.rest_state()
+        for _ in range(10):
+            result = simulator.step(state)
+            assert result.converged
+            state = result.state
+        rows[name], forces[name] = state.rows, result.contacts["left"].force
+    moved = np.abs(rows["mechanics"] - jelly_body.rest_rows).max()
+    assert np.abs(rows["learned"] - rows["mechanics"]).max() > 0.01 * moved
+    change = np.linalg.norm(forces["learned"] - forces["mechanics"])
+    # It hardens: by x / (x + 0.1), some tens of per cent.
+    assert change > 0.05 * np.linalg.norm(forces["mechanics"])
 
 
 @pytest.mark.parametrize("given", ["none", "other nodes", "of another material"])

@@ -12,6 +12,8 @@ from softprint.runtime.contact.solver import contact_solve
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.dynamics import simulator as simulator_module
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.force.correction import ForceCorrection
+from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.rigid import RigidMotion, free_collider
 
@@ -47,7 +49,15 @@ def posed(dim, rotation, *position):
     )
 
 
-def scene(body, dim, mechanics, refinement, sharp):
+def learned_on(shape, body, mechanics, refinement):
+    """A correction with a learned energy, which is of all contacts of the body."""
+    options = ForceModelOptions(
+        (4, 4), "silu", 5e-4, 3e-3, STIFFNESS, refinement=refinement, energy=(0.5, -0.8, -0.4, 0.9, 0.6, 0.3)
+    )
+    return ForceCorrection("learned", ForceModel(options, body.dim, body.n_rows), body, shape, mechanics)
+
+
+def scene(body, dim, mechanics, refinement, sharp, learned):
     """One capsule (or box, with sharp edges) deep in the top of a fixed block, one that leans on it and on a wall, and
     one that stands upright in the top beside them; all spin."""
     gravity = np.append(np.zeros(dim - 1), -9.81)
@@ -62,7 +72,8 @@ def scene(body, dim, mechanics, refinement, sharp):
         spin = [3.0] if dim == 2 else [3.0, -2.0, 1.0]
         velocity = np.linspace(-0.2, 0.1, dim)
         free = free_collider(shape, pose, density=2000.0, velocity=velocity, spin=spin)
-        colliders.append(PlacedCollider(name, shape, free=free))
+        correction = learned_on(shape, body, mechanics, refinement) if learned and name == "low" else None
+        colliders.append(PlacedCollider(name, shape, free=free, correction=correction))
     wall = KeyframedPath([0.0], [[0.048, *[0.0] * (dim - 1)]])
     colliders.append(PlacedCollider("wall", Plane(-np.eye(dim)[0], "wall"), wall))
     return Simulator(
@@ -79,13 +90,21 @@ def scene(body, dim, mechanics, refinement, sharp):
 
 @pytest.fixture(
     params=[
-        ("penalty", 0, False),
-        ("condensed", 0, False),
-        ("penalty", 1, False),
-        ("condensed", 1, False),
-        ("penalty", 1, True),
+        ("penalty", 0, False, False),
+        ("condensed", 0, False, False),
+        ("penalty", 1, False, False),
+        ("condensed", 1, False, False),
+        ("penalty", 1, True, False),
+        ("condensed", 1, False, True),
     ],
-    ids=["penalty", "condensed", "penalty on facets", "condensed on facets", "penalty of sharp points"],
+    ids=[
+        "penalty",
+        "condensed",
+        "penalty on facets",
+        "condensed on facets",
+        "penalty of sharp points",
+        "learned energy",
+    ],
 )
 def step(jelly_body, dim, request, monkeypatch):
     """The energy of a step, a point near its end, where friction is lagged, and a generator."""

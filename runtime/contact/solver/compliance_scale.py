@@ -1,0 +1,125 @@
+"""How the compliance at contact points depends on the strain of the body, learned from contact forces.
+
+Displacements of the body at rest, v = G phi, are carried along by the deformation of the body. Carried by its
+deformation gradient F alone, the compliance F G F^T grows with the square of a stretch. In full space it hardly does,
+and forces on the handles show the difference, as they are derivatives of the energy by the strain. So with a scale s of
+the compliance at every point,
+
+    u = A v,    phi = A^T f,    A = s F,    s = exp theta,    theta = R tanh(z / R),
+    z = c_1 (tr C / dim - 1) / 2 + c_2 (N . C N - 1) / 2 + c_3 (det F - 1),    C = F^T F,
+
+with N the surface normal at rest. theta depends on invariants of the strain alone: rotating the body changes nothing,
+at rest s is 1, and no collider is named. s is between e^-R and e^R whatever the coefficients are, so that the energy
+stays positive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.invariants import cofactor
+from softprint.runtime.lazy import lazy
+
+# R.
+_BOUND = 1.0
+#: The number of coefficients c.
+N_COEFFICIENTS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ScaleDerivatives:
+    """At m points: scale s (m,), and of theta the slope dtheta/dF (m, dim, dim) and the curvature d2theta/dF2 (m, dim,
+    dim, dim, dim), computed at its first use."""
+
+    scale: Array
+    slope: Array
+    _curvature: Callable[[], Array] = field(repr=False)
+
+    @lazy
+    def curvature(self) -> Array:
+        """See the class."""
+        return self._curvature()
+
+    def by_rows(self, basis_gradient: Array) -> Array:
+        """dtheta/drows (m, n_rows*dim); basis_gradient: (m, n_rows, dim), which gives dF."""
+        m, n_rows, dim = basis_gradient.shape
+        return (basis_gradient @ self.slope.transpose(0, 2, 1)).reshape(m, n_rows * dim)
+
+
+@dataclass(frozen=True)
+class ComplianceScale:
+    """coefficients: c (N_COEFFICIENTS,). With zeros s is 1 everywhere."""
+
+    coefficients: tuple[float, ...]
+
+    def scale(self, F: Array, normal: Array) -> Array:
+        """s (m,) at deformation gradients F (m, dim, dim) and rest normals N (m, dim)."""
+        z = strain_measures(F, normal) @ np.asarray(self.coefficients)
+        return np.exp(_BOUND * np.tanh(z / _BOUND))
+
+    def derivatives(self, F: Array, normal: Array) -> ScaleDerivatives:
+        """s and the derivatives of theta there."""
+        c = np.asarray(self.coefficients)
+        slope = np.tensordot(measure_slopes(F, normal), c, axes=(1, 0))
+        bounded = np.tanh(strain_measures(F, normal) @ c / _BOUND)
+        rate = 1.0 - bounded**2
+
+        def curvature() -> Array:
+            bend = (-2.0 / _BOUND * rate * bounded)[:, None, None] * slope
+            crossed = bend[:, :, :, None, None] * slope[:, None, None]
+            return rate[:, None, None, None, None] * _curvature(c, F, normal) + crossed
+
+        return ScaleDerivatives(np.exp(_BOUND * bounded), rate[:, None, None] * slope, curvature)
+
+    def by_coefficients(self, F: Array, normal: Array) -> tuple[Array, Array]:
+        """dtheta/dc (m, N_COEFFICIENTS) and d2theta/dF dc (m, N_COEFFICIENTS, dim, dim): for training."""
+        c = np.asarray(self.coefficients)
+        measures, slopes = strain_measures(F, normal), measure_slopes(F, normal)
+        bounded = np.tanh(measures @ c / _BOUND)
+        rate = 1.0 - bounded**2
+        bend = -2.0 * rate * bounded / _BOUND
+        slope = np.einsum("k,mkab->mab", c, slopes)
+        mixed = rate[:, None, None, None] * slopes
+        mixed += (bend[:, None] * measures)[:, :, None, None] * slope[:, None]
+        return rate[:, None] * measures, mixed
+
+
+def strain_measures(F: Array, normal: Array) -> Array:
+    """(m, N_COEFFICIENTS) the three strains of the module; zero where F is a rotation."""
+    dim = F.shape[1]
+    along = (F @ normal[..., None])[..., 0]
+    trace = (F * F).sum(axis=(1, 2)) / dim
+    return np.stack(
+        [0.5 * (trace - 1.0), 0.5 * ((along**2).sum(axis=1) - 1.0), np.linalg.det(F) - 1.0],
+        axis=1,
+    )
+
+
+def measure_slopes(F: Array, normal: Array) -> Array:
+    """The derivatives of `strain_measures` by F (m, N_COEFFICIENTS, dim, dim)."""
+    along = (F @ normal[..., None])[..., 0]
+    return np.stack([F / F.shape[1], along[:, :, None] * normal[:, None, :], cofactor(F)], axis=1)
+
+
+def _curvature(c: Array, F: Array, normal: Array) -> Array:
+    """d2z/dF2 (m, dim, dim, dim, dim)."""
+    dim = F.shape[1]
+    one = np.eye(dim)
+    by_trace = np.einsum("ac,bd->abcd", one, one) / dim
+    by_normal = np.einsum("ac,mb,md->mabcd", one, normal, normal)
+    # det F is linear in F for every pair of its entries.
+    by_volume = (F.reshape(len(F), -1) @ _SECOND_3 if dim == 3 else _SECOND_2).reshape(-1, dim, dim, dim, dim)
+    return np.asarray(c[0] * by_trace + c[1] * by_normal + c[2] * by_volume)
+
+
+_PERMUTATION_2 = np.array([[0.0, 1.0], [-1.0, 0.0]])
+_PERMUTATION_3 = np.zeros((3, 3, 3))
+for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _PERMUTATION_3[_a, _b, _c], _PERMUTATION_3[_a, _c, _b] = 1.0, -1.0
+# d2 det F / dF_ab dF_cd: in 2D, and in 3D by the entries of F (9, 81).
+_SECOND_2 = np.einsum("ac,bd->abcd", _PERMUTATION_2, _PERMUTATION_2)
+_SECOND_3 = np.einsum("ace,bdf->efabcd", _PERMUTATION_3, _PERMUTATION_3).reshape(9, 81)

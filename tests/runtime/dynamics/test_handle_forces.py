@@ -1,0 +1,59 @@
+"""The generalised contact force at a state: the derivative of the energy of contact along the handles."""
+
+import numpy as np
+import pytest
+
+from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics.handle_forces import HandleCoordinates, StaticContact
+from softprint.runtime.dynamics.placed_collider import PlacedCollider
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+
+LAW = PenaltyContact(1e9)
+
+
+def pressed(body):
+    """A ball 6 mm deep in the top of the block, reached in two steps."""
+    place = np.append(np.full(body.dim - 1, 0.004), 0.06 + 0.02)
+    deep = [np.append(np.zeros(body.dim - 1), depth) for depth in (0.003, 0.006)]
+    return Sphere(0.02, body.dim, "ball"), [{"ball": RigidPose(np.eye(body.dim), place - d)} for d in deep]
+
+
+def test_without_mechanics_it_is_the_penalty_at_the_samples(jelly_body, dim):
+    ball, way = pressed(jelly_body)
+    static = StaticContact(jelly_body, [PlacedCollider("ball", ball)], LAW)
+    rows, samples = jelly_body.rest_rows, jelly_body.surface
+    basis = jelly_body.basis[samples.nodes]
+
+    def energy(at):
+        return LAW.energy(basis @ at, samples.areas, ball, way[-1]["ball"])
+
+    force, direction = static.handle_force(rows, way), np.random.default_rng(0).normal(size=rows.shape)
+    h = 1e-7
+    slope = (energy(rows + h * direction) - energy(rows - h * direction)) / (2 * h)
+    # Central differences over 1e-7 m of a cubic penalty a few millimetres deep.
+    assert np.vdot(force, direction) == pytest.approx(slope, rel=1e-5)
+
+
+def test_with_mechanics_it_balances_the_force_on_the_ball(jelly_body, dim):
+    ball, way = pressed(jelly_body)
+    mechanics = compute_mechanics(jelly_body, 400, condensation=False)
+    static = StaticContact(jelly_body, [PlacedCollider("ball", ball)], LAW, mechanics)
+    total = jelly_body.handles.affine_part @ static.handle_force(jelly_body.rest_rows, way)
+    bare = StaticContact(jelly_body, [PlacedCollider("ball", ball)], LAW)
+    rigid = jelly_body.handles.affine_part @ bare.handle_force(jelly_body.rest_rows, way)
+    # The ball is pushed up, and less than by a surface that does not give way.
+    assert 0.0 < total[-1] < 0.9 * rigid[-1]
+
+
+def test_coordinates_of_held_frames_are_left_out(jelly_body, dim):
+    rows = jelly_body.rest_rows
+    gradient = np.random.default_rng(0).normal(size=rows.shape)
+    frames = {frame.name for frame in jelly_body.handles.frames}
+    free, every = HandleCoordinates(jelly_body, frames), HandleCoordinates(jelly_body, set())
+    count = jelly_body.handles.n_points
+    np.testing.assert_array_equal(free.along(rows, gradient), gradient[:count].ravel())
+    along = every.along(rows, gradient)
+    np.testing.assert_array_equal(along[: count * dim], gradient[:count].ravel())
+    # The force on the origin of the frame, at rest about its pivot.
+    np.testing.assert_allclose(along[count * dim : (count + 1) * dim], gradient[-1], rtol=1e-12)

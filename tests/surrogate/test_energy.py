@@ -1,0 +1,156 @@
+"""Learning the energy of contact: derivatives by finite differences, and an energy that is found again."""
+
+import numpy as np
+import pytest
+
+from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.dynamics.handle_forces import HandleCoordinates
+from softprint.runtime.learned.force.contact_state import ContactStateProbe
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.truth.truth_file import TruthHeader, create_truth, load_truth
+from softprint.runtime.truth.truth_schema import TABLES
+from softprint.surrogate.force.energy import (
+    LABELS,
+    N_PARAMETERS,
+    SampledContacts,
+    by_parameters,
+    learn_energy,
+)
+
+LAW = PenaltyContact(1e10, 4)
+SIZE = 0.4  # J^(1/3)
+BAND = 2e-3
+STATES, PLACES, DEPTHS = 4, 3, (0.003, 0.005, 0.007)  # m
+
+
+def energy_at(parameters):
+    """With a slope of the coefficients, log a and b."""
+    *coefficients, first, growth = parameters
+    return LearnedEnergy.of((*coefficients, np.exp(first), growth, SIZE))
+
+
+TEACHER = np.array([0.4, -0.9, -0.4, -0.1, 0.6])
+
+
+@pytest.fixture(scope="module", params=[2, 3], ids=["2d", "3d"])
+def pressed(request, jelly2d_body, jelly3d_body):
+    """A body, what makes its contact with a ball, and states with poses of the ball."""
+    body = jelly2d_body if request.param == 2 else jelly3d_body
+    mechanics = compute_mechanics(body, 200, condensation=True)
+    ball, rng = Sphere(0.02, body.dim, "ball"), np.random.default_rng(0)
+
+    def contact_of(collider, learned):
+        return ContactStateProbe(body, collider, mechanics, LAW, BAND, learned)
+
+    states, poses = [], []
+    for _ in range(STATES):
+        rows = body.rest_rows.copy()
+        count = body.handles.n_points
+        # Some tenths of strain.
+        rows[:count] += 0.003 * rng.standard_normal((count, body.dim))
+        states.append(rows)
+        x = body.reduced_positions(rows)
+        for at in rng.uniform(-0.02, 0.02, (PLACES, body.dim - 1)):
+            aside = np.square(x[:, :-1] - at).sum(axis=1)
+            touching = (x[:, -1] + np.sqrt(np.maximum(ball.radius**2 - aside, 0.0)))[
+                aside < ball.radius**2
+            ].max()
+            poses.append([RigidPose(np.eye(body.dim), np.append(at, touching - depth)) for depth in DEPTHS])
+    return body, ball, contact_of, states, poses
+
+
+def evaluated(probe, rows, poses):
+    """At the last of several poses, of which the contact is followed along."""
+    solved = None
+    for pose in poses:
+        solved = probe.solve(rows, pose, solved)
+    return probe.evaluation(solved)
+
+
+def test_derivatives_by_the_parameters(pressed, monkeypatch):
+    _, ball, contact_of, states, poses = pressed
+    monkeypatch.setattr("softprint.runtime.contact.solver.contact_solve._TOLERANCE", 1e-9)
+
+    def at(parameters):
+        return evaluated(contact_of(ball, energy_at(parameters)), states[0], poses[0])
+
+    by_energy, by_force = by_parameters(at(TEACHER).contact, energy_at(TEACHER))
+    for k in range(N_PARAMETERS):
+        h = 1e-5 * np.eye(N_PARAMETERS)[k]
+        ahead, behind = at(TEACHER + h), at(TEACHER - h)
+        # The compliance, and so each solve, is in single precision: 1e-7 over steps of 1e-5 that change both by 1e-5.
+        assert (ahead.energy - behind.energy) / 2e-5 == pytest.approx(by_energy[k], rel=2e-3)
+        slope = (ahead.gradient - behind.gradient) / 2e-5
+        np.testing.assert_allclose(by_force[..., k], slope, atol=2e-3 * np.abs(slope).max())
+
+
+@pytest.fixture(scope="module")
+def contacts(pressed, tmp_path_factory):
+    """Of a truth that condensed contact with a known energy has made; one contact in twelve is spoilt."""
+    body, ball, contact_of, states, poses = pressed
+    teacher = contact_of(ball, energy_at(TEACHER))
+    n, each = STATES * PLACES, len(DEPTHS)
+    found = [
+        evaluated(teacher, states[k // PLACES], poses[k][: depth + 1])
+        for k in range(n)
+        for depth in range(each)
+    ]
+    energies, forces = np.array([one.energy for one in found]), np.array([one.gradient for one in found])
+    forces[5 * each : 6 * each] *= -3.0
+    flat = [pose for at in poses for pose in at]
+    given = {
+        "states": (STATES, {"rows": np.array(states)}),
+        "contacts": (
+            n,
+            {
+                "state": np.repeat(np.arange(STATES), PLACES),
+                "direction": np.tile(-np.eye(body.dim)[-1], (n, 1)),
+            },
+        ),
+        "samples": (
+            n * each,
+            {
+                "contact": np.repeat(np.arange(n), each),
+                "depth": np.tile(DEPTHS, n),
+                "pose_rotation": np.array([pose.rotation for pose in flat]),
+                "pose_translation": np.array([pose.translation for pose in flat]),
+                "energy": energies,
+                "handle_force": forces,
+            },
+        ),
+    }
+    sizes = {"nodes": body.n_nodes, "rows": body.n_rows, "dim": body.dim}
+    path = tmp_path_factory.mktemp("truth") / "truth.h5"
+    header = TruthHeader(
+        body_hash=body.content_hash, experiment="", seed=0, colliders=("ball",), planned_contacts=n
+    )
+    with create_truth(path, header, body) as truth:
+        for table, (length, columns) in given.items():
+            blank = {
+                name: np.full((length, *column.row_shape(sizes)), "" if column.dtype == "str" else 0)
+                for name, column in TABLES[table].items()
+            }
+            truth.append(table, {**blank, **columns})
+    with load_truth(path, body) as truth:
+        yield SampledContacts(
+            truth,
+            lambda samples: iter([(ball, samples)]),
+            contact_of,
+            HandleCoordinates(body, {frame.name for frame in body.handles.frames}),
+            body.handles.affine_part,
+        )
+
+
+@pytest.mark.parametrize("labels", [LABELS, ("handles",)], ids=["all labels", "handles alone"])
+def test_an_energy_is_found_again_from_its_forces(contacts, labels):
+    n, each = STATES * PLACES, len(DEPTHS)
+    samples = np.arange(n * each)
+    _, errors = learn_energy(contacts, samples, samples, lambda count: None, labels)
+    # The spoilt contact counts as one that presses a frame. What is left is the ridge of a thousandth, and another size
+    # x_0 than the teacher's.
+    assert errors.samples <= n * each - each
+    for kind in LABELS:
+        assert errors.mechanics[kind] > 0.05
+        assert errors.learned[kind] < 0.1 * errors.mechanics[kind], kind
