@@ -6,6 +6,7 @@ from softprint.fem_truth.verify.case import Case
 from softprint.fem_truth.verify.cases import (
     backward_euler,
     closed_forms,
+    condensed_contact,
     constrained,
     cook,
     energy,
@@ -28,6 +29,7 @@ STATIC: tuple[Case, ...] = (
     flat_contact.CASE,
     independent_library.CASE,
     constrained.CASE,
+    condensed_contact.CASE,
 )
 
 DYNAMIC: tuple[Case, ...] = (

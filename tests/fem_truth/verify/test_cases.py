@@ -8,6 +8,7 @@ pytest.importorskip("dolfinx")
 
 from softprint.fem_truth.verify.cases import (
     closed_forms,
+    condensed_contact,
     constrained,
     cook,
     hertz,
@@ -15,11 +16,18 @@ from softprint.fem_truth.verify.cases import (
     manufactured_solutions,
 )
 from softprint.fem_truth.verify.problems.import_witness import import_witness
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
 
 NEED_SCIKIT_FEM = (cook.CASE, independent_library.CASE, constrained.CASE)
-STATICS = (closed_forms.CASE, manufactured_solutions.CASE, hertz.CASE, *NEED_SCIKIT_FEM)
+STATICS = (
+    closed_forms.CASE,
+    manufactured_solutions.CASE,
+    hertz.CASE,
+    condensed_contact.CASE,
+    *NEED_SCIKIT_FEM,
+)
 
 
 @pytest.mark.parametrize("case", STATICS, ids=lambda case: case.name)
@@ -55,6 +63,14 @@ def test_a_law_other_than_that_of_the_force_does_not_converge(monkeypatch):
     )
     monkeypatch.setattr(manufactured_solutions, "_QUICK", manufactured_solutions._QUICK[:1])
     assert not any(row.passed for row in manufactured_solutions.run(True).rows[:1])
+
+
+def test_forces_that_are_not_the_derivative_of_the_learned_energy_fail(monkeypatch):
+    slope = LearnedEnergy.slope
+    monkeypatch.setattr(LearnedEnergy, "slope", lambda learned, energy: 1.001 * slope(learned, energy))
+    failed = {row.quantity for row in condensed_contact.run(True).rows if not row.passed}
+    assert {"2D, learned: force on the ball", "2D, learned: slope along the handles"} <= failed
+    assert not any("mechanics" in quantity for quantity in failed)
 
 
 def test_a_contact_that_is_stiffer_by_a_part_in_a_thousand_fails(monkeypatch):
