@@ -35,6 +35,7 @@ from softprint.runtime.truth.truth_file import TruthData
 
 if TYPE_CHECKING:
     from softprint.runtime.cli.context import Context
+    from softprint.runtime.experiment import Experiment
 
 # Number of testing shapes shown, those with the largest errors.
 WORST = 5
@@ -53,7 +54,7 @@ def judge_shapes(
     context: Context, files: RunFiles, body: ReducedBody, truth: TruthData, judged: str | None, pictures: bool
 ) -> ShapeSection | None:
     """Errors of every correction for any collider, at every usable sample of a library's truth; None if there is no
-    such correction."""
+    such correction, or if the experiment plays what another has trained and does not know its shapes."""
 
     # All colliders are cached for the next model: building one takes a second, and it needs ten megabytes.
     @cache
@@ -62,7 +63,7 @@ def judge_shapes(
 
     read = {name: read_correction(path, body) for name, path in files.corrections.items()}
     trained = {name: correction for name, correction in read.items() if correction.is_for(ANY_COLLIDER)}
-    if not trained or not truth.usable.any():
+    if not trained or not truth.usable.any() or not known(truth, context.experiment):
         return None
     require_same_colliders(truth, context.experiment)
     models = {name: _OnAny(correction, body, collider) for name, correction in trained.items()}
@@ -87,6 +88,11 @@ def judge_shapes(
                 views.append(_view(truth, body, collider(row["shape"]), models, chosen, row["sample"]))
                 bar.update()
     return ShapeSection(summary, views)
+
+
+def known(truth: TruthData, experiment: Experiment) -> bool:
+    """Whether the experiment has all colliders of a truth."""
+    return set(truth.header.colliders) <= set(experiment.collider_names)
 
 
 class _OnAny:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from softprint.fem_truth.report.measurements.shape_errors import (
     sides_of,
     worst_sample,
 )
+from softprint.fem_truth.report.shapes import known
 from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.truth.truth_file import load_truth
 from tests.toy_truth import write_truth
@@ -96,3 +98,10 @@ def test_measurements_are_reused_until_truth_or_correction_changes(tmp_path):
     for damage in ("{", json.dumps([1]), json.dumps({"made_of": {**made_of, "truth": "c"}})):
         path.write_text(damage)
         assert len(remembered(path, {**made_of, "truth": "c"}, lambda: errors_of([0.3])).sample) == 1
+
+
+def test_an_experiment_that_plays_what_another_has_trained_need_not_know_its_shapes():
+    """As that of the hat, in the run directory of the library."""
+    truth = SimpleNamespace(header=SimpleNamespace(colliders=("ball", "torus")))
+    assert known(truth, SimpleNamespace(collider_names=["hat", "torus", "ball"]))
+    assert not known(truth, SimpleNamespace(collider_names=["hat", "torus"]))
