@@ -2,15 +2,18 @@
 that no status tells of?
 
     python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 1000000 --processes 2
+    python -m benchmarks.random_scenes examples/jelly_library_small.toml --model ours
 
 Scene k is drawn from the seed and k alone. A shape of the library, of 3 to 30 mm, is thrown at the body with up to 20
-m/s (1 to 1000 g), led across it up to 25 mm deep, or thrown while another one is led; with or without linear mechanics,
-with or without friction, with steps of 1/1000 to 1/30 s. It ends after 100 steps, or ten that are pierced. In every
-tenth step the depth of the colliders is found in all cells of the body (`runtime/contact/intrusion.py`): above the
-limit of the step's own check by half, in a step that says that it has converged, it is *silent*.
+m/s (1 to 1000 g), led across it up to 25 mm deep, or thrown while another one is led; with or without linear mechanics
+(or a correction of the run for any collider, `--model`), with or without friction, with steps of 1/1000 to 1/30 s. It
+ends after 100 steps, or ten that are pierced. In every tenth step the depth of the colliders is found in all cells of
+the body (`runtime/contact/intrusion.py`): above the limit of the step's own check by half, in a step that says that it
+has converged, it is *silent*.
 
 Needs `softprint body EXPERIMENT`; mechanics are computed where `softprint train` has not left them. Finished scenes are
-kept in RUN/random_scenes.jsonl: a run that was stopped continues, and a longer one adds to it.
+kept in RUN/random_scenes.jsonl (of a correction in RUN/random_scenes_MODEL.jsonl): a run that was stopped continues,
+and a longer one adds to it.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ import json
 import logging
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import count, islice
 from pathlib import Path
@@ -49,6 +52,7 @@ from softprint.runtime.dynamics import (
 )
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import load_experiment
+from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
@@ -61,6 +65,7 @@ _GIVEN_UP = 10
 # The exact depth may exceed that of the check in every step by the error of the latter, half of its limit.
 SILENT = 1.5
 CONTACT_NODES = 3000
+MECHANICS = "mechanics"
 
 
 @dataclass
@@ -84,7 +89,7 @@ class Counted:
 class Scenes:
     """Random scenes on the body of a run."""
 
-    def __init__(self, experiment: Path, run: Path, seed: int) -> None:
+    def __init__(self, experiment: Path, run: Path, seed: int, model: str = MECHANICS) -> None:
         self.experiment, self.seed = load_experiment(experiment), seed
         self.body: ReducedBody = load_body(run / "body.h5")
         stored = mechanics_path(run, CONTACT_NODES)
@@ -93,6 +98,11 @@ class Scenes:
             if stored.is_file()
             else compute_mechanics(self.body, CONTACT_NODES, True)
         )
+        self.model, self.correction = model, None
+        if model != MECHANICS:
+            self.correction = read_correction(
+                run / "corrections" / f"{model}.safetensors", self.body, self.mechanics
+            )
         self.law = PenaltyContact.of(self.experiment.contact)
         compliance = self.mechanics.surface_compliance
         self.points = LoadedPoints.of_compliance(self.body, compliance, self.law.reduced_points)
@@ -105,7 +115,9 @@ class Scenes:
         thrown, led = [(True, False), (False, True), (True, True)][rng.integers(3)]
         colliders = [*([self._thrown(rng)] if thrown else []), *([self._led(rng)] if led else [])]
         with_mechanics, with_friction = rng.random() < 0.7, rng.random() < 0.5
-        words = ["mechanics" if with_mechanics else "bare", *[c.name for c in colliders]]
+        if self.correction is not None and with_mechanics:
+            colliders = [replace(c, correction=self.correction.on(c.collider)) for c in colliders]
+        words = [self.model if with_mechanics else "bare", *[c.name for c in colliders]]
         counted = Counted(number, " ".join(words))
         try:
             simulator = Simulator(
@@ -160,7 +172,7 @@ class Scenes:
     def _positions(self, simulator: Simulator, state: ReducedState) -> Array:
         """(n_nodes, dim) [m], with the displacement by condensed contact."""
         x, solved = simulator.positions(state), state.contact
-        if solved is None:
+        if solved is None or any(c.correction is not None for c in simulator.colliders):
             return x
         pressed, points = solved.pressed, self.points
         if pressed is not None:
@@ -226,10 +238,10 @@ def _finite(state: ReducedState) -> bool:
 _scenes: Scenes | None = None
 
 
-def _begin(experiment: Path, run: Path, seed: int) -> None:
+def _begin(experiment: Path, run: Path, seed: int, model: str) -> None:
     global _scenes
     logging.getLogger("softprint").setLevel(logging.ERROR)  # each warning is counted
-    _scenes = Scenes(experiment, run, seed)
+    _scenes = Scenes(experiment, run, seed, model)
 
 
 def _play(number: int) -> dict[str, Any]:
@@ -245,7 +257,7 @@ def _read(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines if line.endswith("}")]
 
 
-def _table(done: Sequence[dict[str, Any]]) -> Iterator[str]:
+def _table(done: Sequence[dict[str, Any]], reduced: str) -> Iterator[str]:
     heads = [
         "model",
         "scenes",
@@ -258,7 +270,7 @@ def _table(done: Sequence[dict[str, Any]]) -> Iterator[str]:
     heads += ["silent", "deepest, mm", "errors"]
     yield "| " + " | ".join(heads) + " |"
     yield "| --- " * len(heads) + "|"
-    for model in ("bare", "mechanics"):
+    for model in ("bare", reduced):
         mine = [scene for scene in done if scene["kind"].split()[0] == model]
         steps = max(1, sum(scene["steps"] for scene in mine))
 
@@ -286,16 +298,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=10_000, help="in all, finished ones included")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--model", default=MECHANICS, metavar="NAME", help="a correction in place of mechanics"
+    )
     options = parser.parse_args(arguments)
     run = options.out or Path("runs") / options.experiment.stem
-    record = run / "random_scenes.jsonl"
+    suffix = "" if options.model == MECHANICS else f"_{options.model}"
+    record = run / f"random_scenes{suffix}.jsonl"
     done = _read(record)
     finished = {scene["scene"] for scene in done}
     missing = (number for number in count() if number not in finished)
     played = sum(scene["steps"] for scene in done)
     with (
         ProcessPoolExecutor(
-            options.processes, initializer=_begin, initargs=(options.experiment, run, options.seed)
+            options.processes,
+            initializer=_begin,
+            initargs=(options.experiment, run, options.seed, options.model),
         ) as pool,
         record.open("a") as file,
         tqdm(
@@ -310,7 +328,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 file.flush()
                 played += scene["steps"]
                 progress.update(scene["steps"])
-    print("\n".join(_table(done)))
+    print("\n".join(_table(done, options.model)))
 
 
 if __name__ == "__main__":

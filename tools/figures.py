@@ -70,6 +70,22 @@ def _motions(experiment: str, scene: str, needs: str, run: str) -> Figure:
     return Figure(commands, (RESULTS,), (needs,))
 
 
+# Those that touch the body in the scene.
+_SHAPES_ALONE = {
+    "push": ("egg", "boulder", "spring", "slab", "bone", "torus", "mug", "cluster", "octahedron", "bolt"),
+    "press": ("boulder", "spring", "mug", "cluster", "octahedron", "bolt"),
+}
+
+
+def _alone(scene: str, shape: str) -> tuple[str, str]:
+    """One line of the table of forces in motions: a shape of the library in a recorded scene."""
+    motion = f"runs/jelly_library_small/motions/{scene}_with_{shape}_stand_in"
+    return (
+        f"softprint simulate {_SMALL} --scene {scene} --collider {shape} --model full --model mechanics --model ours",
+        f"python -m benchmarks.motions_alone {motion}_full.h5 {motion}_mechanics.h5 {motion}_ours.h5",
+    )
+
+
 #: In an order in which each comes after what it needs.
 FIGURES: Mapping[str, Figure] = {
     "demo": Figure(("make demo",), (README, RESULTS), pictures=("runs/jelly3d_small/report.html",)),
@@ -164,6 +180,19 @@ FIGURES: Mapping[str, Figure] = {
             f"softprint report {_SMALL}",
         ),
         (ANY, RESULTS),
+    ),
+    "handle_forces": Figure(
+        (f"python -m benchmarks.handle_forces {_SMALL}",), (RESULTS,), ("jelly_library_small",)
+    ),
+    "motions_of_shapes": Figure(
+        tuple(
+            command
+            for scene, shapes in _SHAPES_ALONE.items()
+            for shape in shapes
+            for command in _alone(scene, shape)
+        ),
+        (RESULTS,),
+        ("jelly_library_small",),
     ),
     "thin_shapes": Figure(
         (

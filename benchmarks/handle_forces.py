@@ -1,0 +1,130 @@
+"""Generalised contact forces of all models against the samples of a truth.
+
+    python -m benchmarks.handle_forces examples/jelly_library_small.toml [--out RUN] [--most N] [--models bare ours ...]
+
+The generalised contact force h of a sample is the derivative by the handle rows of the energy that contact adds, in
+newtons along the coordinates of the handles that are not held in every scene. Printed is, for every model and for
+training, validation and unseen shapes (or states) apart,
+
+    sqrt(sum |h - h_truth|^2 / sum |h_truth|^2),
+
+its square, the median over samples of |h - h_truth| / |h_truth|, and its 95th percentile. N: samples of each side at
+most, drawn at random; by default all. Samples that are not usable are left out, see `softprint inspect TRUTH.h5`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.cli.context import Context
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics.handle_forces import HandleCoordinates, StaticContact
+from softprint.runtime.dynamics.placed_collider import PlacedCollider
+from softprint.runtime.experiment import Experiment
+from softprint.runtime.learned.correction import ContactCorrection
+from softprint.runtime.learned.correction_file import TrainedCorrection, read_correction
+from softprint.runtime.scenes.scene import held_frames
+from softprint.runtime.truth.truth_file import TruthData, load_truth
+
+BARE = "bare"
+
+
+def sides(truth: TruthData, experiment: Experiment) -> dict[str, BoolArray]:
+    """Masks (n_samples,) of the usable samples: by shape with a library, otherwise by state."""
+    names = np.array(truth.header.colliders)[truth.contacts["collider"][truth.samples["contact"]]]
+    roles = experiment.library_roles
+    if experiment.training.collider == "library":
+        of = {"training": "train", "validation": "validation", "unseen shapes": "test"}
+        return {
+            side: truth.usable & np.array([roles.get(name, "test") == role for name in names])
+            for side, role in of.items()
+        }
+    last = truth.sample_state >= len(truth.states) - experiment.training.validation_states
+    return {"training": truth.usable & ~last, "unseen states": truth.usable & last}
+
+
+class Model:
+    """A model of contact. correction: None for the bare subspace."""
+
+    def __init__(
+        self, body: ReducedBody, experiment: Experiment, correction: TrainedCorrection | None
+    ) -> None:
+        self._body, self._correction = body, correction
+        self._law = PenaltyContact.of(experiment.contact)
+
+    def on(self, collider: Collider) -> StaticContact:
+        """Its contact with one collider."""
+        correction = None if self._correction is None else self._correction.on(collider)
+        mechanics = correction.mechanics if isinstance(correction, ContactCorrection) else None
+        placed = PlacedCollider(collider.name, collider, correction=correction)
+        return StaticContact(self._body, [placed], self._law, mechanics)
+
+
+def handle_forces(
+    truth: TruthData, experiment: Experiment, model: Model, samples: IntArray, progress: Context
+) -> Array:
+    """h (n, n_rows, dim) [N] at samples (n,)."""
+    number = truth.contacts["collider"][truth.samples["contact"][samples]]
+    found = np.empty((len(samples), *truth.states["rows"].shape[1:]))
+    with progress.progress(len(samples), "sample", "solving contacts") as bar:
+        for one in np.unique(number):
+            name = truth.header.colliders[one]
+            contact = model.on(build_collider(experiment.collider(name), experiment.base_dir))
+            for place in np.flatnonzero(number == one):
+                sample = int(samples[place])
+                rows = truth.states["rows"][truth.sample_state[sample]]
+                way = [{name: pose} for pose in truth.approach_path(sample)]
+                found[place] = contact.handle_force(rows, way)
+                bar.update(1)
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Prints a table in Markdown."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("experiment", type=Path, metavar="EXPERIMENT.toml")
+    parser.add_argument("--out", type=Path, default=None, metavar="RUN", help="run directory")
+    parser.add_argument("--most", type=int, default=None, metavar="N", help="samples of each side at most")
+    parser.add_argument("--models", nargs="+", default=[BARE, "mechanics", "ours"], metavar="NAME")
+    options = parser.parse_args(arguments)
+    context = Context(options.experiment, out=options.out)
+    experiment, run = context.experiment, context.out_dir
+    body = load_body(run / "body.h5")
+    handles = HandleCoordinates(body, held_frames(experiment))
+    print("| model | samples of | RMS | squared | median | 95 % | samples |")
+    print("| --- " * 7 + "|")
+    with load_truth(run / "truth.h5", body) as truth:
+        for name in options.models:
+            trained = None if name == BARE else read_correction(run / f"corrections/{name}.safetensors", body)
+            model = Model(body, experiment, trained)
+            for side, mask in sides(truth, experiment).items():
+                samples = np.random.default_rng(0).permutation(np.flatnonzero(mask))[: options.most]
+                found = handle_forces(truth, experiment, model, samples, context)
+                miss, size = [], []
+                for sample, force in zip(map(int, samples), found, strict=True):
+                    rows = truth.states["rows"][truth.sample_state[sample]]
+                    true = handles.along(rows, truth.contact_handle_force(sample))
+                    own = handles.along(rows, force)
+                    miss.append(np.linalg.norm(own - true))
+                    size.append(np.linalg.norm(true))
+                rms = np.linalg.norm(miss) / np.linalg.norm(size)
+                each = np.asarray(miss) / np.asarray(size)
+                print(
+                    f"| {name} | {side} | {rms:.1%} | {rms**2:.2%} | {np.median(each):.1%} | "
+                    f"{np.quantile(each, 0.95):.1%} | {len(samples)} |",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
