@@ -22,18 +22,19 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class SlidingPoints:
     """k active points of a condensed contact with one collider: their normal forces, normals and anchors, and their
-    positions as an affine function of the rows: position (k, dim) [m] at rows (n_rows, dim), jacobian (k, dim,
-    n_rows*dim)."""
+    positions as an affine function of the rows: position (k, dim) [m] at those of the contact, jacobian (k, dim,
+    n_rows*dim). contact: the evaluation that they are of; one at other rows may have other points under these
+    numbers."""
 
     lagged: LaggedContact
     index: IntArray
-    rows: Array
+    contact: ContactEvaluation
     position: Array
     jacobian: Array
 
     def positions(self, rows: Array) -> Array:
         """y (k, dim) [m] at other rows, with the contact displacement fixed in rest coordinates."""
-        return self.position + self.jacobian @ (rows - self.rows).ravel()
+        return self.position + self.jacobian @ (rows - self.contact.rows).ravel()
 
 
 @dataclass(frozen=True, eq=False)

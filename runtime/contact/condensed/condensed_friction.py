@@ -58,7 +58,7 @@ class CondensedFriction:
             anchor=pose.apply(start.poses[name].apply_inverse(before)),
             pose=pose,
         )
-        return SlidingPoints(lagged, active.index, contact.rows, active.position, active.jacobian())
+        return SlidingPoints(lagged, active.index, contact, active.position, active.jacobian())
 
     def terms(self, sliding: SlidingPoints, rows: Array, pose: RigidPose, time_step: float) -> FrictionTerms:
         """Friction with one collider at a pose, at handle rows (n_rows, dim)."""
@@ -106,7 +106,8 @@ class CondensedFriction:
         for name, force in forces.items():
             own = sliding[name]
             terms = self.terms(own, rows, poses[name], time_step)
-            friction = contact.surface_forces(own.index, own.positions(rows), terms.gradient, tangential=True)
+            at = own.positions(rows)
+            friction = own.contact.surface_forces(own.index, at, terms.gradient, tangential=True)
             parts = [*force.parts, friction]
             total = resultant(parts, poses[name].translation)
             result[name] = ContactForce(*total, force.penetration, force.points, parts)

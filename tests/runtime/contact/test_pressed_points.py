@@ -9,9 +9,11 @@ from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.colliders import Box, KeyframedPath, RigidPose, Sphere
 from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_points
 from softprint.runtime.colliders.surface_points import surface_points
-from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.condensed.condensed_friction import CondensedFriction
 from softprint.runtime.contact.intrusion import intrusion
+from softprint.runtime.contact.lagged_friction import SlipStart
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
@@ -130,6 +132,26 @@ def test_without_a_dent_the_nearest_point_is_pressed(bodies, dim):
     np.testing.assert_allclose(rest[:, :-1], p[:, :-1], atol=1e-12)
     # The flat lower face bears, and against the flat top it bears along the normal.
     np.testing.assert_allclose(at.direction[:, -1], -1.0, atol=1e-3)
+
+
+def test_friction_held_from_a_contact_that_is_lost_acts_where_it_was(bodies, dim):
+    """The last evaluation of a step may have no pressed points, or others, where friction still has those of one
+    before."""
+    _, found = pressed(bodies, dim, PenaltyContact(STIFFNESS, 2), [0.002, DEPTH])
+    _, (lost,) = pressed(bodies, dim, PenaltyContact(STIFFNESS, 2), [-0.002])
+    before, poses = found[-1], {"plate": upright(dim)}
+    assert before.solved.is_pressed.any()
+    assert lost.solved is None
+    aside = np.append(1e-4, np.zeros(dim - 1))
+    slip = SlipStart(
+        np.empty((0, dim)), poses, 0.01, lambda index, of: of.deformed_positions(index) - aside, lambda: None
+    )
+    friction = CondensedFriction(CoulombFriction(0.5))
+    sliding = friction.lag(before, poses, slip)
+    forces = friction.with_friction(lost.forces(), sliding, lost, poses, 0.01)
+    # Dragged along by the body, which slips by 0.1 mm a step: Coulomb's force, of the normal forces held.
+    normal = sliding["plate"].lagged.force.sum()
+    assert 0.3 * normal < forces["plate"].force[0] <= 0.5 * normal
 
 
 def test_the_points_stay_during_a_step(bodies, dim):
