@@ -184,6 +184,11 @@ FIGURES: Mapping[str, Figure] = {
     "handle_forces": Figure(
         (f"python -m benchmarks.handle_forces {_SMALL}",), (RESULTS,), ("jelly_library_small",)
     ),
+    "random_scenes_ours": Figure(
+        (f"python -m benchmarks.random_scenes {_SMALL} --model ours --steps 10000",),
+        (RESULTS,),
+        ("jelly_library_small",),
+    ),
     "motions_of_shapes": Figure(
         tuple(
             command
