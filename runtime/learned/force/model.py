@@ -55,8 +55,11 @@ class ForceModelOptions(ModelOptions):
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
-        """See `ModelOptions`."""
-        return super().from_json({**values, "energy": tuple(values["energy"])})
+        """See `ModelOptions`. Raises ValueError for an energy that does not grow, too."""
+        options = super().from_json({**values, "energy": tuple(values["energy"])})
+        if options.energy:
+            LearnedEnergy.of(options.energy)
+        return options
 
     @property
     def law(self) -> PenaltyContact:

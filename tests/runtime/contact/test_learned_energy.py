@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from softprint.runtime.contact.condensed.learned_energy import N_VALUES, LearnedEnergy
+from softprint.runtime.learned.force.model import ForceModelOptions
 
 ENERGIES = np.logspace(-12, 2, 15)  # J
 
@@ -58,3 +59,7 @@ def test_values_are_those_given(learned):
 def test_an_energy_that_does_not_grow_is_refused(values):
     with pytest.raises(ValueError, match="learned energy"):
         LearnedEnergy.of(values)
+    # As in the header of a correction file that is read.
+    header = ForceModelOptions((4,), "silu", 1e-3, 1e-3, 1e9).to_json() | {"energy": list(values)}
+    with pytest.raises(ValueError, match="learned energy"):
+        ForceModelOptions.from_json(header)
