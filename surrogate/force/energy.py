@@ -53,7 +53,7 @@ _HUBER = 2.0
 _RIDGE = 1e-3
 # x_0, in the x that 95 of 100 samples stay below.
 _SIZE = 2.0
-# b and log a at most.
+# Bounds of b, and of log a.
 _GROWTH, _FIRST = (-0.9, 4.0), (-1.0, 1.0)
 
 

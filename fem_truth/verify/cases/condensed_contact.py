@@ -46,7 +46,7 @@ class _Press:
 
     @classmethod
     def of(cls, body: ReducedBody, learned: LearnedEnergy | None) -> _Press:
-        """With all surface nodes as contact nodes; rows: strained by a tenth where the ball presses."""
+        """With all surface nodes as contact nodes; rows: the handles displaced at random, by about 1 mm each."""
         mechanics = compute_mechanics(body, body.n_nodes, condensation=False)
         ball = Sphere(RADIUS, body.dim, "ball")
         contact = CondensedContact.of(
