@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.contact import CoulombFriction
+from softprint.runtime.dynamics.placed_collider import PlacedCollider, free_colliders
+from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
-    from softprint.fem_truth.energy.barrier_contact import CollisionSurfaces
+    from softprint.fem_truth.energy.barrier_contact import BarrierLaw, CollisionSurfaces
+    from softprint.runtime.body import ReducedBody
 
 # A part ends at this fraction of the way to the first collision.
 _SHORT = 0.8
@@ -63,3 +67,23 @@ class CollisionFreeWay:
             own.free_share(own.vertices(self.x, self.poses[name]), own.vertices(x, poses[name]))
             for name, own in self._surfaces.items()
         )
+
+
+def surfaces_of(
+    body: ReducedBody,
+    colliders: Sequence[PlacedCollider],
+    barrier: BarrierLaw,
+    friction: CoulombFriction | None,
+) -> dict[str, CollisionSurfaces]:
+    """The surfaces of the body and of each collider. Raises SoftprintError for friction and for a collider that moves
+    freely."""
+    if friction is not None and friction.coefficient > 0:
+        raise SoftprintError("contact by a barrier is without friction: set contact.friction = 0")
+    for name in free_colliders(colliders):
+        raise SoftprintError(
+            f"collider {name!r} moves freely, which contact by a barrier cannot simulate: give it keyframes, or set "
+            'contact.model = "penalty"'
+        )
+    from softprint.fem_truth.energy.barrier_contact import CollisionSurfaces  # needs the IPC Toolkit
+
+    return {placed.name: CollisionSurfaces(body.mesh, placed.collider, barrier) for placed in colliders}

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator, FullSpaceState
+from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.fem_truth.dynamics.full_space_state import FullSpaceState
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.dynamics.placed_collider import PlacedCollider

@@ -4,23 +4,30 @@ terms.
     x_new = argmin  1/(2 h^2) |x - x_old - h v_old|_M^2 + W_elastic + W_gravity + W_springs
                    + W_contact + W_friction
 
-over all nodes except those of kinematic handles, whose positions are prescribed. M is the lumped mass. This is the
-reference for the accuracy and for the speed of every reduced motion.
+over all nodes except those of kinematic handles, whose positions are prescribed. M is the lumped mass. Colliders that
+move freely are solved for together with the nodes (`free_body_energy.py`). This is the reference for the accuracy and
+for the speed of every reduced motion.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softprint.fem_truth.dynamics.collision_free_way import CollisionFreeWay
+from softprint.fem_truth.dynamics.collision_free_way import CollisionFreeWay, surfaces_of
+from softprint.fem_truth.dynamics.free_body_energy import FreeBodyEnergy, slip_start
+from softprint.fem_truth.dynamics.full_space_forces import contact_force
+from softprint.fem_truth.dynamics.full_space_state import FullSpaceState
 from softprint.fem_truth.dynamics.full_space_step_energy import Contact, StepEnergy, StepParts
+from softprint.fem_truth.dynamics.full_space_surface import DeformedBody, full_space_search
+from softprint.fem_truth.dynamics.prescribed_nodes import PrescribedNodes
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.energy.full_space_springs import linear_springs
+from softprint.fem_truth.energy.moving_contact import MovingContact
 from softprint.fem_truth.energy.potentials import Gravity, Inertia, Potential
 from softprint.fem_truth.energy.surface_contact import LaggedFriction, SurfaceContact
 from softprint.fem_truth.energy.total_energy import ElasticTangent
@@ -29,9 +36,8 @@ from softprint.fem_truth.parts.body_part import whole_body
 from softprint.fem_truth.statics.newton import FullSpaceSettings, NewtonResult, minimise
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
-from softprint.runtime.colliders.size_check import check_size
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
-from softprint.runtime.contact.contact_force import SurfaceForces, resultant
+from softprint.runtime.contact.lagged_friction import LaggedFriction as LaggedPairs
 from softprint.runtime.contact.sharp_contact import SharpContact
 from softprint.runtime.dynamics import (
     ContactForce,
@@ -43,28 +49,26 @@ from softprint.runtime.dynamics import (
     Status,
     StepResult,
 )
-from softprint.runtime.dynamics.kinematic import place_kinematic
-from softprint.runtime.dynamics.placed_collider import poses_at
+from softprint.runtime.dynamics.free_bodies import FreeBodies, FreeStep
+from softprint.runtime.dynamics.free_body_contact import ColliderContact
+from softprint.runtime.dynamics.pierced_colliders import with_piercing
+from softprint.runtime.dynamics.placed_collider import (
+    check_colliders,
+    free_colliders,
+    poses_after,
+    poses_at,
+    starting_motions,
+)
+from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
-    from softprint.fem_truth.energy.barrier_contact import BarrierLaw, CollisionSurfaces
+    from softprint.fem_truth.energy.barrier_contact import BarrierLaw
     from softprint.runtime.body import ReducedBody
 
 # Contact by a barrier: the tolerance of the minimisations before the last of a step, and how many there may be.
 _LOOSE = 1e-2
 _STAGES = 100
-
-
-@dataclass(frozen=True, eq=False)
-class FullSpaceState:
-    """time [s]; x (n_nodes, dim) positions [m]; velocity (n_nodes, dim) [m/s]; poses: collider poses at this
-    time."""
-
-    time: float
-    x: Array
-    velocity: Array
-    poses: Poses
 
 
 class FullSpaceSimulator:
@@ -92,15 +96,9 @@ class FullSpaceSimulator:
         barrier: BarrierLaw | None = None,
     ) -> None:
         """barrier: in place of the penalty `contact` (`fem_truth/energy/barrier_contact.py`)."""
-        for placed in colliders:
-            if placed.free is not None:
-                raise SoftprintError(
-                    f"collider {placed.name!r} moves freely, which full space cannot simulate: give it keyframes, or "
-                    "simulate the scene with a reduced model"
-                )
-            check_size(placed.collider, body.mesh.size)
-        self.body = body
-        self.colliders = tuple(colliders)
+        self.body, self.colliders = body, tuple(colliders)
+        # Corrections are ignored, and so may be unfit.
+        check_colliders([replace(placed, correction=None) for placed in colliders], body, None, contact)
         self.settings = settings or DynamicsSettings()
         if self.settings.optimiser is not None:
             raise SoftprintError(
@@ -108,9 +106,7 @@ class FullSpaceSimulator:
             )
         self.elasticity = FullSpaceElasticity(body) if elasticity is None else elasticity
         self._contact = contact
-        self._surfaces = {} if barrier is None else _surfaces(body, self.colliders, barrier)
-        if barrier is not None and friction is not None and friction.coefficient > 0:
-            raise SoftprintError("contact by a barrier is without friction: set contact.friction = 0")
+        self._surfaces = {} if barrier is None else surfaces_of(body, self.colliders, barrier, friction)
         self._contact_points = whole_body(body).contact_points(contact.refinement)
         self._sharp = [
             None if self._surfaces else SharpContact.of(placed.collider, contact, body.mesh)
@@ -118,16 +114,22 @@ class FullSpaceSimulator:
         ]
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
         self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
-        self._springs, self._kinematic = tuple(springs), tuple(kinematic)
-        self._null_space = NullSpace(np.zeros((body.n_nodes, 0)), _kinematic_nodes(body, kinematic))
+        self._springs, self._prescribed = tuple(springs), PrescribedNodes(body, kinematic)
+        self._null_space = NullSpace(np.zeros((body.n_nodes, 0)), self._prescribed.index)
         self._tangent = ElasticTangent(self.elasticity)
         weight = float(np.linalg.norm(body.node_mass) * np.linalg.norm(self._gravity))
         self._force_floor = max(1e-9 * self.elasticity.unit_force, weight)
+        shapes, free = {c.name: c.collider for c in self.colliders}, free_colliders(self.colliders)
+        among = ColliderContact(free, shapes, contact, self._friction)
+        surface = body.mesh.surface_nodes
+        self._free_bodies = FreeBodies(free, shapes, among, lambda x: x[surface])
+        self._pierced = full_space_search(body.mesh, {name: shapes[name] for name in free})
 
     def rest_state(self, time: float = 0.0, poses: Poses | None = None) -> FullSpaceState:
         """The undeformed body at rest, with kinematic handles at their positions at ``time`` [s]."""
-        x = self._place(self.body.mesh.points, time)
-        return FullSpaceState(time, x, np.zeros_like(x), poses_at(self.colliders, time, poses))
+        x = self._prescribed.place(self.body.mesh.points, time)
+        where = poses_at(self.colliders, time, poses)
+        return FullSpaceState(time, x, np.zeros_like(x), where, starting_motions(self.colliders))
 
     def step(self, state: FullSpaceState, poses: Poses | None = None) -> StepResult[FullSpaceState]:
         """One time step. ``poses``: collider poses at the *end* of the step, which replace those of their paths."""
@@ -138,12 +140,15 @@ class FullSpaceSimulator:
         # A single iteration (linearly implicit Euler) needs an accurate linear solve; several may start loosely.
         loosest = 1e-3 if newton.max_iterations == 1 else 0.1
         settings = FullSpaceSettings(newton, np.inf, cg_tolerance=loosest)
-        return self._solve(state, end, poses_at(self.colliders, end, poses), inertia, settings)
+        return self._solve(
+            state, end, poses_after(self.colliders, end, poses, state.poses), inertia, settings
+        )
 
     def settle(
         self, state: FullSpaceState | None = None, newton: NewtonSettings | None = None
     ) -> StepResult[FullSpaceState]:
-        """Static equilibrium, started from ``state`` (default: the rest state), at its time, without friction."""
+        """Static equilibrium, started from ``state`` (default: the rest state), at its time, without friction;
+        colliders that move freely keep their poses and motions."""
         settings = FullSpaceSettings(newton or NewtonSettings(max_iterations=100, tolerance=1e-6), np.inf)
         state = state or self.rest_state()
         return self._solve(state, state.time, state.poses, None, settings)
@@ -168,7 +173,7 @@ class FullSpaceSimulator:
     def contact_forces(self, state: FullSpaceState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those in a `StepResult` include friction."""
         contacts = self._parts(state, state.time, state.poses, None).contacts
-        return {name: _contact_force(contact, None, state.x) for name, contact in contacts.items()}
+        return {name: contact_force(contact, None, state.x) for name, contact in contacts.items()}
 
     def _solve(
         self,
@@ -182,19 +187,79 @@ class FullSpaceSimulator:
         if self._surfaces:
             return self._solve_without_collision(state, end, poses, inertia, settings, started)
         parts = self._parts(state, end, poses, inertia)
+        if self._free_bodies and inertia is not None:
+            return self._solve_with_free_bodies(state, end, poses, inertia, settings, parts, started)
         energy = self._energy(parts)
-        x0 = self._place(state.x, end)
+        x0 = self._prescribed.place(state.x, end)
         energy.lag_friction(x0)
         if inertia is not None:
             # Starting from free motion saves a third of the iterations, except where it runs into a collider.
-            moved = self._place(inertia.predicted, end)
+            moved = self._prescribed.place(inertia.predicted, end)
             if energy.evaluate(moved)[0] < energy.evaluate(x0)[0]:
                 x0 = moved
                 energy.lag_friction(x0)
         result = minimise(energy, x0, settings)
         h = self.settings.time_step
         velocity = np.zeros_like(x0) if inertia is None else (result.x - state.x) / h
-        return self._report(FullSpaceState(end, result.x, velocity, poses), parts, result, started)
+        reached = FullSpaceState(end, result.x, velocity, poses, state.motions)
+        found = self._report(reached, parts, result, started)
+        body = DeformedBody(Configuration(result.x, poses))
+        return with_piercing(found, self._pierced.deepest(body, body, ()))
+
+    def _solve_with_free_bodies(
+        self,
+        state: FullSpaceState,
+        end: float,
+        poses: Poses,
+        inertia: Inertia,
+        settings: FullSpaceSettings,
+        parts: StepParts,
+        started: float,
+    ) -> StepResult[FullSpaceState]:
+        """The nodes of the body and the free colliders together. parts: with these where they are at the start."""
+        h, names = self.settings.time_step, list(self._free_bodies.free)
+        free = self._free_bodies.step(state, h, self._gravity)
+        begin = DeformedBody(Configuration(state.x, state.poses))
+        moving = {
+            placed.name: MovingContact(
+                placed.name,
+                self._contact,
+                self._contact_points,
+                placed.collider,
+                sharp,
+                parts.friction.get(placed.name),
+            )
+            for placed, sharp in zip(self.colliders, self._sharp, strict=True)
+            if placed.free is not None
+        }
+        led = StepParts(
+            parts.smooth,
+            {name: contact for name, contact in parts.contacts.items() if name not in moving},
+            {name: friction for name, friction in parts.friction.items() if name not in moving},
+        )
+        slip = None if self._friction is None else slip_start(state, h)
+        limit = self._pierced.limit(begin, names)
+        updates = self.settings.friction_updates
+        problem = FreeBodyEnergy(self._energy(led, 1), free, list(moving.values()), slip, updates, limit)
+        still, moved = (self._prescribed.place(x, end) for x in (state.x, inertia.predicted))
+        start = problem.start([still, moved], Configuration(still, poses))
+        problem.lag_friction(start)
+        result = minimise(problem, start, settings)
+        x, poses = result.x
+        reached = FullSpaceState(end, x, (x - state.x) / h, poses, free.motions(poses))
+        contacts = {
+            name: moving[name].at(poses[name]) if name in moving else c for name, c in parts.contacts.items()
+        }
+        found = self._report(
+            reached, parts._replace(contacts=contacts), result, started, free, problem.lagged
+        )
+        released = {name for name in names if not found.contacts[name].points}
+        piercing = self._pierced.deepest(begin, DeformedBody(result.x), released)
+        if piercing is None:
+            piercing = self._pierced.penetrating(found.contacts)
+        if piercing is None and not result.converged:
+            piercing = limit.refused
+        return with_piercing(found, piercing)
 
     def _solve_without_collision(
         self,
@@ -210,14 +275,14 @@ class FullSpaceSimulator:
         way = CollisionFreeWay(self._surfaces, state.x, state.poses)
         way.require_apart()
         loose = replace(settings, newton=replace(settings.newton, tolerance=_LOOSE))
-        target = self._place(state.x if inertia is None else inertia.predicted, end)
+        target = self._prescribed.place(state.x if inertia is None else inertia.predicted, end)
         iterations = 0
         for _ in range(_STAGES):
-            arrived, x0 = way.advance(target, self._place(way.x, end), poses)
+            arrived, x0 = way.advance(target, self._prescribed.place(way.x, end), poses)
             parts = self._parts(state, end, way.poses, inertia, x0)
             result = minimise(self._energy(parts), x0, settings if arrived else loose)
             iterations += result.newton_iterations
-            target = self._place(way.continued(result.x), end)
+            target = self._prescribed.place(way.continued(result.x), end)
             if arrived or result.status is Status.NOT_FINITE:
                 break
         status = result.status if arrived else Status.MAX_ITERATIONS
@@ -225,15 +290,10 @@ class FullSpaceSimulator:
         velocity = np.zeros_like(x0) if inertia is None else (result.x - state.x) / self.settings.time_step
         return self._report(FullSpaceState(end, result.x, velocity, way.poses), parts, result, started)
 
-    def _energy(self, parts: StepParts) -> StepEnergy:
-        return StepEnergy(
-            self.elasticity,
-            self._tangent,
-            self._null_space,
-            parts,
-            self.settings.friction_updates,
-            self._force_floor,
-        )
+    def _energy(self, parts: StepParts, updates: int | None = None) -> StepEnergy:
+        """updates: of friction, by default those of the settings."""
+        updates = updates or self.settings.friction_updates
+        return StepEnergy(self.elasticity, self._tangent, self._null_space, parts, updates, self._force_floor)
 
     def _contacts(self, poses: Poses, x: Array) -> dict[str, Contact]:
         """Contact with every collider; with a barrier, from positions x."""
@@ -275,8 +335,15 @@ class FullSpaceSimulator:
         return StepParts(smooth, contacts, friction)
 
     def _report(
-        self, state: FullSpaceState, parts: StepParts, result: NewtonResult, started: float
+        self,
+        state: FullSpaceState,
+        parts: StepParts,
+        result: NewtonResult[Any],
+        started: float,
+        free: FreeStep | None = None,
+        lagged: LaggedPairs | None = None,
     ) -> StepResult[FullSpaceState]:
+        """free, lagged: of a step with free colliders, and the friction between colliders."""
         x, contacts, friction = state.x, parts.contacts, parts.friction
         energies = {
             name: float(sum(term.energy(x) for term in group)) for name, group in parts.smooth.items()
@@ -285,6 +352,14 @@ class FullSpaceSimulator:
         energies["elastic"] = self.elasticity.energy(x)
         energies["contact"] = float(sum(term.energy(x) for term in contacts.values()))
         energies["friction"] = float(sum(term.energy(x) for term in friction.values()))
+        if self._free_bodies:
+            energies["kinetic"] += self._free_bodies.kinetic(state.poses, state.motions)
+            energies["gravity"] += self._free_bodies.weight(state.poses, self._gravity)
+        if free is not None:
+            among = free.among(state.poses, lagged)
+            energies["inertia"] += free.inertia(state.poses)
+            energies["contact"] += among[0]
+            energies["friction"] += among[1]
         numbers = f"iterations {result.newton_iterations}, residual {result.residual:.1e}"
         return StepResult(
             state=state,
@@ -294,56 +369,5 @@ class FullSpaceSimulator:
             residual=result.residual,
             energies=energies,
             timings={"total": time.perf_counter() - started},
-            contacts={name: _contact_force(contacts[name], friction.get(name), x) for name in contacts},
+            contacts={name: contact_force(contacts[name], friction.get(name), x) for name in contacts},
         )
-
-    def _place(self, x: Array, at: float) -> Array:
-        """A copy of x with the nodes of kinematic handles at their prescribed positions at time ``at`` [s]."""
-        rest, handles = self.body.rest_rows, self.body.handles
-        rows = place_kinematic(rest, rest, handles, self._kinematic, at)
-        x = x.copy()
-        for held in self._kinematic:
-            block = rows[handles.rows_of(held.handle)]
-            if isinstance(held.handle, str):
-                nodes = _frame_nodes(self.body, held.handle)
-                x[nodes] = self.body.mesh.points[nodes] @ block[:-1] + block[-1]
-            else:
-                x[handles.points[held.handle]] = block[0]
-        return x
-
-
-def _frame_nodes(body: ReducedBody, name: str) -> IntArray:
-    return next(frame for frame in body.handles.frames if frame.name == name).nodes
-
-
-def _kinematic_nodes(body: ReducedBody, kinematic: Sequence[KinematicHandle]) -> IntArray:
-    nodes = [
-        _frame_nodes(body, held.handle)
-        if isinstance(held.handle, str)
-        else body.handles.points[[held.handle]]
-        for held in kinematic
-    ]
-    return np.unique(np.concatenate([*nodes, np.empty(0, dtype=np.int64)])).astype(np.int64)
-
-
-def _surfaces(
-    body: ReducedBody, colliders: Sequence[PlacedCollider], barrier: BarrierLaw
-) -> dict[str, CollisionSurfaces]:
-    from softprint.fem_truth.energy.barrier_contact import CollisionSurfaces  # needs the IPC Toolkit
-
-    return {placed.name: CollisionSurfaces(body.mesh, placed.collider, barrier) for placed in colliders}
-
-
-def _contact_force(contact: Contact, friction: LaggedFriction | None, x: Array) -> ContactForce:
-    """The force of the body on the collider: the gradient at a node of the body is the force that the body
-    exerts."""
-    parts = [(contact.gradient(x), False)]
-    if friction is not None:
-        parts.append((friction.gradient(x), True))
-    forces, nodes = [], contact.nodes
-    for gradient, tangential in parts:
-        index = np.flatnonzero(gradient[nodes].any(axis=1))
-        touched = nodes[index]
-        forces.append(SurfaceForces(nodes, index, x[touched], gradient[touched], tangential))
-    force, torque = resultant(forces, contact.pose.translation)
-    return ContactForce(force, torque, contact.max_depth(x), len(contact.touched(x)), forces)

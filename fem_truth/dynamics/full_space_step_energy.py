@@ -70,8 +70,8 @@ class StepEnergy(TotalEnergy):
             assert isinstance(contact, SurfaceContact)  # a barrier has no friction
             friction.lag(contact.bearing(x))
 
-    def stepped(self, x: Array, step: Array, before: Gradient, after: Gradient) -> bool:
-        super().stepped(x, step, before, after)
+    def stepped(self, x: Array, step: Array, length: float, before: Gradient, after: Gradient) -> bool:
+        super().stepped(x, step, length, before, after)
         for contact in self._contacts.values():
             contact.accepted(x)
         if self._updates_left == 0:

@@ -104,13 +104,19 @@ class SurfaceContact:
         bearing = self.bearing(x)
         return bearing.points.gradient(bearing.gradient, len(x))
 
-    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
+    def blocks(self, x: Array, convex: bool) -> list[tuple[IntArray, Array]]:
+        """The second derivatives: nodes (t, c) of facets, and blocks (t, c, c, dim, dim) by pairs of them."""
         terms, sharp = self.terms(x)
         by_point = positive_part(terms.hessian) if convex else terms.hessian
-        matrix.add_facets(*self.points.points(terms.index).hessian(by_point))
+        blocks = [self.points.points(terms.index).hessian(by_point)]
         if sharp is not None and len(sharp.points):
             by_nodes = sharp.hessian(x)
-            matrix.add_facets(sharp.points.nodes, _convex(by_nodes) if convex else by_nodes)
+            blocks.append((sharp.points.nodes, _convex(by_nodes) if convex else by_nodes))
+        return blocks
+
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
+        for nodes, blocks in self.blocks(x, convex):
+            matrix.add_facets(nodes, blocks)
 
     @property
     def nodes(self) -> IntArray:
@@ -162,13 +168,21 @@ class LaggedFriction:
         self._friction, self._start = friction, start
         self._pose_start, self._pose_end, self._time_step = pose_start, pose_end, time_step
         self._points: FacetPoints
+        self._fixed: LaggedContact | None = None
         self._lagged: LaggedContact
+
+    def carry(self, pose: RigidPose) -> None:
+        """The collider is at another pose at the end of the step: normals and anchors move with it."""
+        self._pose_end = pose
+        if self._fixed is not None:
+            self._lagged = self._fixed.at(pose)
 
     def lag(self, bearing: BearingPoints) -> None:
         """Set the points, normals and normal forces to those of a contact with the collider at pose_end."""
         self._points = bearing.points
         start = self._points.positions(self._start)
         self._lagged = self._friction.lag(bearing, start, self._pose_start, self._pose_end)
+        self._fixed = self._lagged
         self._last_slip = np.full_like(self._lagged.anchor, np.inf)
 
     def _terms(self, x: Array) -> FrictionTerms:
@@ -180,7 +194,8 @@ class LaggedFriction:
     def gradient(self, x: Array) -> Array:
         return self._points.gradient(self._terms(x).gradient, len(x))
 
-    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
+    def blocks(self, x: Array, convex: bool) -> tuple[IntArray, Array]:
+        """As `SurfaceContact.blocks`."""
         terms, slip = self._terms(x), self._slip(x)
         hessian = self._majoriser(terms, slip)
         if not convex:
@@ -188,7 +203,10 @@ class LaggedFriction:
             settled = change < _SETTLED * np.linalg.norm(slip, axis=1)
             hessian[settled] = terms.hessian[settled]
             self._last_slip = slip
-        matrix.add_facets(*self._points.hessian(hessian))
+        return self._points.hessian(hessian)
+
+    def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
+        matrix.add_facets(*self.blocks(x, convex))
 
     def _slip(self, x: Array) -> Array:
         """u (m, dim): tangential displacement relative to the collider [m]."""

@@ -19,6 +19,7 @@ from typing import NamedTuple, Protocol
 from softprint.fem_truth.energy.potentials import Potential
 from softprint.fem_truth.linalg.block_matrix import BlockMatrix
 from softprint.fem_truth.linalg.null_space import NullSpace
+from softprint.fem_truth.linalg.projected_cg import CgResult, projected_cg
 from softprint.runtime.arrays import Array
 
 REUSE_RATE = 0.1
@@ -110,12 +111,37 @@ class TotalEnergy:
             term.add_hessian(x, matrix, convex)
         return matrix
 
-    def stepped(self, x: Array, step: Array, before: Gradient, after: Gradient) -> bool:
-        """Called after every accepted step, to x: decides whether to keep the elastic Hessian.
+    def direction(
+        self, x: Array, gradient: Gradient, tolerance: float, max_iterations: int, convex: bool = False
+    ) -> CgResult:
+        """Newton's step at x, where the gradient is this; the residual of the linear system is within the tolerance."""
+        hessian = self.hessian(x, convex)
+        return projected_cg(hessian, gradient.projected, self.null_space, tolerance, max_iterations)
+
+    def moved(self, x: Array, step: Array, length: float) -> Array:
+        """x + length step."""
+        return x + length * step
+
+    def longest(self, x: Array, step: Array) -> float:
+        """The length of a step to try first."""
+        return 1.0
+
+    def allows(self, x: Array) -> bool:
+        """Whether the line search may go to x."""
+        return True
+
+    def slope(self, gradient: Gradient, step: Array) -> float:
+        """E' . step [J]."""
+        return self.null_space.share.dot(gradient.projected, step)
+
+    def stepped(self, x: Array, step: Array, length: float, before: Gradient, after: Gradient) -> bool:
+        """Called after every accepted step of this length, to x: decides whether to keep the elastic Hessian.
 
         Returns True if the energy itself has changed (friction has new normal forces).
         """
-        self._tangent.judge(step, after.elastic - before.elastic, self.null_space, before.norm, after.norm)
+        self._tangent.judge(
+            length * step, after.elastic - before.elastic, self.null_space, before.norm, after.norm
+        )
         return False
 
     def force_scale(self, x: Array, gradient: Gradient) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -93,17 +94,40 @@ class FacetBlocks:
         return np.asarray(self.matrix @ v[self.nodes, :dim].ravel()).reshape(-1, dim)
 
 
+class Eliminated(NamedTuple):
+    """The term -W W^T that is left of unknowns that have been eliminated (a Schur complement). nodes: (k,) distinct; W:
+    (k, dim, m) [sqrt(N/m)], m unknowns."""
+
+    nodes: IntArray
+    factor: Array
+
+    def of_type(self, real: Real) -> Eliminated:
+        """In another precision."""
+        return Eliminated(self.nodes, self.factor.astype(real))
+
+    def coordinates(self, v: Array) -> Array:
+        """W^T v (m,), with a node vector v (n, dim or more)."""
+        k, dim, m = self.factor.shape
+        return np.asarray(v[self.nodes, :dim].reshape(k * dim) @ self.factor.reshape(k * dim, m))
+
+    def product(self, coordinates: Array) -> Array:
+        """W c at the nodes (k, dim)."""
+        return np.asarray(self.factor @ coordinates)
+
+
 @dataclass(eq=False)
 class BlockMatrix:
     """A symmetric matrix over node vectors (n, dim): blocks above the diagonal, those on it (n, dim, dim), plus for
     each entry (w, k) of `low_rank` the rank-dim term k (w w^T) (x) I with w (n,): a spring on the w-weighted mean of
-    the nodes; and the blocks beside the diagonal of each entry of `facets`, from contact on the facets of the surface.
+    the nodes; the blocks beside the diagonal of each entry of `facets`, from contact on the facets of the surface; and
+    `eliminated`, which only a matrix that is not shared by ranks has.
     """
 
     upper: UpperBlocks
     diagonal: Array
     low_rank: tuple[tuple[Array, float], ...] = ()
     facets: tuple[FacetBlocks, ...] = ()
+    eliminated: Eliminated | None = None
 
     @property
     def n_nodes(self) -> int:
@@ -140,17 +164,22 @@ class BlockMatrix:
             product += stiffness * weights[:, None] * (weights @ v)
         for term in self.facets:
             product[term.nodes] += term.product(v)
+        if self.eliminated is not None:
+            product[self.eliminated.nodes] -= self.eliminated.product(self.eliminated.coordinates(v))
         return product
 
     def diagonal_blocks(self) -> Array:
-        """(n, dim, dim), a copy, low-rank terms included."""
+        """(n, dim, dim), a copy, low-rank terms and what is eliminated included."""
         diagonal, identity = self.diagonal.copy(), np.eye(self.dim)
         for weights, stiffness in self.low_rank:
             diagonal += (stiffness * weights**2)[:, None, None] * identity
+        if self.eliminated is not None:
+            nodes, factor = self.eliminated
+            diagonal[nodes] -= factor @ factor.swapaxes(1, 2)
         return diagonal
 
     def copy(self) -> BlockMatrix:
-        return BlockMatrix(self.upper, self.diagonal.copy(), self.low_rank, self.facets)
+        return BlockMatrix(self.upper, self.diagonal.copy(), self.low_rank, self.facets, self.eliminated)
 
     def add_diagonal(self, index: IntArray, blocks: Array) -> None:
         """Add blocks (m, dim, dim), or scalars (m, 1, 1) times the identity, at the distinct nodes index

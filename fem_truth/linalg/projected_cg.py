@@ -52,6 +52,7 @@ class NullSpaceSystem:
         self._springs = sp.csr_matrix(np.array(weights, dtype=kernels.real)) if weights else None
         self._stiffness = np.array([[k] for _, k in hessian.low_rank], dtype=kernels.real)
         self._facets = [term.of_type(kernels.real) for term in hessian.facets]
+        self._eliminated = None if hessian.eliminated is None else hessian.eliminated.of_type(kernels.real)
         self._dim = hessian.dim
         self._inverse = kernels.inverses(self._share.assembled(hessian.diagonal_blocks()))
 
@@ -68,6 +69,10 @@ class NullSpaceSystem:
             force = facets.product(p)
             y[facets.nodes, : self._dim] += force
             curvature += float(np.vdot(p[facets.nodes, : self._dim], force))
+        if self._eliminated is not None:
+            eliminated = self._eliminated.coordinates(p)
+            y[self._eliminated.nodes, : self._dim] -= self._eliminated.product(eliminated)
+            curvature -= float(eliminated @ eliminated)
         self._share.assemble(y)
         return self._share.total(curvature)
 

@@ -304,7 +304,7 @@ class Press:
 
 def _solution(
     problem: ConstrainedProblem,
-    result: NewtonResult,
+    result: NewtonResult[Array],
     status: Status,
     max_depth: float,
     min_eigenvalue: float,

@@ -14,11 +14,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from softprint.fem_truth.energy.total_energy import Gradient, TotalEnergy
-from softprint.fem_truth.linalg.projected_cg import projected_cg
 from softprint.runtime.arrays import Array
 from softprint.runtime.optimise import NewtonSettings, Status
 
@@ -40,12 +39,66 @@ class FullSpaceSettings:
     line_search_halvings: int = 25
 
 
+class GradientOf(Protocol):
+    """E' with all terms (n, dim), by the nodes, and the norm of its projection."""
+
+    @property
+    def whole(self) -> Array: ...
+    @property
+    def norm(self) -> float: ...
+
+
+Point = TypeVar("Point")
+Slope = TypeVar("Slope", bound=GradientOf)
+Step = TypeVar("Step")
+_Step = TypeVar("_Step", covariant=True)
+
+
+class DirectionOf(Protocol[_Step]):
+    """The solution of a linear system, as in `CgResult`."""
+
+    @property
+    def step(self) -> _Step: ...
+    @property
+    def slope(self) -> float: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def negative_curvature(self) -> bool: ...
+    @property
+    def direction(self) -> Array | None: ...
+
+
+class Problem(Protocol[Point, Slope, Step]):
+    """What is minimised: `TotalEnergy` over the positions of the nodes, or over these and more."""
+
+    @property
+    def noise(self) -> float: ...
+    def evaluate(self, x: Point, /) -> tuple[float, Slope]: ...
+    def direction(
+        self, x: Point, gradient: Slope, tolerance: float, max_iterations: int, convex: bool = False
+    ) -> DirectionOf[Step]: ...
+    def moved(self, x: Point, step: Step, length: float, /) -> Point: ...
+    def longest(self, x: Point, step: Step, /) -> float:
+        """The length of a step to try first: 1 or less."""
+        ...
+
+    def allows(self, x: Point, /) -> bool:
+        """Whether the line search may go to x."""
+        ...
+
+    def slope(self, gradient: Slope, step: Step, /) -> float: ...
+    def stepped(self, x: Point, step: Step, length: float, before: Slope, after: Slope, /) -> bool: ...
+    def force_scale(self, x: Point, gradient: Slope, /) -> float: ...
+    def energy_scale(self, x: Point, /) -> float: ...
+
+
 @dataclass(frozen=True, eq=False)
-class NewtonResult:
-    """x (n, dim): where it ended; energy, gradient: E and E' (n, dim) there, not projected; negative_curvature: a
+class NewtonResult(Generic[Point]):
+    """x: where it ended; energy, gradient: E and E' (n, dim) by the nodes there, not projected; negative_curvature: a
     direction of it, None if none was seen; seconds: of this rank's processor."""
 
-    x: Array
+    x: Point
     gradient: Array
     status: Status
     residual: float
@@ -61,8 +114,10 @@ class NewtonResult:
         return self.status is Status.CONVERGED
 
 
-def minimise(problem: TotalEnergy, x0: Array, settings: FullSpaceSettings) -> NewtonResult:
-    """Minimise from x0 (n, dim), which must satisfy the constraint."""
+def minimise(
+    problem: Problem[Point, Slope, Step], x0: Point, settings: FullSpaceSettings
+) -> NewtonResult[Point]:
+    """Minimise from x0, positions (n, dim) of nodes for a `TotalEnergy`, which must satisfy the constraint."""
     start = time.process_time()
     x = x0
     energy, gradient = problem.evaluate(x)
@@ -74,19 +129,16 @@ def minimise(problem: TotalEnergy, x0: Array, settings: FullSpaceSettings) -> Ne
         status = Status.NOT_FINITE
     while finite and iteration < settings.newton.max_iterations:
         iteration += 1
-        cg = projected_cg(
-            problem.hessian(x), gradient.projected, problem.null_space, eta, settings.cg_max_iterations
-        )
+        cg = problem.direction(x, gradient, eta, settings.cg_max_iterations)
         cg_total += cg.iterations
-        direction = cg.direction
-        if direction is not None:
+        direction, convex = cg.direction, not cg.negative_curvature
+        if not convex:
             if residual <= settings.newton.tolerance:
                 status = Status.UNSTABLE
                 break
-            convex = problem.hessian(x, convex=True)
-            cg = projected_cg(convex, gradient.projected, problem.null_space, eta, settings.cg_max_iterations)
+            cg = problem.direction(x, gradient, eta, settings.cg_max_iterations, convex=True)
             cg_total += cg.iterations
-        found = _line_search(problem, x, energy, cg.step, cg.slope, settings.line_search_halvings)
+        found = _line_search(problem, x, energy, cg, settings.line_search_halvings)
         if found is None:
             # A step below round-off is no failure if the residual is already below tolerance.
             decrement = -0.5 * cg.slope / problem.energy_scale(x)
@@ -95,7 +147,7 @@ def minimise(problem: TotalEnergy, x0: Array, settings: FullSpaceSettings) -> Ne
             break
         previous = gradient
         length, x, energy, gradient = found
-        changed = problem.stepped(x, length * cg.step, previous, gradient)
+        changed = problem.stepped(x, cg.step, length, previous, gradient)
         if changed:
             energy, gradient = problem.evaluate(x)
         residual = gradient.norm / problem.force_scale(x, gradient)
@@ -104,7 +156,7 @@ def minimise(problem: TotalEnergy, x0: Array, settings: FullSpaceSettings) -> Ne
         full_step = length == 1.0 or -cg.slope <= _round_off(problem, energy)
         if (
             full_step
-            and direction is None
+            and convex
             and not changed
             and residual <= settings.newton.tolerance
             and decrement <= settings.decrement_tolerance
@@ -137,30 +189,32 @@ def _forcing(fall: float, eta: float, residual: float, settings: FullSpaceSettin
     return float(np.clip(max(proposed, enough), settings.cg_tolerance_min, settings.cg_tolerance))
 
 
-def _round_off(problem: TotalEnergy, energy: float) -> float:
+def _round_off(problem: Problem[Point, Slope, Step], energy: float) -> float:
     """Energy differences below this are round-off [J]."""
     return max(1e-12 * abs(energy), problem.noise)
 
 
 def _line_search(
-    problem: TotalEnergy, x: Array, energy: float, step: Array, slope: float, halvings: int
-) -> tuple[float, Array, float, Gradient] | None:
+    problem: Problem[Point, Slope, Step], x: Point, energy: float, direction: DirectionOf[Step], halvings: int
+) -> tuple[float, Point, float, Slope] | None:
     """Backtrack until Armijo's condition holds: (length, x, energy, gradient), or None.
 
     If the predicted change is below the round-off of the energy, the slope at the end of the step decides
     instead (the approximate Wolfe condition of Hager and Zhang 2005).
     """
-    noise = _round_off(problem, energy)
-    length = 1.0
+    noise, step, slope = _round_off(problem, energy), direction.step, direction.slope
+    length = problem.longest(x, step)
     for _ in range(halvings + 1):
-        trial = x + length * step
-        value, gradient = problem.evaluate(
-            trial
-        )  # most trials are accepted, and both cost hardly more than one
+        trial = problem.moved(x, step, length)
+        if not problem.allows(trial):
+            length *= 0.5
+            continue
+        # Most trials are accepted, and both cost hardly more than one.
+        value, gradient = problem.evaluate(trial)
         if np.isfinite(value):
             if value <= energy + 1e-4 * length * slope:
                 return length, trial, value, gradient
-            end = abs(problem.null_space.share.dot(gradient.projected, step))
+            end = abs(problem.slope(gradient, step))
             if value <= energy + noise and end <= 0.9 * abs(slope):
                 return length, trial, value, gradient
         length *= 0.5

@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+import numpy as np
+import scipy.sparse as sp
+
 from softprint.runtime.arrays import Array
-from softprint.runtime.rigid.twist import touched_body_derivatives
+from softprint.runtime.rigid.twist import (
+    point_motion,
+    relative_curvature,
+    rotation_derivatives,
+    touched_body_derivatives,
+)
 
 # Centres of mass (dim,) [m] of the colliders that move freely, by name, in the world.
 Centres = Mapping[str, Array]
@@ -44,3 +52,27 @@ def point_coupling(name: str, arms: Array, gradient: Array, hessian: Array, moti
         return motion.reshape(m * dim, columns).T @ pushed.reshape(m * dim, -1), own
 
     return Coupling(name, slope, blocks)
+
+
+def twist_gradient(arms: Array, gradient: Array) -> Array:
+    """(n_twist,) of an energy with gradient (k, dim) by nodes at arms (k, dim) from the centre of the collider: moving
+    the collider is moving the nodes the other way."""
+    return -np.einsum("ka,kat->t", gradient, point_motion(arms))
+
+
+def node_coupling(
+    name: str, arms: Array, gradient: Array, hessian: Array | sp.csr_matrix, jacobian: Array | None = None
+) -> Coupling:
+    """The coupling by contact that couples k nodes with each other. arms: (k, dim) from the centre; gradient (k, dim)
+    and hessian (k*dim, k*dim) by the nodes; jacobian: (k*dim, n_rows*dim) of the nodes by the rows, None where the rows
+    are these nodes. The forces on the nodes turn with the collider."""
+    motion = point_motion(arms)
+    motion = motion.reshape(arms.size, motion.shape[2])
+
+    def blocks() -> tuple[Array, Array]:
+        against = hessian @ motion
+        pushed = rotation_derivatives(gradient).reshape(motion.shape) - against
+        own = motion.T @ against + relative_curvature(arms, gradient)
+        return pushed if jacobian is None else jacobian.T @ pushed, own
+
+    return Coupling(name, twist_gradient(arms, gradient), blocks)

@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.piercing import DeformedSurface
 from softprint.runtime.contact.solver.contact_points import ContactPoints
+from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, SearchedSurface
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.linalg.row_products import placed
 
 
-class BodySurface(Protocol):
-    """Points of the surface of a body, without static condensation. n_nodes: the nodes that they are or lie between."""
-
-    @property
-    def points(self) -> ContactPoints: ...
-    @property
-    def n_nodes(self) -> int: ...
-
-    def at(self, body: BodyEvaluation) -> DeformedSurface:
-        """At a state."""
-        ...
+def reduced_search(
+    body: ReducedBody,
+    colliders: Mapping[str, Collider],
+    condensed: CondensedContact | None,
+    penalty: SurfaceContactEnergy,
+) -> PiercedColliders[BodyEvaluation]:
+    """The search for colliders, by name, that have pierced a reduced body. condensed: contact with some of them;
+    penalty: with the others."""
+    area, by_force = body.surface.areas.sum(), {} if condensed is None else condensed.searches
+    surfaces: list[tuple[CondensedSurface | SampledSurface, dict[str, Collider]]] = []
+    if condensed is not None:
+        surfaces.append((CondensedSurface(body, condensed), {name: colliders[name] for name in by_force}))
+    others = {name: shape for name, shape in colliders.items() if name not in by_force}
+    if others:
+        surfaces.append((SampledSurface(penalty), others))
+    return PiercedColliders(
+        [
+            SearchedSurface(surface, own, float(area / surface.n_nodes) ** (1.0 / (body.dim - 1)))
+            for surface, own in surfaces
+        ]
+    )
 
 
 class SampledSurface:

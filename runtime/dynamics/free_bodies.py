@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
 from softprint.runtime.contact.lagged_friction import LaggedFriction
 from softprint.runtime.dynamics.free_body_contact import ColliderContact
-from softprint.runtime.dynamics.state import Configuration, ReducedState
+from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.dynamics.timings import Timings
 from softprint.runtime.optimise import Linearisation
 from softprint.runtime.rigid.flight import FreeFlight, RigidMotion, centre_of, moved
@@ -38,6 +39,15 @@ _NEGLIGIBLE_SHIFT = 1e-6
 _ROUND_OFF = 1e-13
 
 
+class MovingState(Protocol):
+    """What a step needs of the state that it starts at."""
+
+    @property
+    def poses(self) -> Poses: ...
+    @property
+    def motions(self) -> Mapping[str, RigidMotion]: ...
+
+
 class FreeBodies:
     """The free colliders of a scene, and their contact with one another and with all others."""
 
@@ -46,12 +56,13 @@ class FreeBodies:
         free: Mapping[str, FreeCollider],
         shapes: Mapping[str, Collider],
         contact: ColliderContact,
-        basis: Array,
+        surface: Callable[[Array], Array],
     ) -> None:
-        """basis: (s, n_rows) at the surface samples of the body, to find those near a collider."""
+        """surface: computes points (s, dim) [m] on the surface of the body from the rows of a configuration, to find
+        those near a collider."""
         self.free = dict(free)
         self.contact = contact
-        self._shapes, self._basis = shapes, basis
+        self._shapes, self._surface = shapes, surface
         self._twist = twist_size(next(iter(shapes.values())).dim) if shapes else 0
         # Half the extent of a collider converts its angles to lengths.
         of_free = [shapes[name] for name in self.free]
@@ -95,7 +106,7 @@ class FreeBodies:
             if step * share <= hop:
                 continue
             if surface is None:
-                surface = self._basis @ x.rows
+                surface = self._surface(x.rows)
             beside = shape.about(x.poses[name].apply_inverse(surface), step + _ROOM * shape.size)
             if len(beside) or self.contact.near(name, x.poses, step):
                 share = hop / step
@@ -114,13 +125,24 @@ class FreeBodies:
         """Kinetic energy [J]."""
         return sum(motions[name].energy(collider.mass, poses[name]) for name, collider in self.free.items())
 
-    def step(self, state: ReducedState, time_step: float, gravity: Array) -> FreeStep:
+    def step(self, state: MovingState, time_step: float, gravity: Array) -> FreeStep:
         """A step of time_step [s] that starts at a state."""
         flights = {
             name: FreeFlight(collider.mass, state.poses[name], state.motions[name], time_step, gravity)
             for name, collider in self.free.items()
         }
         return FreeStep(self, flights)
+
+
+@dataclass(frozen=True, eq=False)
+class TwistDerivatives:
+    """Of the energy of the free colliders by their twists [m, rad]. flying (n,): by their inertia and weight; touching
+    (n,): by contact; hessian: (n, n)."""
+
+    energy: float
+    flying: Array
+    touching: Array
+    hessian: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +190,7 @@ class FreeStep:
         return self.bodies.longest(x, v * self.bodies.units)
 
     @cached_property
-    def _floor(self) -> float:
+    def floor(self) -> float:
         """The force below which forces count as balanced [N]."""
         sizes = ((flight.inert, self.bodies.size_of(name)) for name, flight in self.flights.items())
         return _NEGLIGIBLE_SHIFT * max(inert * size for inert, size in sizes)
@@ -177,6 +199,35 @@ class FreeStep:
         """All energy of the free colliders except their contact with the body [J]."""
         flying = sum(sum(flight.energies(poses[name])) for name, flight in self.flights.items())
         return flying + sum(self.among(poses, lagged))
+
+    def alone(self, poses: Poses, lagged: LaggedFriction | None) -> TwistDerivatives:
+        """The derivatives of `energy`."""
+        bodies = self.bodies
+        n, energy = bodies.size, 0.0
+        flying, touching, hessian = np.zeros(n), np.zeros(n), np.zeros((n, n))
+        for name, flight in self.flights.items():
+            at = bodies.slot(name)
+            energy += sum(flight.energies(poses[name]))
+            flying[at], hessian[at, at] = flight.linearise(poses[name])
+        for pair in bodies.contact.linearise(poses, bodies.centres(poses), lagged):
+            energy += pair.energy
+            for name, slope in pair.gradients(bodies.free):
+                touching[bodies.slot(name)] += slope
+            for one, other, block in pair.blocks(bodies.free):
+                hessian[bodies.slot(one), bodies.slot(other)] += block
+        return TwistDerivatives(energy, flying, touching, hessian)
+
+    def coupled(self, couplings: Sequence[Coupling], n_rows: int) -> tuple[Array, Array]:
+        """The second derivatives of the contacts of the body: by its n_rows coordinates and the twists (n_rows, n), and
+        by the twists (n, n)."""
+        bodies = self.bodies
+        mixed, twisted = np.zeros((n_rows, bodies.size)), np.zeros((bodies.size, bodies.size))
+        for coupling in couplings:
+            at = bodies.slot(coupling.name)
+            by_both, by_twist = coupling.blocks()
+            mixed[:, at] += by_both
+            twisted[at, at] += by_twist
+        return mixed, twisted
 
     def joined(
         self,
@@ -191,51 +242,35 @@ class FreeStep:
         """The linearisation by all unknowns, those of the body first. body: by the unknowns of the body alone;
         couplings: of the body with free colliders; links: of free colliders with each other through the body; tangent:
         d rows / d unknowns of the body; lagged: see `LaggedFriction`."""
-        bodies = self.bodies
-        units, n, energy = bodies.units, bodies.size, 0.0
-        flying, touching, hessian = np.zeros(n), np.zeros(n), np.zeros((n, n))
+        bodies, units = self.bodies, self.bodies.units
         with timings.contact:
-            for name, flight in self.flights.items():
-                at = bodies.slot(name)
-                energy += sum(flight.energies(poses[name]))
-                flying[at], hessian[at, at] = flight.linearise(poses[name])
-            for pair in bodies.contact.linearise(poses, bodies.centres(poses), lagged):
-                energy += pair.energy
-                for name, slope in pair.gradients(bodies.free):
-                    touching[bodies.slot(name)] += slope
-                for one, other, block in pair.blocks(bodies.free):
-                    hessian[bodies.slot(one), bodies.slot(other)] += block
+            own = self.alone(poses, lagged)
+            touching = own.touching.copy()
             for coupling in couplings:
                 touching[bodies.slot(coupling.name)] += coupling.gradient
-        flying, touching = units * flying, units * touching
+        flying, touching = units * own.flying, units * touching
 
         def joint() -> Array:
-            own = body.hessian
-            m = len(own)
-            mixed, twisted = np.zeros((len(tangent), n)), hessian.copy()
+            hessian = body.hessian
+            m, n = len(hessian), bodies.size
             with timings.contact:
-                for coupling in couplings:
-                    at = bodies.slot(coupling.name)
-                    by_both, by_twist = coupling.blocks()
-                    mixed[:, at] += by_both
-                    twisted[at, at] += by_twist
+                mixed, twisted = self.coupled(couplings, len(tangent))
+                twisted += own.hessian
                 for first, second, block in links:
                     one, other, linked = bodies.slot(first), bodies.slot(second), block()
                     twisted[one, other] += linked
                     twisted[other, one] += linked.T
             full = np.empty((m + n, m + n))
-            full[:m, :m] = own
+            full[:m, :m] = hessian
             full[:m, m:] = (tangent.T @ mixed) * units
             full[m:, :m] = full[:m, m:].T
             full[m:, m:] = units[:, None] * twisted * units
             return full
 
         return Linearisation(
-            energy=body.energy + energy,
-            noise=body.noise + _ROUND_OFF * abs(energy),
+            energy=body.energy + own.energy,
+            noise=body.noise + _ROUND_OFF * abs(own.energy),
             gradient=np.concatenate([body.gradient, flying + touching]),
             second_derivative=joint,
-            scale=max(
-                body.scale, self._floor, float(np.linalg.norm(flying)), float(np.linalg.norm(touching))
-            ),
+            scale=max(body.scale, self.floor, float(np.linalg.norm(flying)), float(np.linalg.norm(touching))),
         )

@@ -8,56 +8,61 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
-from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.contact_force import ContactForce
-from softprint.runtime.contact.piercing import Piercing, PiercingSearch
-from softprint.runtime.dynamics.deformed_surface import BodySurface, CondensedSurface, SampledSurface
-from softprint.runtime.dynamics.state import ReducedState, StepResult
-from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
-from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
+from softprint.runtime.contact.piercing import DeformedSurface, Piercing, PiercingSearch
+from softprint.runtime.dynamics.state import Configuration, State, StepResult
 from softprint.runtime.optimise import Status
 
 # A step in which colliders move farther than the limit is checked at so many poses in between, at most.
 _POSES_BETWEEN = 32
 
 
-class PiercedColliders:
+class Evaluated(Protocol):
+    """A body evaluated at a configuration."""
+
+    @property
+    def at(self) -> Configuration: ...
+
+
+Evaluation = TypeVar("Evaluation", bound=Evaluated)
+_Evaluation = TypeVar("_Evaluation", bound=Evaluated, contravariant=True)
+
+
+class BodySurface(Protocol[_Evaluation]):
+    """Points of the surface of a body."""
+
+    def at(self, body: _Evaluation, /) -> DeformedSurface:
+        """At a state."""
+        ...
+
+
+class SearchedSurface(NamedTuple, Generic[Evaluation]):
+    """A surface whose nodes are `spacing` [m] apart, and the colliders that are searched in it, by name."""
+
+    surface: BodySurface[Evaluation]
+    colliders: Mapping[str, Collider]
+    spacing: float
+
+
+class PiercedColliders(Generic[Evaluation]):
     """Finds the colliders of a scene that have pierced the body."""
 
-    def __init__(
-        self,
-        body: ReducedBody,
-        colliders: Mapping[str, Collider],
-        condensed: CondensedContact | None,
-        penalty: SurfaceContactEnergy,
-    ) -> None:
-        """condensed: contact with some of the colliders; penalty: with the others."""
-        area, by_force = body.surface.areas.sum(), {} if condensed is None else condensed.searches
-        parts: list[tuple[BodySurface, dict[str, Collider]]] = []
-        if condensed is not None:
-            parts.append((CondensedSurface(body, condensed), {name: colliders[name] for name in by_force}))
-        others = {name: shape for name, shape in colliders.items() if name not in by_force}
-        if others:
-            parts.append((SampledSurface(penalty), others))
-        spacings = [float(area / surface.n_nodes) ** (1.0 / (body.dim - 1)) for surface, _ in parts]
-        self._parts = [
-            (surface, PiercingSearch(own, spacing))
-            for (surface, own), spacing in zip(parts, spacings, strict=True)
-        ]
+    def __init__(self, parts: Sequence[SearchedSurface[Evaluation]]) -> None:
+        self._parts = [(part.surface, PiercingSearch(part.colliders, part.spacing)) for part in parts]
 
     @property
     def depth(self) -> float:
         """The depth [m] from which on every collider counts as piercing."""
         return max((search.limit for _, search in self._parts), default=np.inf)
 
-    def found(self, body: BodyEvaluation, poses: Poses, names: Sequence[str] = ()) -> dict[str, Piercing]:
+    def found(self, body: Evaluation, poses: Poses, names: Sequence[str] = ()) -> dict[str, Piercing]:
         """The colliders at poses that have pierced the body; names: of those that are asked for, all by default."""
         result: dict[str, Piercing] = {}
         for surface, search in self._parts:
@@ -66,9 +71,7 @@ class PiercedColliders:
                 result |= search.found(surface.at(body), {name: poses[name] for name in mine})
         return result
 
-    def deepest(
-        self, begin: BodyEvaluation, end: BodyEvaluation, released: Container[str]
-    ) -> Piercing | None:
+    def deepest(self, begin: Evaluation, end: Evaluation, released: Container[str]) -> Piercing | None:
         """The deepest collider that has pierced the body at the end of a step; None where none has. Those that do not
         touch the body then, `released`, may have passed through it: in between they lay inside the body both as it was
         and as it is."""
@@ -91,7 +94,7 @@ class PiercedColliders:
         ]
         return max(found, key=_depth, default=None)
 
-    def limit(self, begin: BodyEvaluation, names: Sequence[str]) -> FreeColliderLimit:
+    def limit(self, begin: Evaluation, names: Sequence[str]) -> FreeColliderLimit[Evaluation]:
         """The limit for the free colliders with these names, in a step from a state."""
         return FreeColliderLimit(self, names, self.found(begin, begin.at.poses, names))
 
@@ -107,16 +110,16 @@ class PiercedColliders:
 
 
 @dataclass(eq=False)
-class FreeColliderLimit:
+class FreeColliderLimit(Generic[Evaluation]):
     """Refuses the iterates of one step in which a free collider has pierced the body deeper than at the start. refused:
     the last piercing that an iterate was refused for."""
 
-    colliders: PiercedColliders
+    colliders: PiercedColliders[Evaluation]
     names: Sequence[str]
     begin: Mapping[str, Piercing]
     refused: Piercing | None = field(default=None)
 
-    def allows(self, body: BodyEvaluation) -> bool:
+    def allows(self, body: Evaluation) -> bool:
         """Whether the free colliders are no deeper than allowed."""
         for name, piercing in self.colliders.found(body, body.at.poses, self.names).items():
             if name not in self.begin or piercing.depth > self.begin[name].depth:
@@ -125,7 +128,7 @@ class FreeColliderLimit:
         return True
 
 
-def with_piercing(result: StepResult[ReducedState], piercing: Piercing | None) -> StepResult[ReducedState]:
+def with_piercing(result: StepResult[State], piercing: Piercing | None) -> StepResult[State]:
     """The result, with the status PIERCED where a collider has pierced the body."""
     if piercing is None:
         return result

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -23,10 +23,11 @@ from softprint.runtime.contact.contact_force import ContactForce
 from softprint.runtime.contact.lagged_friction import SlipStart
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.corrected_nodes import CorrectedNodes, Snapshot
+from softprint.runtime.dynamics.deformed_surface import reduced_search
 from softprint.runtime.dynamics.free_bodies import FreeBodies, FreeStep
 from softprint.runtime.dynamics.free_body_contact import ColliderContact
 from softprint.runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
-from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, with_piercing
+from softprint.runtime.dynamics.pierced_colliders import with_piercing
 from softprint.runtime.dynamics.placed_collider import (
     PlacedCollider,
     check_colliders,
@@ -101,8 +102,9 @@ class Simulator:
         shapes = {placed.name: placed.collider for placed in self.colliders}
         bodies = free_colliders(self.colliders)
         among = ColliderContact(bodies, shapes, contact, friction)
-        self._free_bodies = FreeBodies(bodies, shapes, among, body.basis[body.surface.nodes])
-        self._pierced = PiercedColliders(body, shapes, self._corrections.contact, self._terms.surface)
+        surface = partial(np.matmul, body.basis[body.surface.nodes])
+        self._free_bodies = FreeBodies(bodies, shapes, among, surface)
+        self._pierced = reduced_search(body, shapes, self._corrections.contact, self._terms.surface)
 
     @property
     def pierced_from(self) -> float:
@@ -127,10 +129,9 @@ class Simulator:
         free = self._free_bodies.step(state, h, self._gravity) if self._free_bodies else None
         inertia = QuadraticForm.about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
         frame = self._terms.in_frame(state.rows)
-        problem = self._problem(frame, inertia, end, free, timings)
         begin = self._evaluated(frame, state, timings)
         limit = None if free is None else self._pierced.limit(begin, list(free.flights))
-        problem = replace(problem, limit=limit)
+        problem = replace(self._problem(frame, inertia, end, free, timings), limit=limit)
         start, predicted_by = self._start(state, problem, begin, end, end_poses)
         if free is not None:
             start = self._free_start(start, problem, begin, free, end_poses)

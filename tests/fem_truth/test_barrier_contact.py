@@ -23,6 +23,7 @@ from softprint.runtime.contact.intrusion import intrusion
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, NewtonSettings, PlacedCollider
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh import box_mesh
+from softprint.runtime.rigid import free_collider
 from softprint.runtime.scenes.motion_file import load_motion
 from softprint.runtime.scenes.simulate import motion_path
 from tests.toy_experiment import write_experiment
@@ -180,6 +181,16 @@ def test_the_penalty_lets_the_same_plate_in(plate_on_block):
     *_, (result, inside) = plate_on_block(None)
     assert inside > 5e-3
     assert result.contacts["plate"].force[-1] < 0.01
+
+
+def test_a_collider_that_moves_freely_is_refused(jelly_body, dim):
+    ball = Sphere(0.01, dim, "ball")
+    pose = RigidPose(np.eye(dim), 0.2 * np.eye(dim)[-1])
+    free = PlacedCollider("ball", ball, free=free_collider(ball, pose, density=1e3))
+    with pytest.raises(
+        SoftprintError, match="'ball' moves freely, which contact by a barrier cannot simulate"
+    ):
+        FullSpaceSimulator(jelly_body, [free], contact=PenaltyContact(1e10), barrier=LAW)
 
 
 def test_friction_and_half_spaces_are_refused(jelly_body, dim):

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator, FullSpaceState
+from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.fem_truth.dynamics.full_space_state import FullSpaceState
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody

@@ -22,7 +22,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
-from softprint.runtime.contact.collider_coupling import Centres, Coupling
+from softprint.runtime.contact.collider_coupling import Centres, Coupling, node_coupling
 from softprint.runtime.contact.contact_force import SurfaceForces
 from softprint.runtime.contact.friction import CoulombFriction, FrictionTerms
 from softprint.runtime.contact.lagged_friction import LaggedFriction, SlidingFacetPoints, SlipStart
@@ -32,7 +32,6 @@ from softprint.runtime.contact.surface_quadrature import FacetPoints
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.row_products import placed
 from softprint.runtime.mechanics.static_condensation import CorotatedCondensation, StaticCondensation
-from softprint.runtime.rigid.twist import point_motion, relative_curvature, rotation_derivatives
 
 
 class SampleJacobian(NamedTuple):
@@ -178,7 +177,7 @@ class SharpSurfaceEvaluation:
             hessian = by_rows @ jacobian if hessian is None else hessian + by_rows @ jacobian
             if name in centres:
                 arms = self.x[nodes] - centres[name]
-                couplings.append(_coupling(name, arms, slope, curvature, jacobian))
+                couplings.append(node_coupling(name, arms, slope, curvature, jacobian))
         return gradient, hessian, couplings
 
     def forces(self, lagged: LaggedFriction | None) -> dict[str, tuple[list[SurfaceForces], float]]:
@@ -224,15 +223,3 @@ class SharpSurfaceEvaluation:
 def _add_gradient(by_nodes: Array, corners: IntArray, shares: Array, by_points: Array) -> None:
     """Adds a gradient (k, dim) by points with corners and shares (k, c) to one (n, dim) by nodes."""
     np.add.at(by_nodes, corners, shares[..., None] * by_points[:, None])
-
-
-def _coupling(name: str, arms: Array, slope: Array, curvature: Array, jacobian: Array) -> Coupling:
-    """With arms (k, dim) of the nodes from the centre of the collider. Moving the collider is moving the body the other
-    way, while the forces turn with the collider."""
-    motion = point_motion(arms).reshape(arms.size, -1)
-
-    def blocks() -> tuple[Array, Array]:
-        pushed = rotation_derivatives(slope).reshape(motion.shape) - curvature @ motion
-        return jacobian.T @ pushed, motion.T @ curvature @ motion + relative_curvature(arms, slope)
-
-    return Coupling(name, -(slope.ravel() @ motion), blocks)
