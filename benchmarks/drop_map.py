@@ -1,6 +1,7 @@
 """Balls thrown at a body: which bounce, come to rest, or are too much for it; does any pass unseen?
 
     python -m benchmarks.drop_map examples/jelly3d_small.toml [--plot drop_map.png]
+    python -m benchmarks.drop_map examples/jelly3d_small.toml --bounces
 
 Balls of 5 to 40 mm diameter and 1 to 1000 g hit the middle of the top with 0.1 to 20 m/s, with time steps of 1/1000,
 1/120 and 1/30 s, in the reduced model alone and with linear mechanics. A run is followed for 0.25 s after the ball
@@ -12,6 +13,10 @@ meets the body. It ends as
     beside     it rolled or was thrown off the top
     passed     it went through, and no step said so
 
+With --bounces, a few of the throws, in full space too, in steps of 1/120 s: the height above where it began to touch to
+which the ball rises from the speed with which it leaves the body, the deepest point of its way, the steps that said
+PIERCED, and the mean processor time of a step.
+
 Needs `softprint body EXPERIMENT`; mechanics are computed where `softprint train` has not left them.
 """
 
@@ -19,16 +24,21 @@ from __future__ import annotations
 
 import argparse
 import logging
+import time
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.runtime.body import ReducedBody, load_body
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
@@ -44,11 +54,26 @@ from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_me
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
 from softprint.runtime.rigid import free_collider
 
+Throw = tuple[float, float, float]  # diameter [m], mass [kg], speed [m/s]
+
 DIAMETERS = (0.005, 0.01, 0.02, 0.04)  # m
 MASSES = (0.001, 0.01, 0.1, 1.0)  # kg
 SPEEDS = (0.1, 0.5, 2.0, 5.0, 20.0)  # m/s
 RATES = (1000, 120, 30)  # 1/s
 FOLLOWED = 0.25  # s
+BOUNCES: tuple[Throw, ...] = (
+    (0.04, 0.01, 0.5),
+    (0.04, 0.1, 0.5),
+    (0.04, 0.1, 2.0),
+    (0.04, 0.01, 5.0),
+    (0.02, 0.01, 0.5),
+    (0.02, 0.01, 2.0),
+    (0.02, 0.1, 2.0),
+    (0.01, 0.001, 5.0),
+    (0.01, 0.01, 2.0),
+    (0.005, 0.001, 5.0),
+)
+BOUNCE_RATE = 120
 CONTACT_NODES = 3000
 ENDS = {
     "bounced": "#4c9f70",
@@ -59,29 +84,29 @@ ENDS = {
 }
 
 
+def thrown(experiment: Experiment, body: ReducedBody, throw: Throw, rate: int) -> dict[str, Any]:
+    """The arguments of a simulator, reduced or full, of one throw."""
+    diameter, mass, speed = throw
+    ball, top = Sphere(0.5 * diameter, 3, "ball"), body.mesh.points[:, 2].max()
+    start = RigidPose(np.eye(3), [1e-3, 2e-3, top + 0.5 * diameter + 1e-3])
+    free = free_collider(ball, start, mass=mass, velocity=[0.0, 0.0, -speed])
+    return {
+        "body": body,
+        "colliders": [PlacedCollider("ball", ball, free=free)],
+        "contact": PenaltyContact.of(experiment.contact),
+        "gravity": experiment.dynamics.gravity,
+        "kinematic": [KinematicHandle(frame.name) for frame in body.handles.frames],
+        "settings": DynamicsSettings(1.0 / rate, NewtonSettings(max_iterations=60)),
+    }
+
+
 def end_of(
-    experiment: Experiment,
-    body: ReducedBody,
-    mechanics: BodyMechanics | None,
-    diameter: float,
-    mass: float,
-    speed: float,
-    rate: int,
+    experiment: Experiment, body: ReducedBody, mechanics: BodyMechanics | None, throw: Throw, rate: int
 ) -> str:
     """How one run ends."""
     top, reach = body.mesh.points[:, 2].max(), body.mesh.points[:, :2].max(axis=0)
-    ball, touch = Sphere(0.5 * diameter, 3, "ball"), top + 0.5 * diameter
-    start = RigidPose(np.eye(3), [1e-3, 2e-3, touch + 1e-3])
-    free = free_collider(ball, start, mass=mass, velocity=[0.0, 0.0, -speed])
-    simulator = Simulator(
-        body,
-        [PlacedCollider("ball", ball, free=free)],
-        contact=PenaltyContact.of(experiment.contact),
-        mechanics=mechanics,
-        gravity=experiment.dynamics.gravity,
-        kinematic=[KinematicHandle(frame.name) for frame in body.handles.frames],
-        settings=DynamicsSettings(1.0 / rate, NewtonSettings(max_iterations=60)),
-    )
+    diameter, touch = throw[0], top + 0.5 * throw[0]
+    simulator = Simulator(**thrown(experiment, body, throw, rate), mechanics=mechanics)
     state = simulator.rest_state()
     for _ in range(int(np.ceil(FOLLOWED * rate))):
         result = simulator.step(state)
@@ -96,6 +121,65 @@ def end_of(
         if height < 0.0 and not result.contacts["ball"].points:
             return "passed"
     return "stayed" if height > touch - 2.0 * diameter - 0.5 * top else "passed"
+
+
+@dataclass(frozen=True)
+class Bounce:
+    """height: that the ball rises to [m], None if it has not left the body again after `FOLLOWED`; deepest: how far it
+    went below where it began to touch [m]; pierced, failed: steps that said PIERCED, or that did not converge for
+    another reason; seconds: mean of a step in contact."""
+
+    height: float | None
+    deepest: float
+    pierced: int
+    failed: int
+    seconds: float
+
+    @property
+    def cell(self) -> str:
+        """Of a table."""
+        rises = "stays" if self.height is None else f"{1e3 * self.height:.0f} mm"
+        pierced = f", {self.pierced} PIERCED" if self.pierced else ""
+        failed = f", {self.failed} failed" if self.failed else ""
+        return f"{rises} ({1e3 * self.deepest:.0f} mm deep, {1e3 * self.seconds:.0f} ms{pierced}{failed})"
+
+
+def bounce_of(simulator: Simulator | FullSpaceSimulator, touch: float) -> Bounce:
+    """Follows a ball, whose centre is at the height touch [m] where it begins to touch."""
+    model: Any = simulator  # the state of one goes to the next step of the same
+    state, deepest, pierced, failed, seconds = model.rest_state(), 0.0, 0, 0, list[float]()
+    gravity = 9.81
+    while state.time < FOLLOWED:
+        began = time.process_time()
+        result = model.step(state)
+        took, state = time.process_time() - began, result.state
+        height, rise = state.poses["ball"].translation[2] - touch, state.motions["ball"].velocity[2]
+        deepest = max(deepest, -height)
+        pierced += result.piercing is not None
+        failed += result.piercing is None and not result.converged
+        if result.contacts["ball"].points:
+            seconds.append(took)
+        elif seconds and rise > 0.0:
+            energy = height + rise**2 / (2.0 * gravity)
+            return Bounce(float(energy), float(deepest), pierced, failed, float(np.mean(seconds)))
+    return Bounce(None, float(deepest), pierced, failed, float(np.mean(seconds)))
+
+
+def print_bounces(experiment: Experiment, body: ReducedBody, mechanics: BodyMechanics) -> None:
+    """A table in Markdown of some throws in the reduced models and in full space."""
+    elasticity = FullSpaceElasticity(body)
+    print("| ball | full space | bare | mechanics |\n| --- | --- | --- | --- |")
+    for throw in BOUNCES:
+        scene = thrown(experiment, body, throw, BOUNCE_RATE)
+        touch = float(body.mesh.points[:, 2].max() + 0.5 * throw[0])
+        simulators = (
+            FullSpaceSimulator(**scene, elasticity=elasticity),
+            Simulator(**scene),
+            Simulator(**scene, mechanics=mechanics),
+        )
+        cells = [bounce_of(simulator, touch).cell for simulator in simulators]
+        ball = f"{1e3 * throw[0]:g} mm, {1e3 * throw[1]:g} g, {throw[2]:g} m/s"
+        print(f"| {ball} | " + " | ".join(cells) + " |", flush=True)
 
 
 def draw(ends: dict[tuple[str, int], list[str]], path: Path) -> None:
@@ -134,6 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="the run directory; default: runs/NAME")
     parser.add_argument("--plot", type=Path, metavar="MAP.png")
+    parser.add_argument("--bounces", action="store_true", help="a few throws, in full space too")
     options = parser.parse_args(arguments)
     logging.getLogger("softprint").setLevel(logging.ERROR)
     run = options.out or Path("runs") / options.experiment.stem
@@ -142,6 +227,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     mechanics = (
         load_mechanics(stored, body) if stored.is_file() else compute_mechanics(body, CONTACT_NODES, True)
     )
+    if options.bounces:
+        print_bounces(experiment, body, mechanics)
+        return
     models = {"bare": None, "mechanics": mechanics}
     throws = list(product(DIAMETERS, MASSES, SPEEDS))
     ends: dict[tuple[str, int], list[str]] = {}
@@ -149,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for (model, own), rate in product(models.items(), RATES):
             ends[model, rate] = []
             for throw in throws:
-                ends[model, rate].append(end_of(experiment, body, own, *throw, rate))
+                ends[model, rate].append(end_of(experiment, body, own, throw, rate))
                 progress.update()
     print("| model | step | " + " | ".join(ENDS) + " |\n" + "| --- " * (2 + len(ENDS)) + "|")
     for (model, rate), found in ends.items():

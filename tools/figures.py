@@ -159,6 +159,20 @@ FIGURES: Mapping[str, Figure] = {
         ("demo",),
         pictures=("docs/drop_map.png",),
     ),
+    "bounces": Figure(
+        ("python -m benchmarks.drop_map examples/jelly3d_small.toml --bounces",), (RESULTS,), ("demo",)
+    ),
+    "free_bodies": Figure(
+        (
+            "softprint body examples/falling3d_small.toml",
+            "softprint generate examples/falling3d_small.toml",
+            "softprint train examples/falling3d_small.toml",
+            "softprint body examples/cubes_small.toml",
+            "python -m benchmarks.free_bodies examples/falling3d_small.toml examples/cubes_small.toml",
+            "python -m benchmarks.free_bodies examples/falling3d_small.toml --set contact.refinement=2",
+        ),
+        (RESULTS,),
+    ),
     "random_scenes": Figure(
         ("python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 130000",),
         (RESULTS,),

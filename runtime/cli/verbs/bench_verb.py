@@ -29,8 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model",
         action="append",
         metavar="NAME",
-        help="repeatable (default: bare, every trained correction, and full if DOLFINx is installed and no "
-        "collider moves freely)",
+        help="repeatable (default: bare, every trained correction, and full if DOLFINx is installed)",
     )
     parser.add_argument(
         "--iterations",
@@ -133,8 +132,7 @@ def _measured(
     from softprint.runtime.scenes.scene import scene_steps
     from softprint.runtime.scenes.speed import measure
 
-    led = not any(collider.free for collider in scene.colliders)  # full space has no free colliders
-    full = ["full"] if led and find_spec("dolfinx") is not None else []
+    full = ["full"] if find_spec("dolfinx") is not None else []
     speeds = []
     for name in args.model or [BARE, *trained_models(context.out_dir), *full]:
         with context.stage(f"preparing {scene.name} ({name})"):
