@@ -72,6 +72,8 @@ BOUNCES: tuple[Throw, ...] = (
     (0.01, 0.001, 5.0),
     (0.01, 0.01, 2.0),
     (0.005, 0.001, 5.0),
+    (0.04, 0.1, 5.0),
+    (0.02, 0.1, 5.0),
 )
 BOUNCE_RATE = 120
 CONTACT_NODES = 3000
@@ -127,7 +129,7 @@ def end_of(
 class Bounce:
     """height: that the ball rises to [m], None if it has not left the body again after `FOLLOWED`; deepest: how far it
     went below where it began to touch [m]; pierced, failed: steps that said PIERCED, or that did not converge for
-    another reason; seconds: mean of a step in contact."""
+    another reason; seconds: mean of a step in contact, NaN where no point of the body touched the ball."""
 
     height: float | None
     deepest: float
@@ -138,10 +140,11 @@ class Bounce:
     @property
     def cell(self) -> str:
         """Of a table."""
-        rises = "stays" if self.height is None else f"{1e3 * self.height:.0f} mm"
+        rises = "stays" if self.height is None else f"{round(1e3 * self.height)} mm"
         pierced = f", {self.pierced} PIERCED" if self.pierced else ""
         failed = f", {self.failed} failed" if self.failed else ""
-        return f"{rises} ({1e3 * self.deepest:.0f} mm deep, {1e3 * self.seconds:.0f} ms{pierced}{failed})"
+        seconds = "" if np.isnan(self.seconds) else f", {1e3 * self.seconds:.0f} ms"
+        return f"{rises} ({1e3 * self.deepest:.0f} mm deep{seconds}{pierced}{failed})"
 
 
 def bounce_of(simulator: Simulator | FullSpaceSimulator, touch: float) -> Bounce:
@@ -162,7 +165,8 @@ def bounce_of(simulator: Simulator | FullSpaceSimulator, touch: float) -> Bounce
         elif seconds and rise > 0.0:
             energy = height + rise**2 / (2.0 * gravity)
             return Bounce(float(energy), float(deepest), pierced, failed, float(np.mean(seconds)))
-    return Bounce(None, float(deepest), pierced, failed, float(np.mean(seconds)))
+    spent = float(np.mean(seconds)) if seconds else np.nan
+    return Bounce(None, float(deepest), pierced, failed, spent)
 
 
 def print_bounces(experiment: Experiment, body: ReducedBody, mechanics: BodyMechanics) -> None:

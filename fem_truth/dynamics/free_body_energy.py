@@ -41,6 +41,8 @@ from softprint.runtime.dynamics.state import Configuration
 
 # Of a convex matrix of the free colliders alone: its smallest eigenvalue, as a share of the largest.
 _LEAST_CURVATURE = 1e-9
+# The relative residual below which forces nearly balance.
+_NEARLY = 0.05
 
 
 class JointStep(NamedTuple):
@@ -230,9 +232,10 @@ class FreeBodyEnergy:
         before: JointGradient,
         after: JointGradient,
     ) -> bool:
-        """See `TotalEnergy.stepped`."""
+        """See `TotalEnergy.stepped`. Normal forces between rigid surfaces change by multiples of themselves before forces
+        balance: friction is updated where they nearly do."""
         self._body.stepped(at.rows, step.nodes, length, before.body, after.body)
-        if self._updates_left == 0:
+        if self._updates_left == 0 or after.norm > _NEARLY * self.force_scale(at, after):
             return False
         self._updates_left -= 1
         self.lag_friction(at)

@@ -327,6 +327,33 @@ def test_forces_balance_where_the_reduced_simulator_finds_balance_on_sharp_edges
     assert np.linalg.norm(slow.contacts["low"].force) > 1.0
 
 
+@both
+def test_a_box_slides_on_a_floor_by_coulombs_law(block, dim):
+    """Rigid on rigid, beside the body."""
+    box = placed(
+        Box([0.02, 0.02, 0.01][-dim:], name="box"),
+        posed(dim, [0.0] * 3, 1.0, 0.0, -0.49),
+        velocity=0.6 * np.eye(dim)[0],
+    )
+    floor = KeyframedPath([0.0], [-0.5 * np.eye(dim)[-1]])
+    simulator = FullSpaceSimulator(
+        block(dim),
+        [box, PlacedCollider("floor", Plane(np.eye(dim)[-1], "floor"), floor)],
+        contact=PenaltyContact(STIFFNESS),
+        friction=CoulombFriction(0.4, 1e-3),
+        gravity=down(dim),
+        kinematic=[KinematicHandle("base")],
+        settings=DynamicsSettings(STEP, NewtonSettings(60, 1e-6)),
+    )
+    result, speeds = simulator.settle(), []
+    for _ in range(12):
+        result = simulator.step(result.state)
+        assert result.converged, result.reason
+        speeds.append(result.state.motions["box"].velocity[0])
+    # After it has come to rest on its contact points.
+    assert (speeds[3] - speeds[-1]) / (8 * STEP) == pytest.approx(0.4 * 9.81, rel=0.01)
+
+
 def test_a_ball_comes_to_rest_by_its_weight(block):
     ball = placed(Sphere(0.02, 2, "ball"), RigidPose(np.eye(2), [0.003, TOP + 0.021]), 1500.0)
     simulator = FullSpaceSimulator(
