@@ -76,14 +76,17 @@ def test_it_starts_with_its_initial_state_and_falls(experiment_of):
     np.testing.assert_allclose(end.rotation_vector, [0.6], atol=1e-6)
 
 
-def test_motions_record_its_poses(experiment_of, tmp_path):
+@pytest.mark.parametrize("model", ["bare", "full"])
+def test_motions_record_its_poses(experiment_of, tmp_path, model):
+    if model == "full":
+        pytest.importorskip("dolfinx")
     experiment = experiment_of(START)
     body = build_body(experiment.body, experiment.base_dir)
     context = Context(experiment_path=experiment.path, out=tmp_path, quiet=True, rank=0)
-    played = simulate_scene(context, body, experiment.scenes[0], "bare")
+    played = simulate_scene(context, body, experiment.scenes[0], model)
     track = load_motion(played.path).colliders["ball"]
     assert [pose.translation[0] for pose in track.poses] == pytest.approx([0.3, 0.31, 0.32, 0.33, 0.34, 0.35])
-    assert simulate_scene(context, body, experiment.scenes[0], "bare").kept
+    assert simulate_scene(context, body, experiment.scenes[0], model).kept
 
 
 @pytest.mark.parametrize(
@@ -118,13 +121,3 @@ def test_inconsistent_tables_are_refused(experiment_of, ball, words):
         experiment_of(ball)
     for word in words:
         assert word in str(refusal.value)
-
-
-def test_full_space_refuses_it(experiment_of, tmp_path):
-    pytest.importorskip("dolfinx")
-    from softprint.fem_truth.dynamics.full_space_model import full_space_model
-
-    experiment = experiment_of(START)
-    body = build_body(experiment.body, experiment.base_dir)
-    with pytest.raises(SoftprintError, match="'ball' moves freely, which full space cannot simulate"):
-        full_space_model(experiment, body, experiment.scenes[0], tmp_path)
