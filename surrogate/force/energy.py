@@ -15,12 +15,13 @@ by a few Gauss-Newton iterations on
 
 over samples i and three kinds of residual k: h~ - h_true along the coordinates of the handles, its sum, which is the
 force on the collider, and W~ - W_true; s_ik is the square of what is true. w_ik takes weight from what no p fits (Huber
-1964): where the collider presses a rigid frame as well, or where the truth is on another branch.
+1964): where the collider presses a rigid frame as well, or where the truth is on another branch. Of p, as much is kept
+as validation samples bear out: a part t p, with t from 0, which is linear mechanics, to 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -53,6 +54,8 @@ _HUBER = 2.0
 _RIDGE = 1e-3
 # x_0, in the x that 95 of 100 samples stay below.
 _SIZE = 2.0
+# Parts t of what was learned, of which the best on validation samples is kept.
+_PARTS = (0.25, 0.5, 0.75, 1.0)
 # Bounds of b, and of log a.
 _GROWTH, _FIRST = (-0.9, 4.0), (-1.0, 1.0)
 
@@ -60,36 +63,39 @@ _GROWTH, _FIRST = (-0.9, 4.0), (-1.0, 1.0)
 class EnergyErrors(NamedTuple):
     """Errors of W and h by kind, sqrt(sum |r_k|^2 / sum s_k) over samples without those in which the force on the
     collider is off by more than half: there it presses a rigid frame. mechanics: of linear mechanics; learned; samples:
-    their number."""
+    their number; part: t, how much of what was learned is kept."""
 
     mechanics: dict[str, float]
     learned: dict[str, float]
     samples: int
+    part: float
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
-    N_PARAMETERS). mechanics: W (s,) [J] before g."""
+    """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s,
+    n_k, N_PARAMETERS). mechanics: W (s,) [J] before g."""
 
+    samples: IntArray
     truth: Mapping[str, Array]
     found: Mapping[str, Array]
     slopes: Mapping[str, Array]
     mechanics: Array
 
-    def errors(self, which: Array) -> dict[str, float]:
+    def errors(self, samples: IntArray) -> dict[str, float]:
         """See `EnergyErrors`, over some of the samples."""
+        which = np.isin(self.samples, samples)
         return {
             kind: float(np.linalg.norm(self.found[kind][which] - true[which]) / np.linalg.norm(true[which]))
             for kind, true in self.truth.items()
         }
 
     @property
-    def free_of_frames(self) -> Array:
-        """Which samples (s,) do not press a rigid frame."""
+    def free_of_frames(self) -> IntArray:
+        """The samples that do not press a rigid frame."""
         true = self.truth["collider"]
         miss = np.linalg.norm(self.found["collider"] - true, axis=1)
-        return np.asarray(miss <= 0.5 * np.linalg.norm(true, axis=1))
+        return self.samples[miss <= 0.5 * np.linalg.norm(true, axis=1)]
 
 
 class SampledContacts:
@@ -111,7 +117,8 @@ class SampledContacts:
 
     def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled:
         """Those of the samples in which the reduced body touches the collider."""
-        truth, columns, energies = self._truth, list[dict[str, tuple[Array, Array, Array]]](), list[float]()
+        truth, columns = self._truth, list[dict[str, tuple[Array, Array, Array]]]()
+        taken, energies = list[int](), list[float]()
         for collider, part in self._by_collider(samples):
             probe = self._contact_of(collider, learned)
             for sample in map(int, part):
@@ -134,6 +141,7 @@ class SampledContacts:
                         ),
                     }
                 )
+                taken.append(sample)
                 energies.append(solved.solution.energy)
         if not columns:
             raise SoftprintError(
@@ -142,7 +150,7 @@ class SampledContacts:
         of_truth, of_contact, slopes = (
             {kind: np.stack([one[kind][k] for one in columns]) for kind in LABELS} for k in range(3)
         )
-        return Sampled(of_truth, of_contact, slopes, np.array(energies))
+        return Sampled(np.array(taken), of_truth, of_contact, slopes, np.array(energies))
 
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""
@@ -169,21 +177,29 @@ def learn_energy(
     held_out: IntArray,
     progress: Callable[[int], None],
     labels: tuple[str, ...] = LABELS,
-) -> tuple[LearnedEnergy, EnergyErrors]:
-    """The energy from samples (n,), and its errors on others. labels: the kinds of residuals to learn from."""
+) -> tuple[LearnedEnergy | None, EnergyErrors]:
+    """The energy from samples (n,), and its errors on others; None where linear mechanics is better on these. labels:
+    the kinds of residuals to learn from."""
     mechanics = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0)
     dents = np.cbrt(contacts.at(train, mechanics, progress).mechanics)
     learned = replace(mechanics, size=_SIZE * float(np.quantile(dents, 0.95)))
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels))
-    before, after = (contacts.at(held_out, one, progress) for one in (mechanics, learned))
-    which = before.free_of_frames
-    return learned, EnergyErrors(before.errors(which), after.errors(which), int(which.sum()))
+    before = contacts.at(held_out, mechanics, progress)
+    compared = before.free_of_frames
+    of_mechanics = best = before.errors(compared)
+    kept, part = None, 0.0
+    for share in _PARTS:
+        tried = _with_parameters(learned, share * _parameters(learned))
+        found = contacts.at(held_out, tried, progress).errors(compared)
+        if sum(found.values()) < sum(best.values()):
+            best, kept, part = found, tried, share
+    return kept, EnergyErrors(of_mechanics, best, len(compared), part)
 
 
 def energy_of(
     data: TrainingData, contact_of: Callable[[Collider, LearnedEnergy], ContactStateProbe]
-) -> tuple[LearnedEnergy, EnergyErrors] | None:
+) -> tuple[LearnedEnergy | None, EnergyErrors] | None:
     """The energy that training data ask for, and its errors on validation samples; None where the truth has no forces.
     contact_of: makes the contact of the body with a collider."""
     truth, body = data.truth, data.body
@@ -196,11 +212,12 @@ def energy_of(
         return None
     handles = HandleCoordinates(body, held_frames(data.context.experiment))
     contacts = SampledContacts(truth, data.by_collider, contact_of, handles, body.handles.affine_part)
-    total = (1 + ITERATIONS) * len(train) + 2 * len(held_out)
+    total = (1 + ITERATIONS) * len(train) + (1 + len(_PARTS)) * len(held_out)
     with data.context.progress(total, "sample", "learning the energy of contact") as bar:
         learned, errors = learn_energy(contacts, train, held_out, bar.update)
     told = (f"{kind} {errors.mechanics[kind]:.1%} -> {errors.learned[kind]:.1%}" for kind in LABELS)
-    data.context.say(f"energy of contact learned; errors on held-out samples: {', '.join(told)}")
+    what = "that of linear mechanics" if learned is None else f"learned, {errors.part:.0%} of it kept"
+    data.context.say(f"energy of contact: {what}; errors on held-out samples: {', '.join(told)}")
     return learned, errors
 
 
@@ -262,9 +279,10 @@ def _parameters(learned: LearnedEnergy) -> Array:
 def _stepped(learned: LearnedEnergy, change: Array) -> LearnedEnergy:
     """With the parameters changed, within their bounds."""
     *coefficients, first, growth = _parameters(learned) + change
-    return LearnedEnergy(
-        ComplianceScale(tuple(float(c) for c in coefficients)),
-        float(np.exp(np.clip(first, *_FIRST))),
-        float(np.clip(growth, *_GROWTH)),
-        learned.size,
-    )
+    return _with_parameters(learned, [*coefficients, np.clip(first, *_FIRST), np.clip(growth, *_GROWTH)])
+
+
+def _with_parameters(learned: LearnedEnergy, parameters: Sequence[float] | Array) -> LearnedEnergy:
+    """With other parameters p (N_PARAMETERS,)."""
+    *coefficients, first, growth = map(float, parameters)
+    return LearnedEnergy(ComplianceScale(tuple(coefficients)), float(np.exp(first)), growth, learned.size)

@@ -28,8 +28,9 @@ def task(data: TrainingData, spec: ModelSpec) -> ForceTask:
     learned = _energy(data, spec, own) if spec.learned else None
     notes = {}
     if learned is not None:
-        own = replace(own, energy=learned[0].values)
-        notes = {"energy": learned[1]._asdict()}
+        energy, errors = learned
+        own = replace(own, energy=() if energy is None else energy.values)
+        notes = {"energy": errors._asdict()}
     # Networks on the same mechanics share their data.
     key = ("force", spec.contact_nodes, spec.static_condensation, own.band, own.law, own.energy)
     training, validation = data.once(key, lambda: _read(data, spec, own))
@@ -69,7 +70,7 @@ def force_data(
 
 def _energy(
     data: TrainingData, spec: ModelSpec, options: ForceModelOptions
-) -> tuple[LearnedEnergy, EnergyErrors] | None:
+) -> tuple[LearnedEnergy | None, EnergyErrors] | None:
     """The energy of contact, learned once for all networks on the same mechanics."""
     own = mechanics(data, spec)
 

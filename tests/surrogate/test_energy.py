@@ -88,12 +88,13 @@ def test_derivatives_by_the_parameters(pressed, monkeypatch):
 
 @pytest.fixture(scope="module")
 def contacts(pressed, tmp_path_factory):
-    """Of a truth that condensed contact with a known energy has made; one contact in twelve is spoilt."""
+    """Of a truth that condensed contact with a known energy has made, the last contact without one; one contact in
+    twelve is spoilt."""
     body, ball, contact_of, states, poses = pressed
-    teacher = contact_of(ball, energy_at(TEACHER))
+    teacher, mechanics = contact_of(ball, energy_at(TEACHER)), contact_of(ball, energy_at(0.0 * TEACHER))
     n, each = STATES * PLACES, len(DEPTHS)
     found = [
-        evaluated(teacher, states[k // PLACES], poses[k][: depth + 1])
+        evaluated(mechanics if k == n - 1 else teacher, states[k // PLACES], poses[k][: depth + 1])
         for k in range(n)
         for depth in range(each)
     ]
@@ -145,12 +146,26 @@ def contacts(pressed, tmp_path_factory):
 
 @pytest.mark.parametrize("labels", [LABELS, ("handles",)], ids=["all labels", "handles alone"])
 def test_an_energy_is_found_again_from_its_forces(contacts, labels):
-    n, each = STATES * PLACES, len(DEPTHS)
+    n, each = STATES * PLACES - 1, len(DEPTHS)
     samples = np.arange(n * each)
-    _, errors = learn_energy(contacts, samples, samples, lambda count: None, labels)
+    learned, errors = learn_energy(contacts, samples, samples, lambda count: None, labels)
+    assert learned is not None
+    assert errors.part == 1.0  # the whole of what was learned is best
     # The spoilt contact counts as one that presses a frame. What is left is the ridge of a thousandth, and another size
     # x_0 than the teacher's.
     assert errors.samples <= n * each - each
     for kind in LABELS:
         assert errors.mechanics[kind] > 0.05
         assert errors.learned[kind] < 0.1 * errors.mechanics[kind], kind
+
+
+def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts):
+    n, each = STATES * PLACES, len(DEPTHS)
+    learned, errors = learn_energy(
+        contacts, np.arange((n - 1) * each), np.arange((n - 1) * each, n * each), lambda count: None
+    )
+    assert learned is None
+    assert errors.part == 0.0
+    assert errors.learned == errors.mechanics
+    # They are those that the samples were made with: what is left is their compliance in single precision.
+    assert max(errors.mechanics.values()) < 1e-4
