@@ -232,8 +232,8 @@ class FreeBodyEnergy:
         before: JointGradient,
         after: JointGradient,
     ) -> bool:
-        """See `TotalEnergy.stepped`. Normal forces between rigid surfaces change by multiples of themselves before forces
-        balance: friction is updated where they nearly do."""
+        """See `TotalEnergy.stepped`. Normal forces between rigid surfaces change by multiples of themselves before
+        forces balance: friction is updated where they nearly do."""
         self._body.stepped(at.rows, step.nodes, length, before.body, after.body)
         if self._updates_left == 0 or after.norm > _NEARLY * self.force_scale(at, after):
             return False

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
+
+
+class FrictionForces(NamedTuple):
+    """Friction forces (k, dim) [N] on the body in rest coordinates, on contact nodes (k,), ascending; drawn: (k, dim)
+    what displaces the body as drawn, see `SolvedContact.drawn_force`."""
+
+    nodes: IntArray
+    forces: Array
+    drawn: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.friction import LaggedContact
 from softprint.runtime.contact.surface_quadrature import FacetPoints
 
 if TYPE_CHECKING:
+    from softprint.runtime.contact.condensed.compliant_friction import TangentCompliance
     from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 
 
@@ -24,17 +27,35 @@ class SlidingPoints:
     """k active points of a condensed contact with one collider: their normal forces, normals and anchors, and their
     positions as an affine function of the rows: position (k, dim) [m] at those of the contact, jacobian (k, dim,
     n_rows*dim). contact: the evaluation that they are of; one at other rows may have other points under these
-    numbers."""
+    numbers. carrier (k, dim, dim) and gradient (k, n_rows, dim): see `CarriedCompliance`; compliance: by which they
+    give way to friction; start: what friction along their tangents starts from (n,) [N]."""
 
     lagged: LaggedContact
     index: IntArray
     contact: ContactEvaluation
     position: Array
     jacobian: Array
+    carrier: Array
+    gradient: Array
+    compliance: TangentCompliance
+    start: Array | None = None
 
     def positions(self, rows: Array) -> Array:
         """y (k, dim) [m] at other rows, with the contact displacement fixed in rest coordinates."""
         return self.position + self.jacobian @ (rows - self.contact.rows).ravel()
+
+    def carriers(self, rows: Array) -> Array:
+        """A (k, dim, dim) at other rows."""
+        return np.asarray(
+            self.carrier + np.tensordot(self.gradient, rows - self.contact.rows, (1, 0)).swapaxes(1, 2)
+        )
+
+    def jacobian_with(self, displacement: Array) -> Array:
+        """The derivatives (k*dim, n_rows*dim) by the rows of points that are displaced by so much (k, dim) [m] more, in
+        rest coordinates."""
+        k, dim = displacement.shape
+        more = (self.gradient @ displacement[..., None])[:, None] * np.eye(dim)[None, :, None, :]
+        return np.asarray((self.jacobian + more.reshape(k, dim, -1)).reshape(k * dim, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +70,8 @@ class SlidingFacetPoints:
 @dataclass(frozen=True, eq=False)
 class SlipStart:
     """The start of a step of length time_step [s], from which slip is measured: the surface samples (s, dim) [m] and
-    the poses; contact_points: computes the deformed positions (m, dim)
-    there of contact points (m,) of an evaluation of condensed contact; nodes: computes the positions (n_nodes, dim) [m]
+    the poses; contact_points: computes the deformed positions (m, dim) there of contact points (m,) of an evaluation of
+    condensed contact, as far as they had given way to friction; nodes: computes the positions (n_nodes, dim) [m]
     there of the mesh, of which those of the surface are used."""
 
     surface: Array

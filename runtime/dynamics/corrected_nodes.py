@@ -10,6 +10,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.learned.correction import (
     BoundContactCorrection,
@@ -23,11 +24,12 @@ from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 class Snapshot(NamedTuple):
     """The data from which positions are computed: handle rows and frame rows (n_rows, dim) of a state, its solved
-    contact, and displacements (n, dim) [m] by field corrections, None without one."""
+    contact, and the friction there; displacements (n, dim) [m] by field corrections, None without one."""
 
     rows: Array
     frame_rows: Array
     contact: SolvedContact | None
+    friction: FrictionForces | None
     field: Array | None
 
 
@@ -68,8 +70,8 @@ class CorrectedNodes:
         if snapshot.field is not None:
             x += snapshot.field
         if snapshot.contact is not None:
-            for bound in self._of_contact:
-                x += bound.displacement(snapshot.contact)
+            for number, bound in enumerate(self._of_contact):
+                x += bound.displacement(snapshot.contact, None if number else snapshot.friction)
         return x
 
     @cached_property

@@ -42,9 +42,10 @@ from softprint.runtime.dynamics.step.body_terms import build_terms, find_correct
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
 from softprint.runtime.dynamics.step.frame import CorotatedFrame
 from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint, Unknowns, by_axis
-from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step
+from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step, with_contact_checked
 from softprint.runtime.dynamics.step.step_start import StepStart, kept_factorisation
 from softprint.runtime.dynamics.terms.springs import HandleSpring, QuadraticForm, Springs
+from softprint.runtime.dynamics.terms.weight import acceleration
 from softprint.runtime.dynamics.timings import Timings
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
@@ -83,7 +84,7 @@ class Simulator:
     ) -> None:
         self.body, self.colliders = body, tuple(colliders)
         self.settings = settings or DynamicsSettings()
-        self._gravity = _acceleration(body, gravity)
+        self._gravity = acceleration(body, gravity)
         _check_mechanics(body, mechanics)
         check_colliders(self.colliders, body, mechanics, contact)
         self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
@@ -210,7 +211,7 @@ class Simulator:
         def contact_points(index: IntArray, of: ContactEvaluation) -> Array:
             found = self._contact_at(state, body)
             assert found is not None  # called by condensed contact only
-            return found.deformed_positions(index, of)
+            return found.deformed_positions(index, of, state.friction)
 
         slip = SlipStart(body.positions, state.poses, h, contact_points, lambda: body.surface.sharp.x)
         return SlidingStep(slip, self.settings.friction_updates)
@@ -279,6 +280,7 @@ class Simulator:
             rows_velocity=velocity,
             poses=body.at.poses,
             motions={} if free is None else free.motions(body.at.poses),
+            friction=solved.x.friction_on_nodes,
             frame_rows=body.frame.rows,
             contact=_solved_contact(body),
             elastic_hessian=body.kept_hessian,
@@ -292,6 +294,7 @@ class Simulator:
         timings: Timings,
         free: FreeStep | None,
     ) -> StepResult[ReducedState]:
+        solved = with_contact_checked(solved)
         x, rows, velocity = solved.x, state.rows, state.rows_velocity
         normal, friction, forces = x.contacts()
         weight, height = x.body.frame.weight
@@ -348,7 +351,8 @@ class Simulator:
         solved = state.contact
         if not state.contact_is_here:
             solved = _solved_contact(self._evaluated(self._terms.in_frame(state.frame), state, Timings()))
-        return Snapshot(state.rows, state.frame, solved, nodes.field_displacement(state.rows, state.poses))
+        field = nodes.field_displacement(state.rows, state.poses)
+        return Snapshot(state.rows, state.frame, solved, state.friction, field)
 
     @cached_property
     def _nodes(self) -> CorrectedNodes:
@@ -380,14 +384,6 @@ class Simulator:
 def _solved_contact(body: BodyEvaluation) -> SolvedContact | None:
     """The warm start of the next contact solve."""
     return None if body.contact is None else body.contact.solved
-
-
-def _acceleration(body: ReducedBody, gravity: Sequence[float] | Array | None) -> Array:
-    """Gravity as an array (dim,). Raises SoftprintError for anything else."""
-    found = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
-    if found.shape != (body.dim,) or not np.isfinite(found).all():
-        raise SoftprintError(f"gravity must be {body.dim} numbers for this body, not {found.tolist()}")
-    return found
 
 
 def _check_mechanics(body: ReducedBody, mechanics: BodyMechanics | None) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.pose import Poses, RigidPose
-from softprint.runtime.contact.contact_force import ContactForce
+from softprint.runtime.contact.contact_force import ContactForce, FrictionForces
 from softprint.runtime.contact.piercing import Piercing
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
@@ -41,7 +41,8 @@ class KeptFactorisation:
 @dataclass(frozen=True, eq=False)
 class ReducedState:
     """time [s]; rows (n_rows, dim): handle rows; rows_velocity (n_rows, dim): their rates; poses: of all colliders at
-    this time; motions: of the colliders that move freely.
+    this time; motions: of the colliders that move freely; friction: of condensed contact on the body, which has given
+    way to it.
 
     The warm start of the next step, plain data, None in a state without a previous step: frame_rows (n_rows, dim): the
     handle rows of the corotated frame of the previous step; contact: solved at this state, with its active set;
@@ -53,6 +54,7 @@ class ReducedState:
     rows_velocity: Array
     poses: Mapping[str, RigidPose]
     motions: Mapping[str, RigidMotion] = field(default_factory=dict)
+    friction: FrictionForces | None = None
     frame_rows: Array | None = None
     contact: SolvedContact | None = None
     factorisation: KeptFactorisation | None = None

@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.contact_solve import ContactSolution
 from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
@@ -25,12 +26,13 @@ from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_sof
 from softprint.runtime.optimise.descent import Descent
 from softprint.runtime.rigid.flight import RigidMotion
 
-KIND, VERSION = "state", 4
+KIND, VERSION = "state", 5
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (
         ReducedState,
         RigidMotion,
+        FrictionForces,
         SolvedContact,
         NearPoints,
         PressedPoints,

@@ -22,6 +22,7 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.errors import SoftprintError
@@ -86,8 +87,9 @@ class FieldCorrection(Protocol):
 class BoundContactCorrection(Protocol):
     """A contact correction at n fixed nodes."""
 
-    def displacement(self, solved: SolvedContact) -> Array:
-        """u (n, dim) [m] in the world frame by one collider, from a solved contact with it and possibly others."""
+    def displacement(self, solved: SolvedContact, friction: FrictionForces | None = None) -> Array:
+        """u (n, dim) [m] in the world frame by one collider, from a solved contact with it and possibly others; with
+        what these friction forces add, of whichever collider."""
         ...
 
 

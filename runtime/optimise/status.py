@@ -9,7 +9,7 @@ class Status(IntEnum):
     """How a minimisation ended. The numbers go into truth and motion files: never renumber.
 
     (In truth files 5 is a sample that was never started, `runtime.truth.truth_schema.UNREACHED`: full-space solves
-    never end as STALLED. PIERCED is of reduced steps, which may converge nevertheless.)
+    never end as STALLED. PIERCED and CONTACT_UNSOLVED are of reduced steps, which may converge nevertheless.)
     """
 
     CONVERGED = 0
@@ -19,6 +19,7 @@ class Status(IntEnum):
     NOT_FINITE = 4
     STALLED = 5
     PIERCED = 6
+    CONTACT_UNSOLVED = 7
 
     @property
     def sentence(self) -> str:
@@ -43,4 +44,6 @@ _SENTENCES = {
     Status.PIERCED: "A collider has pierced the body, or would have: it is pressed or thrown harder than the body can "
     "give way, or it is thinner than the distance between surface nodes. Press less deep, or use a stiffer body, a "
     "finer mesh or more contact nodes.",
+    Status.CONTACT_UNSOLVED: "Handles balance, but with contact forces that do not: the contact solve within the step "
+    "did not converge, as where a contact point may go to either side of a thin wall; take a smaller time step.",
 }

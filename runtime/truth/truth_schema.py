@@ -20,16 +20,16 @@ KIND = "truth"
 VERSION = 5
 TEXT_BYTES = 1024  # of a text in a table; compression makes unused bytes free
 
-# Status of a sample: how the full-space solve ended (never STALLED or PIERCED), or 5 if it was skipped because an
-# earlier depth failed. Only converged samples have a displacement; the others contain NaN, so training cannot use them
-# by mistake.
+# Status of a sample: how the full-space solve ended (never as only a reduced step can), or 5 if it was skipped because
+# an earlier depth failed. Only converged samples have a displacement; the others contain NaN, so training cannot use
+# them by mistake.
 CONVERGED = int(Status.CONVERGED)
 UNREACHED = 5
 STATUS_NAMES = {
     **{
         int(status): status.name.lower()
         for status in Status
-        if status not in (Status.STALLED, Status.PIERCED)
+        if status not in (Status.STALLED, Status.PIERCED, Status.CONTACT_UNSOLVED)
     },
     UNREACHED: "unreached",
 }

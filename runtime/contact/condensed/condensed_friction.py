@@ -1,38 +1,38 @@
 """Friction of condensed contact, at its active points.
 
-An active point sits at y(q) = x(q) + F(q) v, v being its contact displacement in rest coordinates. Lagged Coulomb
-friction (`runtime/contact/friction.py`) fixes not only the normal forces p |g| and the normals g / |g| of the last
-contact solve, but v too, so that y is affine in the handle rows q and
+An active point sits at x(q) + A(q) (v + V t), with v its displacement by frictionless contact and V t that by friction,
+in rest coordinates. Lagged Coulomb friction (`runtime/contact/friction.py`) fixes the normal forces p |g| and the
+normals g / |g| of the last contact solve, v, and the compliance along the tangents. Friction and this compliance in
+series (`compliant_friction.py`) are then an ordinary potential of the handle rows q,
 
-    D(q) = sum_j mu N_j f0(|P_j u_j|),    u_j = y_j(q) - T_end T_start^-1 y_j,start,
-    dD   = sum_j f_j . dy_j,              dy = dx + dF v,
+    D(q) = min_t  sum_j mu N_j f0(|P_j s_j|) + 1/2 t . C t,    s_j = x_j + A_j (v + V t)_j - T_end T_start^-1 x_j,start.
 
-is an ordinary friction potential of the rows. y_start are the positions of the same points at the start of the step,
-with the contact displacement of that state: a dent that travels over the body slips as far as its points do.
-
-The contact displacement itself is that of frictionless contact. The displacement by tangential tractions is neglected,
-since a state would have to store it as history. So where the contact sticks, only the subspace follows the collider
-sideways, and the response is too stiff: dragging a ball of 3 cm over a block of 10 cm, the tangential stiffness is 1.3
-(2D) to 1.8 (3D) times that in full space. Once it slips, the force along the path is right to 3 % at mu = 0.3, and 2 %
-(2D) to 15 % (3D) too small at mu = 1. Over the held-out motion of the small Jelly at mu = 0.3 the error of the force on
-the collider is 23 % (RMS); without friction it is 51 %, on the subspace alone 146 %.
+x_start are the positions of the same points at the start of the step, with the displacements of that state by contact
+and by friction: a dent that travels over the body slips as far as its points do. For this a state stores the friction
+forces on its contact nodes. What friction does to the pressure is neglected, and so is what the friction of one
+collider does to the points that touch another.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.pose import Poses, RigidPose
-from softprint.runtime.contact.collider_coupling import Centres, Coupling, point_coupling
+from softprint.runtime.contact.collider_coupling import Centres, Coupling
+from softprint.runtime.contact.condensed.compliant_friction import (
+    CompliantFriction,
+    TangentCompliance,
+    settle,
+)
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.contact_force import ContactForce, resultant
-from softprint.runtime.contact.friction import CoulombFriction, FrictionTerms, LaggedContact
+from softprint.runtime.contact.contact_force import ContactForce, FrictionForces, resultant
+from softprint.runtime.contact.friction import CoulombFriction, LaggedContact
 from softprint.runtime.contact.lagged_friction import SlidingPoints, SlipStart
-from softprint.runtime.linalg.chain_rule import through_jacobian
+from softprint.runtime.rigid.twist import touched_body_derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,65 +50,122 @@ class CondensedFriction:
     ) -> SlidingPoints:
         active = contact.active_points(name)
         length = np.linalg.norm(active.normal, axis=1)
+        normal = active.normal / np.where(length > 0.0, length, 1.0)[:, None]
         before = start.contact_points(active.index, contact)
         lagged = LaggedContact(
             index=np.arange(len(active.index)),
             force=active.pressure * length,
-            normal=active.normal / np.where(length > 0.0, length, 1.0)[:, None],
+            normal=normal,
             anchor=pose.apply(start.poses[name].apply_inverse(before)),
             pose=pose,
         )
-        return SlidingPoints(lagged, active.index, contact, active.position, active.jacobian())
+        surface = active.surface()
+        sliding = SlidingPoints(
+            lagged,
+            active.index,
+            contact,
+            active.position,
+            active.jacobian(),
+            surface.carrier,
+            surface.gradient,
+            TangentCompliance.of(surface.compliance, surface.carrier, normal),
+        )
+        return replace(sliding, start=self.settled(sliding, contact.rows, pose, start.time_step).force)
 
-    def terms(self, sliding: SlidingPoints, rows: Array, pose: RigidPose, time_step: float) -> FrictionTerms:
+    def settled(
+        self, sliding: SlidingPoints, rows: Array, pose: RigidPose, time_step: float
+    ) -> CompliantFriction:
         """Friction with one collider at a pose, at handle rows (n_rows, dim)."""
-        return self.law.terms(sliding.positions(rows), sliding.lagged.at(pose), time_step)
+        lagged = sliding.lagged.at(pose)
+        return settle(
+            lambda x: self.law.terms(x, lagged, time_step),
+            sliding.positions(rows),
+            sliding.carriers(rows),
+            sliding.compliance,
+            sliding.start,
+        )
 
-    def energy(
+    def evaluate(
         self, sliding: Mapping[str, SlidingPoints], rows: Array, poses: Poses, time_step: float
-    ) -> float:
-        """D [J] of all colliders."""
-        return sum(self.terms(own, rows, poses[name], time_step).energy for name, own in sliding.items())
+    ) -> CondensedFrictionEvaluation:
+        """Friction with all colliders at their poses, at handle rows (n_rows, dim)."""
+        settled = {name: self.settled(own, rows, poses[name], time_step) for name, own in sliding.items()}
+        return CondensedFrictionEvaluation(sliding, rows, poses, settled)
 
-    def linearise(
-        self,
-        sliding: Mapping[str, SlidingPoints],
-        rows: Array,
-        poses: Poses,
-        centres: Centres,
-        time_step: float,
-    ) -> tuple[Array, Array | None, list[Coupling]]:
+
+@dataclass(frozen=True, eq=False)
+class CondensedFrictionEvaluation:
+    """Lagged friction at handle rows (n_rows, dim) and poses: settled, by collider."""
+
+    sliding: Mapping[str, SlidingPoints]
+    rows: Array
+    poses: Poses
+    settled: Mapping[str, CompliantFriction]
+
+    @property
+    def energy(self) -> float:
+        """D [J] of all colliders."""
+        return sum(found.energy for found in self.settled.values())
+
+    @property
+    def converged(self) -> bool:
+        """Whether friction balances everywhere."""
+        return all(found.converged for found in self.settled.values())
+
+    def linearise(self, centres: Centres) -> tuple[Array, Array | None, list[Coupling]]:
         """dD/drows (n_rows, dim) [N], its Hessian (n_rows*dim, n_rows*dim) [N/m], None where no point slides, and the
         couplings of the colliders that move freely, about their centres."""
-        gradient, hessian, couplings = np.zeros_like(rows), None, []
-        for name, own in sliding.items():
-            terms = self.terms(own, rows, poses[name], time_step)
-            if not len(terms.index):
-                continue
-            jacobian = own.jacobian.reshape(terms.gradient.size, -1)
-            slope, curvature = through_jacobian(jacobian, terms.gradient, terms.hessian)
+        gradient, hessian, couplings = np.zeros_like(self.rows), None, []
+        for name, own in self._touched.items():
+            found = self.settled[name]
+            jacobian = own.jacobian_with(found.rest_displacement)
+            slope, curvature = found.through(jacobian, own.gradient)
             gradient, hessian = gradient + slope, curvature if hessian is None else hessian + curvature
             if name in centres:
-                arms = own.positions(rows) - centres[name]
-                couplings.append(point_coupling(name, arms, terms.gradient, terms.hessian, own.jacobian))
+                couplings.append(_coupling(name, centres[name], found, jacobian, own.gradient))
         return gradient, hessian, couplings
 
-    def with_friction(
-        self,
-        forces: Mapping[str, ContactForce],
-        sliding: Mapping[str, SlidingPoints],
-        contact: ContactEvaluation,
-        poses: Poses,
-        time_step: float,
-    ) -> dict[str, ContactForce]:
+    def added_to(self, forces: Mapping[str, ContactForce]) -> dict[str, ContactForce]:
         """The forces of a contact on the colliders with friction added."""
-        result, rows = {}, contact.rows
+        result = {}
         for name, force in forces.items():
-            own = sliding[name]
-            terms = self.terms(own, rows, poses[name], time_step)
-            at = own.positions(rows)
-            friction = own.contact.surface_forces(own.index, at, terms.gradient, tangential=True)
+            own, found = self.sliding[name], self.settled[name]
+            friction = own.contact.surface_forces(
+                own.index, found.position, found.terms.gradient, tangential=True
+            )
             parts = [*force.parts, friction]
-            total = resultant(parts, poses[name].translation)
+            total = resultant(parts, self.poses[name].translation)
             result[name] = ContactForce(*total, force.penetration, force.points, parts)
         return result
+
+    @property
+    def node_forces(self) -> FrictionForces | None:
+        """The friction forces on the body of all colliders together; None where nothing touches."""
+        touched = self._touched
+        if not touched:
+            return None
+        contact = next(iter(touched.values())).contact.contact
+        assert contact is not None  # it has active points
+        index = np.concatenate([own.index for own in touched.values()])
+        loads = [own.compliance.rest_forces(self.settled[name].force) for name, own in touched.items()]
+        order = np.argsort(index)
+        solved, rest = contact.solved, np.concatenate(loads)[order]
+        at = np.searchsorted(solved.index, index[order])
+        both = np.hstack([rest, solved.scale[at, None] * rest])
+        nodes, onto = contact.start.compliance.on_nodes(index[order], both)
+        return FrictionForces(nodes, *np.hsplit(onto, 2))
+
+    @property
+    def _touched(self) -> dict[str, SlidingPoints]:
+        """The colliders that points slide on."""
+        return {name: own for name, own in self.sliding.items() if len(own.index)}
+
+
+def _coupling(
+    name: str, centre: Array, found: CompliantFriction, jacobian: Array, gradient: Array
+) -> Coupling:
+    """The coupling with one collider that moves freely about its centre (dim,) [m]. jacobian: (k*dim, n_rows*dim) of
+    the points by the rows; gradient: of the carriers."""
+    arms = found.position - centre
+    slope, mixed, own = touched_body_derivatives(arms, found.terms.gradient, found.terms.hessian)
+    return Coupling(name, slope, lambda: found.by_twist(mixed, own, jacobian, gradient))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
 from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
-from softprint.runtime.contact.contact_force import ContactForce, SurfaceForces, resultant
+from softprint.runtime.contact.contact_force import ContactForce, FrictionForces, SurfaceForces, resultant
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints
@@ -23,11 +24,22 @@ from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 
+class CarriedCompliance(NamedTuple):
+    """How k points give way and are carried along by the body. compliance: G (k*dim, k*dim) [m/N]; carrier: A (k, dim,
+    dim), see `contact_points.py`, and gradient: (k, n_rows, dim), by which it changes with the rows where the scale of
+    the compliance is fixed."""
+
+    compliance: Array
+    carrier: Array
+    gradient: Array
+
+
 @dataclass(frozen=True, eq=False)
 class ActivePoints:
     """The k active points of one collider. index: (k,) contact points; position, normal: (k, dim) deformed position and
     gradient of the signed distance there, world frame; pressure: p (k,) [N]; penetration: e (k,) > 0 [m]; jacobian:
-    computes d position / d rows (k, dim, n_rows*dim) with the displacement fixed in rest coordinates."""
+    computes d position / d rows (k, dim, n_rows*dim) with the displacement fixed in rest coordinates; surface: computes
+    how they give way, and are carried along."""
 
     index: IntArray
     position: Array
@@ -35,6 +47,7 @@ class ActivePoints:
     pressure: Array
     penetration: Array
     jacobian: Callable[[], Array]
+    surface: Callable[[], CarriedCompliance]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +134,9 @@ class ContactEvaluation:
         if contact is None or name not in contact.solved.near:
             n_rows, dim = self.rows.shape
             index, vectors, scalars = np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty(0)
-            jacobian = np.empty((0, dim, n_rows * dim))
-            return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: jacobian)
+            jacobian, carrier = np.empty((0, dim, n_rows * dim)), np.empty((0, dim, dim))
+            nothing = CarriedCompliance(np.empty((0, 0)), carrier, np.empty((0, n_rows, dim)))
+            return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: jacobian, lambda: nothing)
         solved, owned = contact.solved, contact.solved.owned_by(name)
         b = solved.solution.active[owned]
         position = solved.deformed_position[b]
@@ -134,6 +148,11 @@ class ContactEvaluation:
             self._slope * solved.solution.pressure[b],
             solved.solution.penetration[b],
             lambda: contact.position_jacobian.reshape(shape)[owned],
+            lambda: CarriedCompliance(
+                contact.start.compliance.among(solved.index[b]).astype(np.float64),
+                solved.F[b],
+                solved.scale[b, None, None] * contact.motion.basis_gradient[owned],
+            ),
         )
 
     def forces(self) -> dict[str, ContactForce]:
@@ -197,9 +216,11 @@ class ContactEvaluation:
             return found
         return self._slope * found + self._curvature * np.outer(one.gradient, other.gradient)
 
-    def deformed_positions(self, index: IntArray, of: ContactEvaluation | None = None) -> Array:
+    def deformed_positions(
+        self, index: IntArray, of: ContactEvaluation | None = None, friction: FrictionForces | None = None
+    ) -> Array:
         """Deformed positions y = x + A v (m, dim) [m] of any contact points (m,). of: an evaluation among whose pressed
-        points these may be, by default this one."""
+        points these may be, by default this one; friction: to which they have given way, too."""
         every, compliance = self.every, None if self.contact is None else self.contact.start.compliance
         if of is not None and isinstance(of.every, CorotatedPressedPoints) and of.contact is not None:
             every = CorotatedPressedPoints.of(self.points, of.every.pressed.points, of.every.numbers)
@@ -208,4 +229,6 @@ class ContactEvaluation:
         if self.contact is None or compliance is None:
             return x
         v = compliance.displacement(index, *self.contact.start.node_forces)
+        if friction is not None:
+            v = v + compliance.displacement(index, friction.nodes, friction.forces)
         return np.asarray(x + kernels.to_world(every.carriers(self.rows, index), v))

@@ -32,7 +32,8 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray, RowHessian, known_hessian
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.contact.collider_coupling import Coupling, Link
-from softprint.runtime.contact.contact_force import ContactForce
+from softprint.runtime.contact.condensed.condensed_friction import CondensedFrictionEvaluation
+from softprint.runtime.contact.contact_force import ContactForce, FrictionForces
 from softprint.runtime.contact.lagged_friction import LaggedFriction, SlipStart
 from softprint.runtime.dynamics.free_bodies import FreeStep
 from softprint.runtime.dynamics.state import Configuration
@@ -200,11 +201,16 @@ class StepPoint:
         lagged, body = self.problem.lagged, self.body
         if lagged is None:
             return 0.0
-        total = body.surface.friction_energy(lagged)
-        condensed = body.frame.terms.condensed_friction
-        if condensed is not None and lagged.points:
-            total += condensed.energy(lagged.points, *body.at, lagged.start.time_step)
-        return total
+        total, condensed = body.surface.friction_energy(lagged), self._condensed_friction
+        return total if condensed is None else total + condensed.energy
+
+    @lazy
+    def _condensed_friction(self) -> CondensedFrictionEvaluation | None:
+        """Friction at the points of condensed contact; None without any."""
+        lagged, condensed = self.problem.lagged, self.body.frame.terms.condensed_friction
+        if condensed is None or lagged is None:
+            return None
+        return condensed.evaluate(lagged.points, *self.body.at, lagged.start.time_step)
 
     @lazy
     def contact_gradient(self) -> Array:
@@ -217,12 +223,7 @@ class StepPoint:
         colliders."""
         problem, body, lagged = self.problem, self.body, self.problem.lagged
         rows, poses = body.at
-        field, contact, surface, condensed = (
-            body.field,
-            body.contact,
-            body.surface,
-            body.frame.terms.condensed_friction,
-        )
+        field, contact, surface = body.field, body.contact, body.surface
         with problem.timings.contact:
             free = problem.free_bodies
             centres = {} if free is None else free.bodies.centres(poses)
@@ -234,9 +235,8 @@ class StepPoint:
                 hessians += [] if contact.hessian is None else [contact.hessian]
                 more, links = contact.couplings(centres)
                 couplings += more
-            if condensed is not None and lagged is not None:
-                h = lagged.start.time_step
-                slope, sliding, more = condensed.linearise(lagged.points, rows, poses, centres, h)
+            if self._condensed_friction is not None:
+                slope, sliding, more = self._condensed_friction.linearise(centres)
                 gradient, couplings = gradient + slope, couplings + more
                 hessians += [] if sliding is None else [known_hessian(sliding)]
         return gradient, hessians, couplings, links
@@ -286,19 +286,29 @@ class StepPoint:
         tangent = unknowns.tangent(rows)
         return free.joined(found, body.at.poses, couplings, links, tangent, problem.lagged, timings)
 
+    @property
+    def friction_on_nodes(self) -> FrictionForces | None:
+        """The friction forces of condensed contact on the body; None without any."""
+        return None if self._condensed_friction is None else self._condensed_friction.node_forces
+
+    @property
+    def contact_converged(self) -> bool:
+        """Whether the contact solve, and that of friction on points that give way, have converged."""
+        contact, friction = self.body.contact, self._condensed_friction
+        return (contact is None or contact.converged) and (friction is None or friction.converged)
+
     def contacts(self) -> tuple[float, float, dict[str, ContactForce]]:
         """Contact energy and friction energy [J], including those between colliders; the force of the body on each
         collider."""
         problem, body, lagged = self.problem, self.body, self.problem.lagged
-        contact, free, condensed = body.contact, problem.free_bodies, body.frame.terms.condensed_friction
+        contact, free = body.contact, problem.free_bodies
         with problem.timings.contact:
             normal, forces = body.surface.energy, body.surface.forces(lagged)
             if contact is not None:
                 normal += contact.energy
                 own: Mapping[str, ContactForce] = contact.forces()
-                if condensed is not None and lagged is not None:
-                    h, poses = lagged.start.time_step, body.at.poses
-                    own = condensed.with_friction(own, lagged.points, contact, poses, h)
+                if self._condensed_friction is not None:
+                    own = self._condensed_friction.added_to(own)
                 forces |= own
             among = (0.0, 0.0) if free is None else free.among(body.at.poses, lagged)
         return normal + among[0], self._friction_energy + among[1], forces

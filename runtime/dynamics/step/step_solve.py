@@ -41,3 +41,10 @@ def solve_step(
         if left == 0 or not renew:
             break
     return replace(solved, iterations=optimiser.max_iterations - left)
+
+
+def with_contact_checked(solved: Minimum[StepPoint]) -> Minimum[StepPoint]:
+    """The minimum, with the status CONTACT_UNSOLVED where the handles balance but the contact solve has failed."""
+    if solved.converged and not solved.x.contact_converged:
+        return replace(solved, status=Status.CONTACT_UNSOLVED)
+    return solved

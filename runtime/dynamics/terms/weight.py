@@ -8,6 +8,7 @@ second part the equilibrium under gravity would be wrong: u depends on gravity, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.compiled import summing
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mechanics.body_regions import BodyRegions
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
@@ -82,3 +84,11 @@ def _condensed_weight(
 def _summed(shares: sp.csr_matrix, values: NDArray[np.floating[Any]]) -> Array:
     """Values (n_nodes, ...) summed over the nodes, with weights `shares` (n, n_nodes) in regions."""
     return np.asarray(shares @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
+
+
+def acceleration(body: ReducedBody, gravity: Sequence[float] | Array | None) -> Array:
+    """Gravity as an array (dim,) [m/s^2], zero for None. Raises SoftprintError for anything else."""
+    found = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
+    if found.shape != (body.dim,) or not np.isfinite(found).all():
+        raise SoftprintError(f"gravity must be {body.dim} numbers for this body, not {found.tolist()}")
+    return found

@@ -16,6 +16,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction import require_body
@@ -77,14 +78,15 @@ class BoundForceCorrection:
         gradient = points.basis_gradient.transpose(0, 2, 1).astype(model.dtype)
         self._gradient = np.ascontiguousarray(gradient)
 
-    def displacement(self, solved: SolvedContact) -> Array:
-        """See `BoundContactCorrection`; zero where no point is inside the collider."""
+    def displacement(self, solved: SolvedContact, friction: FrictionForces | None = None) -> Array:
+        """See `BoundContactCorrection`; zero where no point is inside the collider, but for friction."""
         state = self._measurement.measure(solved)
-        if state is None:
+        parts = [] if friction is None else [(friction.nodes, friction.drawn)]
+        if state is not None:
+            parts.append(self._loaded.to_nodes(state.index, self._model.forces(state)))
+            parts += [] if state.pressed is None else [state.pressed]
+        if not parts:
             return np.zeros(self._shape)
-        nodes, forces = self._loaded.to_nodes(state.index, self._model.forces(state))
-        if state.pressed is not None:
-            nodes = np.concatenate([nodes, state.pressed[0]])
-            forces = np.concatenate([forces, state.pressed[1].astype(forces.dtype)])
-        v = self._compliance.apply(nodes, forces)
+        nodes, forces = map(np.concatenate, zip(*parts, strict=True))
+        v = self._compliance.apply(nodes, forces.astype(self._model.dtype))
         return to_world(v, self._gradient, solved.rows.astype(v.dtype))

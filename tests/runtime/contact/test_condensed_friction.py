@@ -21,6 +21,7 @@ from softprint.runtime.dynamics import (
 from softprint.runtime.dynamics import simulator as simulator_module
 from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.optimise.status import Status
 
 STIFFNESS = 1e10  # N/m^4
 TIME_STEP = 0.01
@@ -143,8 +144,8 @@ def test_friction_alone_has_exact_derivatives(jelly_body, dim, mechanics, law, s
     direction, h = np.random.default_rng(0).normal(size=rows.shape), 1e-7
 
     def differentiated(at):
-        gradient, hessian, _ = friction.linearise(sliding, at, poses, {}, TIME_STEP)
-        return friction.energy(sliding, at, poses, TIME_STEP), gradient, hessian
+        found = friction.evaluate(sliding, at, poses, TIME_STEP)
+        return found.energy, *found.linearise({})[:2]
 
     at, ahead, behind = (differentiated(rows + side * h * direction) for side in (0, 1, -1))
     # No solve inside: round-off of 1e-16 of the energy over 1e-7 of a feature of 1e-3 m.
@@ -163,8 +164,9 @@ def test_body_and_collider_push_each_other_alike(jelly_body, dim, mechanics, law
     after, slip = lag_at(jelly_body, mechanics, law, ball_at(dim, 0.005), poses["ball"], rows, rows)
     sliding = friction.lag(after, poses, slip)
     normal = after.forces()
-    force = friction.with_friction(normal, sliding, after, poses, TIME_STEP)["ball"].force
-    gradient = after.gradient + friction.linearise(sliding, rows, poses, {}, TIME_STEP)[0]
+    found = friction.evaluate(sliding, rows, poses, TIME_STEP)
+    force = found.added_to(normal)["ball"].force
+    gradient = after.gradient + found.linearise({})[0]
     # All nodes move along with the rows to 1e-12: the basis sums to one.
     expected = jelly_body.handles.affine_part @ gradient
     np.testing.assert_allclose(expected, force, atol=1e-9 * np.linalg.norm(force))
@@ -185,7 +187,7 @@ def test_moving_along_with_the_collider_is_no_slip(jelly_body, dim, mechanics, l
     friction, poses = CondensedFriction(CoulombFriction(0.4)), {"ball": motion.compose(begin)}
     after, slip = lag_at(jelly_body, mechanics, law, begin, poses["ball"], start, rows)
     (sliding,) = friction.lag(after, poses, slip).values()
-    terms = friction.terms(sliding, rows, poses["ball"], TIME_STEP)
+    terms = friction.settled(sliding, rows, poses["ball"], TIME_STEP).terms
     assert len(terms.index) >= 3
     weight = 0.4 * sliding.lagged.force
     # Contact is solved to 1e-8 of the depth, 6e-11 m; a node that slips so far feels 2e-11/eps of mu N.
@@ -217,9 +219,11 @@ def points_and_slip(contact, before, after):
     def evaluated(state):
         return contact.evaluation(contact.in_frame(state.frame), state.rows, state.contact)
 
-    active = evaluated(after).active_points("ball")
-    start = evaluated(before).deformed_positions(active.index)
-    u = active.position - after.poses["ball"].apply(before.poses["ball"].apply_inverse(start))
+    at = evaluated(after)
+    active = at.active_points("ball")
+    start = evaluated(before).deformed_positions(active.index, friction=before.friction)
+    end = at.deformed_positions(active.index, friction=after.friction)
+    u = end - after.poses["ball"].apply(before.poses["ball"].apply_inverse(start))
     normal = active.normal / np.linalg.norm(active.normal, axis=1, keepdims=True)
     return active, u - (u * normal).sum(axis=1, keepdims=True) * normal
 
@@ -244,8 +248,8 @@ def test_a_ball_dragged_with_less_than_coulomb_s_force_takes_the_body_along(jell
     # As a spring, the body holds back more and more, once what friction held while pressing has turned about.
     assert np.all(np.diff(shares[2:]) < 0)
     assert shares[-1] > -0.7
-    # Sticking creeps, by up to slip_velocity h = 10 um of 500 um; and the dent, which friction does not bend,
-    # slips a little on the ball wherever it changes. Measured 6 % at first, 5 % later on.
+    # Sticking creeps, by up to slip_velocity h = 10 um of 500 um; and the dent, of which friction bends nothing along
+    # the normals, slips a little on the ball wherever it changes.
     assert np.abs(slips).max() < 0.1
 
 
@@ -254,8 +258,9 @@ def test_a_ball_dragged_with_coulomb_s_force_slips(jelly_body, mechanics, few, m
     shares, slips = measured(jelly_body, mechanics, few, mu)
     # Every node is held back by mu N exactly; but their tangents to the ball differ, by up to 0.3 rad: 1 - 0.3^2 / 6.
     assert shares[8:] == pytest.approx(-1.0, abs=0.02)
-    # The ball goes on and the body stays where it is, but for what the force changes from place to place: measured 7 %.
-    assert slips[-1] == pytest.approx(1.0, abs=0.1)
+    # The ball goes on and the body stays where it is, but for what the force changes from place to place, and the
+    # surface gives way to it: measured 10 %.
+    assert slips[-1] == pytest.approx(1.0, abs=0.15)
 
 
 def test_a_coefficient_of_zero_is_no_friction(jelly_body, mechanics, few, monkeypatch):
@@ -267,3 +272,18 @@ def test_a_coefficient_of_zero_is_no_friction(jelly_body, mechanics, few, monkey
         # Round-off of metres.
         np.testing.assert_allclose(with_it[2].state.rows, without[2].state.rows, rtol=0, atol=1e-12)
         assert with_it[2].energies["friction"] == 0.0
+
+
+def test_a_step_whose_contact_solve_fails_says_so(jelly_body, dim, mechanics, few, monkeypatch):
+    """With a tolerance below round-off no contact solve converges, though the handles balance."""
+    simulator = block(jelly_body, mechanics, None, few)
+    state = simulator.rest_state(poses={"ball": ball_at(dim, 0.004)})
+    result = simulator.step(state, poses=state.poses)
+    assert result.status is Status.CONVERGED
+    monkeypatch.setattr(contact_solve, "_TOLERANCE", 0.0)
+    monkeypatch.setattr(contact_solve, "_DESCENT_ITERATIONS", 5)
+    failed = simulator.step(state, poses=state.poses)
+    assert failed.status is Status.CONTACT_UNSOLVED
+    assert "contact solve" in failed.reason
+    # What is found is the same: both stop within the tolerance of the step, 1e-4 of the forces.
+    np.testing.assert_allclose(failed.state.rows, result.state.rows, atol=1e-3 * DEPTH)

@@ -142,14 +142,15 @@ def test_friction_held_from_a_contact_that_is_lost_acts_where_it_was(bodies, dim
     before, poses = found[-1], {"plate": upright(dim)}
     assert before.solved.is_pressed.any()
     assert lost.solved is None
-    aside = np.append(1e-4, np.zeros(dim - 1))
+    aside = np.append(0.02, np.zeros(dim - 1))
     slip = SlipStart(
         np.empty((0, dim)), poses, 0.01, lambda index, of: of.deformed_positions(index) - aside, lambda: None
     )
     friction = CondensedFriction(CoulombFriction(0.5))
     sliding = friction.lag(before, poses, slip)
-    forces = friction.with_friction(lost.forces(), sliding, lost, poses, 0.01)
-    # Dragged along by the body, which slips by 0.1 mm a step: Coulomb's force, of the normal forces held.
+    forces = friction.evaluate(sliding, lost.rows, poses, 0.01).added_to(lost.forces())
+    # Dragged along by the body, which slips by 20 mm, more than its surface gives way: Coulomb's force, of the normal
+    # forces held.
     normal = sliding["plate"].lagged.force.sum()
     assert 0.3 * normal < forces["plate"].force[0] <= 0.5 * normal
 

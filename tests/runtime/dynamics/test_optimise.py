@@ -141,7 +141,12 @@ def test_a_jump_beside_the_minimum_is_reported_early():
 
 def test_status_numbers_are_those_in_files():
     numbers = {"CONVERGED": 0, "MAX_ITERATIONS": 1, "LINE_SEARCH_FAILED": 2, "UNSTABLE": 3, "NOT_FINITE": 4}
-    assert {status.name: int(status) for status in Status} == {**numbers, "STALLED": 5, "PIERCED": 6}
+    assert {status.name: int(status) for status in Status} == {
+        **numbers,
+        "STALLED": 5,
+        "PIERCED": 6,
+        "CONTACT_UNSOLVED": 7,
+    }
     assert all(status.sentence.endswith(".") for status in Status)
     names = {number: name.lower() for name, number in numbers.items()}
     assert {**names, UNREACHED: "unreached"} == STATUS_NAMES

@@ -1,0 +1,112 @@
+"""Friction in series with the compliance of the surface: the minimum, its derivatives, and its two limits."""
+
+import numpy as np
+import pytest
+
+from softprint.runtime.colliders import RigidPose
+from softprint.runtime.contact import CoulombFriction
+from softprint.runtime.contact.condensed.compliant_friction import TangentCompliance, settle
+from softprint.runtime.contact.friction import LaggedContact
+
+K, TIME_STEP = 5, 0.01
+FORCE = 2.0  # N, on each point
+# eps = slip_velocity h is 0.1 mm.
+LAW = CoulombFriction(0.4, slip_velocity=0.01)
+
+
+@pytest.fixture(params=[2, 3], ids=["2d", "3d"])
+def points(request):
+    """Points with a compliance of 1e-3 m/N among them, of single precision; their lagged contact; positions that have
+    slipped by up to some tenths of a millimetre."""
+    dim, rng = request.param, np.random.default_rng(request.param)
+    normal = rng.standard_normal((K, dim))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    root = rng.standard_normal((K * dim, K * dim))
+    compliance = (1e-3 * (root @ root.T) / (K * dim)).astype(np.float32).astype(np.float64)
+    carrier = np.eye(dim) + 0.2 * rng.standard_normal((K, dim, dim))
+    pose = RigidPose.identity(dim)
+    lagged = LaggedContact(np.arange(K), np.full(K, FORCE), normal, np.zeros((K, dim)), pose)
+    return TangentCompliance.of(compliance, carrier, normal), carrier, lagged, rng
+
+
+def settled(points, y, stiffer=1.0):
+    compliance, carrier, lagged, _ = points
+    if stiffer != 1.0:
+        moved, matrix = compliance.moved / stiffer, compliance.matrix / stiffer
+        compliance = TangentCompliance(compliance.load, moved, matrix)
+    return settle(lambda x: LAW.terms(x, lagged, TIME_STEP), y, carrier, compliance)
+
+
+def slipped(points, length):
+    _, carrier, _, rng = points
+    return length * rng.standard_normal(carrier.shape[:2])
+
+
+@pytest.mark.parametrize("length", [1e-5, 1e-4, 1e-3, 1e-1], ids="{} m".format)
+def test_no_other_forces_have_less_energy(points, length):
+    y = slipped(points, length)
+    compliance, carrier, lagged, rng = points
+    found = settled(points, y)
+    assert found.converged
+    for _ in range(20):
+        t = found.force + 1e-3 * rng.standard_normal(len(found.force))
+        x = y + (carrier @ compliance.displacement(t)[..., None])[..., 0]
+        energy = LAW.terms(x, lagged, TIME_STEP).energy + 0.5 * t @ compliance.matrix @ t
+        assert energy > found.energy
+
+
+@pytest.mark.parametrize("length", [1e-4, 1e-3], ids="{} m".format)
+def test_derivatives(points, length):
+    """With carriers that change with the rows, of which there are two."""
+    y = slipped(points, length)
+    compliance, carrier, lagged, rng = points
+    dim = y.shape[1]
+    carried = rng.standard_normal((K, 2, dim))
+    fixed = rng.standard_normal((K, dim, 2 * dim))
+
+    def at(rows):
+        A = carrier + np.tensordot(carried, rows, (1, 0)).swapaxes(1, 2)
+        found = settle(lambda x: LAW.terms(x, lagged, TIME_STEP), y + fixed @ rows.ravel(), A, compliance)
+        more = (carried @ found.rest_displacement[..., None])[:, None] * np.eye(dim)[None, :, None, :]
+        return found.energy, *found.through((fixed + more.reshape(fixed.shape)).reshape(K * dim, -1), carried)
+
+    _, gradient, hessian = at(np.zeros((2, dim)))
+    for _ in range(3):
+        way, h = rng.standard_normal((2, dim)), 1e-8
+        ahead, behind = at(h * way), at(-h * way)
+        # Energies of 1e-4 J and forces of 1 N, right to 1e-9 of themselves, over features of 1e-4 m.
+        assert (ahead[0] - behind[0]) / (2 * h) == pytest.approx(np.vdot(gradient, way), rel=1e-5)
+        change = (ahead[1] - behind[1]).ravel() / (2 * h)
+        np.testing.assert_allclose(hessian @ way.ravel(), change, atol=1e-4 * np.abs(change).max())
+
+
+def test_what_sticks_is_a_spring_in_series(points):
+    """Far below eps friction is linear, with 2 mu N / eps along the tangents."""
+    y = slipped(points, 1e-9)
+    compliance, carrier, lagged, _ = points
+    stiffness = 2.0 * LAW.coefficient * FORCE / (LAW.slip_velocity * TIME_STEP)
+    dim = y.shape[1]
+    P = np.eye(dim) - lagged.normal[:, :, None] * lagged.normal[:, None, :]
+    # x = y + A V t and C t = -V^T A^T k P x.
+    T = (carrier @ compliance.moved.reshape(K, dim, -1)).reshape(K * dim, -1)
+    H = np.zeros((K, dim, K, dim))
+    H[np.arange(K), :, np.arange(K)] = stiffness * P
+    H = H.reshape(K * dim, K * dim)
+    t = -np.linalg.solve(compliance.matrix + T.T @ H @ T, T.T @ H @ y.ravel())
+    # Friction falls off from linear by |slip| / (2 eps), a few parts in a million.
+    np.testing.assert_allclose(settled(points, y).force, t, rtol=1e-3, atol=1e-4 * np.abs(t).max())
+
+
+def test_a_surface_that_does_not_give_way_feels_friction_itself(points):
+    y = slipped(points, 1e-4)
+    rigid = LAW.terms(y, points[2], TIME_STEP)
+    found = settled(points, y, stiffer=1e9)
+    # Displacements of 1e-12 m, of slips of 1e-4 m.
+    np.testing.assert_allclose(found.terms.gradient, rigid.gradient, atol=1e-6 * FORCE)
+    assert found.energy == pytest.approx(rigid.energy, rel=1e-6)
+
+
+def test_what_slips_gives_coulomb_s_force(points):
+    y = slipped(points, 1.0)  # m, far beyond what a millimetre a newton gives way
+    force = np.linalg.norm(settled(points, y).terms.gradient, axis=1)
+    np.testing.assert_allclose(force, LAW.coefficient * FORCE, rtol=1e-9)
