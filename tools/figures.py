@@ -144,6 +144,7 @@ FIGURES: Mapping[str, Figure] = {
         (RESULTS,),
         ("demo",),
     ),
+    "friction": Figure(("python -m benchmarks.dragged_ball",), (RESULTS,)),
     "motions_alone": Figure(
         (
             "python -m benchmarks.motions_alone runs/jelly3d_small/motions/held_out_full.h5 "
