@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import threading
+from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
 
 import numpy as np
@@ -71,6 +72,21 @@ def motion(jelly_body, request):
 def same_bits(one, other):
     np.testing.assert_array_equal(one.rows, other.rows)
     np.testing.assert_array_equal(one.rows_velocity, other.rows_velocity)
+
+
+def test_the_body_is_drawn_as_friction_bends_it(motion):
+    simulator, states = motion
+    state, friction = states[BRANCH], states[BRANCH].friction
+    if simulator._friction is None:
+        assert friction is None
+        return
+    assert friction is not None
+    moved = simulator.positions(state) - simulator.positions(replace(state, friction=None))
+    assert not moved[simulator.body.handles.frame_nodes].any()
+    # The block is strained by some tenths at most, so that rest and world coordinates are nearly the same.
+    nodes = simulator.mechanics.surface_compliance.nodes[friction.nodes]
+    work = (friction.drawn * moved[nodes]).sum()
+    assert work > 0.5 * np.linalg.norm(friction.drawn) * np.linalg.norm(moved[nodes])
 
 
 def test_the_same_state_steps_to_the_same_bits_in_any_order(motion):
