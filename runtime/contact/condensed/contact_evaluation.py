@@ -131,13 +131,14 @@ class ContactEvaluation:
     def active_points(self, name: str) -> ActivePoints:
         """The active points in contact with one collider."""
         contact = self._active
-        if contact is None or name not in contact.solved.near:
+        owned = np.zeros(0, dtype=bool) if contact is None else contact.solved.owned_by(name)
+        if contact is None or not owned.any():
             n_rows, dim = self.rows.shape
             index, vectors, scalars = np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty(0)
             jacobian, carrier = np.empty((0, dim, n_rows * dim)), np.empty((0, dim, dim))
             nothing = CarriedCompliance(np.empty((0, 0)), carrier, np.empty((0, n_rows, dim)))
             return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: jacobian, lambda: nothing)
-        solved, owned = contact.solved, contact.solved.owned_by(name)
+        solved = contact.solved
         b = solved.solution.active[owned]
         position = solved.deformed_position[b]
         shape = len(solved.active), self.rows.shape[1], self.rows.size
