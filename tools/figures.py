@@ -196,6 +196,16 @@ FIGURES: Mapping[str, Figure] = {
         ),
         (ANY, RESULTS),
     ),
+    "peers": Figure(
+        (
+            "python -m pip install --quiet --no-deps -r constraints/peers.txt",
+            "python -m benchmarks.peers --plot docs/peers.png",
+            "python -m benchmarks.peers --laws",
+        ),
+        (RESULTS,),
+        ("jelly_library_small",),
+        ("docs/peers.png",),
+    ),
     "handle_forces": Figure(
         (f"python -m benchmarks.handle_forces {_SMALL}",), (RESULTS,), ("jelly_library_small",)
     ),
@@ -294,7 +304,8 @@ def named_files(command: str, root: Path) -> set[Path]:
             elif path.endswith(".py"):
                 found.add(root / path)
             elif re.fullmatch(r"(benchmarks|reproduction)\.\w+", path):
-                found.add(root / (path.replace(".", "/") + ".py"))
+                module = root / path.replace(".", "/")
+                found |= set(module.glob("*.py")) if module.is_dir() else {module.with_suffix(".py")}
     return found
 
 
