@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,8 +28,28 @@ _ANGLE = 22.0  # of the camera [degrees]
 
 def draw_solid(path: Path, scene: Scene) -> None:
     """Draw a 3D scene; SoftprintError if PyVista is missing or cannot draw off screen."""
+    middles = [vertices.mean(axis=0) for vertices, _ in scene.solids[:1]]
+    direction = view_direction(scene.points, middles)
+    plotter = lit_plotter(_SIZE, direction)
+    _add_body(plotter, scene)
+    for vertices, facets in scene.solids:
+        plotter.add_mesh(_skin(vertices, facets), color=COLLIDER, opacity=0.4, smooth_shading=True)
+    _add_marks(plotter, scene)
+    plotter.add_text(scene.title, position="upper_left", font_size=11, color="#1b1b1f")
+    seen = np.concatenate([scene.points, *(vertices for vertices, _ in scene.solids)])
+    look_at(plotter, seen.min(axis=0), seen.max(axis=0), direction, has_scale=scene.values is not None)
+    plotter.enable_anti_aliasing("ssaa")
+    with atomic_path(path) as temporary:
+        plotter.screenshot(str(temporary))
+    plotter.close()
+
+
+def lit_plotter(size: tuple[int, int], direction: Array) -> pv.Plotter:
+    """A white picture of that size [pixels] with three lights that suit a view along direction (3,), towards the camera.
+
+    Raises SoftprintError if PyVista is missing or cannot draw off screen."""
     # A missing GL driver ends the process instead of raising, so rendering is tried in a child process first.
-    finding = check_rendering()
+    finding = _rendering()
     if finding.level is not Level.OK:
         raise SoftprintError(
             f"no picture can be drawn here: {finding.subject} {finding.detail}; remedy: {finding.remedy}"
@@ -35,23 +57,40 @@ def draw_solid(path: Path, scene: Scene) -> None:
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     import pyvista as pv
 
-    plotter = pv.Plotter(off_screen=True, window_size=list(_SIZE), lighting="none")
+    plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
     plotter.set_background("white")
-    rotation = _rotation_to(_direction(scene))
+    rotation = _rotation_to(direction)
     for position, intensity in (((1, -2, 3), 0.7), ((-3, -2, 1), 0.42), ((3, -1, 0.5), 0.3)):
         light = pv.Light(position=tuple(rotation @ position), intensity=intensity, light_type="scene light")
         light.positional = False
         plotter.add_light(light)
-    _add_body(plotter, scene)
-    for vertices, facets in scene.solids:
-        plotter.add_mesh(_skin(vertices, facets), color=COLLIDER, opacity=0.4, smooth_shading=True)
-    _add_marks(plotter, scene)
-    plotter.add_text(scene.title, position="upper_left", font_size=11, color="#1b1b1f")
-    _look(plotter, scene)
-    plotter.enable_anti_aliasing("ssaa")
-    with atomic_path(path) as temporary:
-        plotter.screenshot(str(temporary))
-    plotter.close()
+    return plotter
+
+
+# The answer is the same for every picture of a process.
+_rendering = cache(check_rendering)
+
+
+def error_map() -> Any:
+    """The colour map of values on surfaces, for PyVista."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
+
+
+def scale_bar(label: str) -> dict[str, Any]:
+    """The scale below the picture, for PyVista."""
+    return {
+        "title": f"{label}\n",  # the line break separates it from the numbers
+        "color": "#1b1b1f",
+        "fmt": "%.2g",
+        "n_labels": 5,
+        "title_font_size": 18,
+        "label_font_size": 16,
+        "position_x": 0.25,
+        "width": 0.5,
+        "position_y": 0.03,
+    }
 
 
 def _add_body(plotter: pv.Plotter, scene: Scene) -> None:
@@ -61,27 +100,15 @@ def _add_body(plotter: pv.Plotter, scene: Scene) -> None:
             skin, color=scene.colour or BODY, smooth_shading=True, ambient=0.35, diffuse=0.75, specular=0.2
         )
     else:
-        from matplotlib.colors import LinearSegmentedColormap
-
         plotter.add_mesh(
             skin,
             scalars="values",
-            cmap=LinearSegmentedColormap.from_list("error", ERROR_COLOURS),
+            cmap=error_map(),
             clim=(0.0, max(float(scene.values[np.unique(scene.facets)].max()), np.finfo(float).tiny)),
             smooth_shading=True,
             ambient=0.45,
             diffuse=0.6,
-            scalar_bar_args={
-                "title": f"{scene.label}\n",  # the line break separates it from the numbers
-                "color": "#1b1b1f",
-                "fmt": "%.2g",
-                "n_labels": 5,
-                "title_font_size": 18,
-                "label_font_size": 16,
-                "position_x": 0.25,
-                "width": 0.5,
-                "position_y": 0.03,
-            },
+            scalar_bar_args=scale_bar(scene.label),
         )
     if scene.edges:
         wire = _surface(scene.points, scene.facets).extract_all_edges()
@@ -118,14 +145,11 @@ def _surface(points: Array, facets: IntArray) -> pv.PolyData:
     return pv.PolyData.from_regular_faces(np.asarray(points, dtype=float), facets)
 
 
-def _look(plotter: pv.Plotter, scene: Scene) -> None:
-    """Set the camera: from the front, right and above, or from a side where a collider beside the body is visible;
-    everything fits in the picture."""
-    seen = np.concatenate([scene.points, *(vertices for vertices, _ in scene.solids)])
-    lower, upper = seen.min(axis=0), seen.max(axis=0)
+def look_at(plotter: pv.Plotter, lower: Array, upper: Array, direction: Array, has_scale: bool) -> None:
+    """Set the camera so that everything between lower and upper (3,) fits in the picture, above the scale if there is
+    one. direction: (3,) unit vector towards the camera."""
     centre, radius = 0.5 * (lower + upper), 0.5 * float(np.linalg.norm(upper - lower))
-    direction = _direction(scene)
-    if scene.values is not None:  # room for the scale below
+    if has_scale:
         radius *= 1.12
         centre = centre - np.array([0.0, 0.0, 0.14 * radius])
     plotter.camera.focal_point = tuple(centre)
@@ -135,13 +159,14 @@ def _look(plotter: pv.Plotter, scene: Scene) -> None:
     plotter.reset_camera_clipping_range()
 
 
-def _direction(scene: Scene) -> Array:
-    """(3,) unit vector from the scene towards the camera."""
+def view_direction(points: Array, middles: Sequence[Array]) -> Array:
+    """(3,) unit vector towards the camera: from the front, right and above, or from a side where a collider beside the
+    body is visible. points: (n, 3) of the body; middles: (3,) of colliders, of which the first counts."""
     view = _VIEW
-    if scene.solids:
-        offset = scene.solids[0][0].mean(axis=0)[:2] - scene.points.mean(axis=0)[:2]
+    if middles:
+        offset = middles[0][:2] - points.mean(axis=0)[:2]
         distance = float(np.linalg.norm(offset))
-        if distance > 0.15 * float(np.ptp(scene.points, axis=0).max()):
+        if distance > 0.15 * float(np.ptp(points, axis=0).max()):
             across = np.array([offset[1], -offset[0]])  # shows the collider on the right
             view = np.append((across + 0.6 * offset) / (1.17 * distance), _VIEW[2] / 1.1)
     return view / np.linalg.norm(view)

@@ -13,6 +13,7 @@ import os
 import platform
 import re
 import secrets
+import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -59,9 +60,7 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         ) from error
     if target.is_dir():
         raise SoftprintError(f"cannot write {target}: a folder of that name exists")
-    _remove_left_overs(target)
-    attempt = f"{_machine()}-{os.getpid()}-{secrets.token_hex(6)}"
-    temporary = target.with_name(f".{target.stem}.{attempt}{target.suffix}")
+    temporary = temporary_beside(target)
     try:
         yield temporary
         _sync(temporary, os.O_RDWR)
@@ -73,6 +72,13 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         raise SoftprintError(f"cannot write {target}: {reason}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def temporary_beside(target: Path) -> Path:
+    """A path for a temporary file or folder beside the target, with its suffix. Removes those of killed processes."""
+    _remove_left_overs(target)
+    attempt = f"{_machine()}-{os.getpid()}-{secrets.token_hex(6)}"
+    return target.with_name(f".{target.stem}.{attempt}{target.suffix}")
 
 
 def _machine() -> str:
@@ -87,7 +93,10 @@ def _remove_left_overs(target: Path) -> None:
     for path in target.parent.iterdir():
         match = ours.fullmatch(path.name)
         if match and not _is_alive(int(match[1])):
-            path.unlink(missing_ok=True)
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
 
 
 def _is_alive(process: int) -> bool:

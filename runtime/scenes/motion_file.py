@@ -19,19 +19,28 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics.state import StepResult
 from softprint.runtime.elasticity.invariants import determinant
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.stored_text import contact_table
 from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_softprint_h5, read_text
 from softprint.runtime.io.xdmf import Step, Values, write_xdmf
+from softprint.runtime.lazy import lazy
+from softprint.runtime.mesh import Mesh
+from softprint.runtime.scenes.motion_colliders import build_colliders
+
+if TYPE_CHECKING:
+    from softprint.runtime.drawing.picture import Animation
 
 KIND = "motion"
 VERSION = 4
@@ -71,6 +80,7 @@ class Motion:
     timings: Mapping[str, Array]
     colliders: Mapping[str, ColliderTrack]
     collider_tables: str
+    experiment: str
 
     @property
     def n_frames(self) -> int:
@@ -98,6 +108,39 @@ class Motion:
             raise SoftprintError(f"{self.path}: no frame {frame}; they are numbered 0 to {self.n_frames - 1}")
         with open_softprint_h5(self.path, KIND, VERSION) as file:
             return np.asarray(file["positions"][frame], dtype=np.float64)
+
+    @property
+    def label(self) -> str:
+        """Its file, for messages."""
+        return str(self.path)
+
+    @lazy
+    def rest(self) -> Mesh:
+        """The body at rest, read from the file on first use."""
+        with open_softprint_h5(self.path, KIND, VERSION) as file:
+            return Mesh(file["mesh/points"][()], file["mesh/cells"][()])
+
+    @property
+    def contact(self) -> PenaltyContact:
+        """The contact law of the experiment."""
+        return PenaltyContact.of(contact_table(self.experiment, self.path))
+
+    def poses(self) -> dict[str, tuple[RigidPose, ...]]:
+        """The F poses of every collider, by name."""
+        return {name: track.poses for name, track in self.colliders.items()}
+
+    def build_colliders(self) -> dict[str, Collider]:
+        """The colliders by name, from the tables in the file. Raises SoftprintError if a file that they name is
+        missing."""
+        return build_colliders(self.collider_tables, self.path)
+
+    def show(self, colour: str = "displacement", width: int = 480) -> Animation:
+        """The motion as moving pictures, which a notebook shows. colour: displacement, pressure or none; width [pixels].
+
+        Raises SoftprintError if pictures cannot be drawn here."""
+        from softprint.runtime.convert.show import animation_of
+
+        return animation_of(self, colour, width)
 
 
 @dataclass(frozen=True)
@@ -240,6 +283,7 @@ def load_motion(path: Path | str) -> Motion:
             timings={name: values[()] for name, values in file["timings"].items()},
             colliders=colliders,
             collider_tables=read_text(file.attrs, "collider_tables"),
+            experiment=read_text(file.attrs, "experiment"),
         )
 
 

@@ -15,8 +15,6 @@ from softprint.runtime.inspect.kind import Kind, Part
 from softprint.runtime.inspect.picture import known_colliders, placed_surfaces
 from softprint.runtime.inspect.summary import Section, Summary, spread, versions
 from softprint.runtime.io.files import open_softprint_h5, read_text
-from softprint.runtime.mesh import Mesh
-from softprint.runtime.scenes.motion_colliders import build_colliders
 from softprint.runtime.scenes.motion_file import KIND as MOTION
 from softprint.runtime.scenes.motion_file import VERSION, Motion, load_motion
 
@@ -89,12 +87,10 @@ def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
     those in the file, or those of the experiment if one is given."""
     motion = load_motion(path)
     frame = int(np.argmax(motion.penetration)) if part.frame is None else part.frame
-    with open_softprint_h5(path, MOTION, VERSION) as file:
-        rest = Mesh(file["mesh/points"][()], file["mesh/cells"][()])
-    points = motion.positions(frame)
+    rest, points = motion.rest, motion.positions(frame)
     poses = {name: track.poses[frame] for name, track in motion.colliders.items()}
     if experiment is None:
-        colliders = build_colliders(motion.collider_tables, path)
+        colliders = motion.build_colliders()
     else:
         colliders = known_colliders(poses, experiment)
     return Scene(

@@ -1,0 +1,87 @@
+"""Frames of a body in 2D with matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
+from softprint.runtime.drawing.film.subject import Subject
+from softprint.runtime.errors import SoftprintError
+
+_DPI = 100
+_MARGIN = 0.04  # of the picture's extent, around all that is seen
+
+
+class FlatStage:
+    """A figure that draws one frame after the other. A context manager, as `SolidStage`."""
+
+    def __init__(self, subject: Subject, size: tuple[int, int]) -> None:
+        try:
+            from matplotlib.backends.backend_agg import FigureCanvasAgg
+            from matplotlib.collections import LineCollection, PolyCollection
+            from matplotlib.colors import LinearSegmentedColormap
+            from matplotlib.figure import Figure
+        except ImportError as error:
+            raise SoftprintError("a picture needs matplotlib: pip install 'softprint[report]'") from error
+        self._subject = subject
+        figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
+        self._canvas = FigureCanvasAgg(figure)
+        axes = figure.add_subplot()
+        plain = subject.label is None
+        self._fill = PolyCollection([], linewidths=0.3, facecolors=BODY if plain else None)
+        self._fill.set_edgecolor((0.48, 0.2, 0.13, 0.25) if plain else "face")
+        if subject.label is not None:
+            self._fill.set_cmap(LinearSegmentedColormap.from_list("error", ERROR_COLOURS))
+            self._fill.set_clim(0.0, max(subject.top, np.finfo(float).tiny))
+            figure.colorbar(self._fill, ax=axes, shrink=0.8, label=subject.label).ax.tick_params(labelsize=8)
+        self._outline = LineCollection([], colors=EDGES, linewidths=1.3)
+        self._solids = {
+            name: PolyCollection([], facecolors=COLLIDER, edgecolors=COLLIDER, linewidths=1.6, alpha=0.55)
+            for name in subject.solids
+        }
+        for collection in (self._fill, self._outline, *self._solids.values()):
+            axes.add_collection(collection)
+        room = _MARGIN * float((subject.upper - subject.lower).max())
+        axes.set_xlim(subject.lower[0] - room, subject.upper[0] + room)
+        axes.set_ylim(subject.lower[1] - room, subject.upper[1] + room)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+
+    def draw(
+        self, points: Array, poses: Mapping[str, RigidPose], values: Array | None = None
+    ) -> NDArray[np.uint8]:
+        """(height, width, 3) pixels: the body at points (s, 2), coloured by values (s,)."""
+        self._fill.set_verts(list(points[self._subject.triangles]))
+        if values is not None:
+            self._fill.set_array(values[self._subject.triangles].mean(axis=1))
+        self._outline.set_segments(list(points[self._subject.outline]))
+        for name, pose in poses.items():
+            _, vertices, segments = self._subject.solids[name]
+            self._solids[name].set_verts([loop for loop in _loops(pose.apply(vertices), segments)])
+        self._canvas.draw()
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def __enter__(self) -> FlatStage:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """A figure that is not shown holds nothing that has to be closed."""
+
+
+def _loops(points: Array, segments: NDArray[np.int64]) -> list[Array]:
+    """The closed outlines (n, 2) that the segments (m, 2) form, each followed from one of its vertices."""
+    after = dict(segments.tolist())
+    loops = []
+    while after:
+        start, at = after.popitem()
+        loop = [start]
+        while at != start and at in after:
+            loop.append(at)
+            at = after.pop(at)
+        loops.append(points[loop])
+    return loops

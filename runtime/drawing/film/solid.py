@@ -1,0 +1,102 @@
+"""Frames of a body in 3D with PyVista."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES
+from softprint.runtime.drawing.film.rest_grid import RestGrid
+from softprint.runtime.drawing.film.subject import Subject
+from softprint.runtime.drawing.shading import Shading
+from softprint.runtime.drawing.solid import error_map, lit_plotter, look_at, scale_bar, view_direction
+
+if TYPE_CHECKING:
+    import pyvista as pv
+
+_LIFT = 2e-3  # of the body's size: lines lie this far in front of the surface
+
+
+class SolidStage:
+    """A window that draws one frame after the other. Close it: it is a context manager."""
+
+    def __init__(self, subject: Subject, size: tuple[int, int]) -> None:
+        import pyvista as pv
+
+        self._shading = Shading.of(subject.rest, subject.triangles)
+        self._grid = RestGrid.of(subject.rest, subject.triangles)
+        direction = view_direction(subject.rest, [middle for middle, _, _ in subject.solids.values()])
+        self._towards = _LIFT * float(np.ptp(subject.rest, axis=0).max()) * direction
+        self._plotter = lit_plotter(size, direction)
+        self._skin = _surface(subject.rest[self._shading.vertex], self._shading.triangles)
+        self._add_skin(subject)
+        self._lines = pv.PolyData(
+            self._grid.points(subject.rest),
+            lines=np.insert(np.arange(len(self._grid.ends)).reshape(-1, 2), 0, 2, axis=1).ravel(),
+        )
+        self._plotter.add_mesh(self._lines, color=EDGES, line_width=1.2, opacity=0.35, lighting=False)
+        self._actors: dict[str, Any] = {}
+        for name, (_, vertices, facets) in subject.solids.items():
+            shading = Shading.of(vertices, facets)
+            solid = _surface(vertices[shading.vertex], shading.triangles)
+            solid.point_data.active_normals = shading.normals(vertices)
+            self._actors[name] = self._plotter.add_mesh(
+                solid, color=COLLIDER, opacity=0.45, smooth_shading=True, specular=0.4, specular_power=20
+            )
+        look_at(self._plotter, subject.lower, subject.upper, direction, has_scale=subject.label is not None)
+        self._plotter.enable_anti_aliasing("ssaa")
+
+    def _add_skin(self, subject: Subject) -> None:
+        if subject.label is None:
+            self._plotter.add_mesh(
+                self._skin,
+                color=BODY,
+                smooth_shading=True,
+                ambient=0.25,
+                diffuse=0.8,
+                specular=0.25,
+                specular_power=20,
+            )
+            return
+        self._skin["values"] = np.zeros(self._skin.n_points)
+        self._plotter.add_mesh(
+            self._skin,
+            scalars="values",
+            cmap=error_map(),
+            clim=(0.0, max(subject.top, np.finfo(float).tiny)),
+            smooth_shading=True,
+            ambient=0.45,
+            diffuse=0.6,
+            scalar_bar_args=scale_bar(subject.label),
+        )
+
+    def draw(
+        self, points: Array, poses: Mapping[str, RigidPose], values: Array | None = None
+    ) -> NDArray[np.uint8]:
+        """(height, width, 3) pixels: the surface at points (s, 3), coloured by values (s,)."""
+        self._skin.points = points[self._shading.vertex]
+        self._skin.point_data.active_normals = self._shading.normals(points)
+        if values is not None:
+            self._skin["values"] = values[self._shading.vertex]
+        self._lines.points = self._grid.points(points) + self._towards
+        for name, pose in poses.items():
+            self._actors[name].user_matrix = pose.matrix
+        self._plotter.render()
+        return np.asarray(self._plotter.screenshot(return_img=True))[..., :3]
+
+    def __enter__(self) -> SolidStage:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._plotter.close()
+
+
+def _surface(points: Array, triangles: IntArray) -> pv.PolyData:
+    import pyvista as pv
+
+    return pv.PolyData.from_regular_faces(np.array(points, dtype=float), triangles)

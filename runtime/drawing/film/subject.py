@@ -1,0 +1,25 @@
+"""What a film shows, apart from how it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from softprint.runtime.arrays import Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """rest: (s, dim) vertices of the surface [m]; triangles: (t, 3), which in 2D fill the body; outline: (o, 2) segments
+    in 2D; solids: of the colliders by name, the middle of the place where they are (dim,), vertices (v, dim) in their
+    own coordinates, and facets (f, dim); lower, upper: (dim,) all that is ever seen; label: of the values to colour by,
+    None if it is plain; top: the highest of them."""
+
+    rest: Array
+    triangles: IntArray
+    outline: IntArray
+    solids: Mapping[str, tuple[Array, Array, IntArray]]
+    lower: Array
+    upper: Array
+    label: str | None = None
+    top: float = 0.0
