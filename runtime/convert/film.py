@@ -29,10 +29,11 @@ Pixels = NDArray[np.uint8]
 
 GIF_WIDTH, MP4_WIDTH = 640, 1280  # pixels
 _SHAPE = 0.75  # height for each width
-_COLOURS = 128  # of a GIF's palette
+_COLOURS = 192  # of a GIF's palette
 _PALETTE_FRAMES = 6
 _TICK = 100  # a GIF counts the time in hundredths of a second
 _SHORTEST = 2  # ticks: players slow down what is faster
+_WHITE = 255
 _QUALITY = "18"  # of H.264: no visible loss
 
 
@@ -100,8 +101,7 @@ def open_stage(motion: SurfaceMotion, width: int) -> AbstractContextManager[Stag
         motion.triangles,
         motion.outline,
         solids,
-        extent.lower,
-        extent.upper,
+        extent.outermost,
         label,
         extent.top,
     )
@@ -123,12 +123,18 @@ def _pixels(stage: Stage, frame: Frame) -> Pixels:
 
 
 def _palette(motion: SurfaceMotion, stage: Stage) -> Image.Image:
-    """A palette for all frames, from some of them one above the other."""
+    """A palette for all frames, from what some of them show on the white background, which stays white."""
     from PIL import Image
 
     chosen = np.unique(np.linspace(0, len(motion) - 1, _PALETTE_FRAMES).round().astype(int))
     sheet = np.concatenate([_pixels(stage, frame) for frame in motion.frames(chosen.tolist())])
-    return Image.fromarray(sheet).quantize(_COLOURS, method=Image.Quantize.MEDIANCUT)
+    # Each colour once, so that those of small things count.
+    shown = np.unique(sheet[(sheet < _WHITE).any(axis=2)], axis=0)
+    few = Image.fromarray(shown.reshape(1, -1, 3)).quantize(_COLOURS - 1, method=Image.Quantize.MEDIANCUT)
+    colours = [_WHITE] * 3 + (few.getpalette() or [])[: 3 * (_COLOURS - 1)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(colours)
+    return palette
 
 
 def _indexed(pixels: Pixels, palette: Image.Image) -> Image.Image:

@@ -39,11 +39,10 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """What all frames lie in: lower and upper (dim,) [m], colliders included; middles (dim,) of the colliders, by name,
-    averaged over the frames; top: the highest value to colour by."""
+    """What all frames lie in: outermost (m, dim) [m], points of body and colliders that are farthest out in one frame;
+    middles (dim,) of the colliders, by name, averaged over the frames; top: the highest value to colour by."""
 
-    lower: Array
-    upper: Array
+    outermost: Array
     middles: Mapping[str, Array]
     top: float
 
@@ -96,18 +95,16 @@ class SurfaceMotion:
     @lazy
     def extent(self) -> Extent:
         """Reads every frame once."""
-        lower, upper, top = [], [], 0.0
+        outermost, top, towards = [], 0.0, _directions(self.dim)
         middles = {name: np.zeros(self.dim) for name in self.solids}
-        corners = {name: _corners(vertices) for name, (vertices, _) in self.solids.items()}
         for frame in self.frames():
-            seen = [frame.points]
+            outermost.append(_farthest(frame.points, towards))
             for name, pose in frame.poses.items():
-                seen.append(pose.apply(corners[name]))
-                middles[name] += seen[-1].mean(axis=0) / len(self)
-            lower.append(np.min([part.min(axis=0) for part in seen], axis=0))
-            upper.append(np.max([part.max(axis=0) for part in seen], axis=0))
+                vertices = self.solids[name][0]
+                outermost.append(pose.apply(_farthest(vertices, pose.rotate_inverse(towards))))
+                middles[name] += outermost[-1].mean(axis=0) / len(self)
             top = top if frame.values is None else max(top, float(frame.values.max()))
-        return Extent(np.min(lower, axis=0), np.max(upper, axis=0), middles, top)
+        return Extent(np.concatenate(outermost), middles, top)
 
 
 def surface_motion(
@@ -156,11 +153,15 @@ def pose_in_space(pose: RigidPose) -> RigidPose:
     return RigidPose.known(rotation, np.append(pose.translation, 0.0))
 
 
-def _corners(vertices: Array) -> Array:
-    """(2^dim, dim) of the box around them."""
-    ends = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-    choice = np.indices((2,) * vertices.shape[1]).reshape(vertices.shape[1], -1).T
-    return ends[choice, np.arange(vertices.shape[1])]
+def _directions(dim: int) -> Array:
+    """(3^dim - 1, dim) towards the sides, edges and corners of a box."""
+    steps = np.indices((3,) * dim).reshape(dim, -1).T - 1.0
+    return steps[steps.any(axis=1)]
+
+
+def _farthest(points: Array, directions: Array) -> Array:
+    """(d, dim) the point that is farthest out in each direction (d, dim)."""
+    return points[np.argmax(points @ directions.T, axis=0)]
 
 
 class _Reader:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _SIZE = (1000, 800)
 _VIEW = np.array([0.45, -1.0, 0.55])  # from the body towards the camera
 _ANGLE = 22.0  # of the camera [degrees]
+_ROOM_AROUND = 1.06  # the half picture to what is seen in it
 
 
 def draw_solid(path: Path, scene: Scene) -> None:
@@ -157,6 +158,31 @@ def look_at(plotter: pv.Plotter, lower: Array, upper: Array, direction: Array, h
     plotter.camera.up = (0.0, 0.0, 1.0)
     plotter.camera.view_angle = _ANGLE
     plotter.reset_camera_clipping_range()
+
+
+def frame_all(plotter: pv.Plotter, points: Array, direction: Array, has_scale: bool) -> None:
+    """Set the camera as close as it can be with all points (m, 3) in the picture, above the scale if there is one.
+    direction: (3,) unit vector towards the camera."""
+    right = np.cross([0.0, 0.0, 1.0], direction)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(direction, right), direction])
+    seen = points @ axes.T  # to the right, up, towards the camera
+    width, height = plotter.window_size
+    slope = np.tan(np.radians(0.5 * _ANGLE)) * np.array([width / height, 1.0]) / _ROOM_AROUND
+    centre = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+    for _ in range(3):  # what is nearer looks larger, so the middle of the picture depends on the distance
+        distance = float(np.max(np.abs(seen[:, :2] - centre[:2]) / slope + seen[:, 2:] - centre[2]))
+        shown = (seen[:, :2] - centre[:2]) / (distance - seen[:, 2:] + centre[2])
+        centre[:2] += 0.5 * (shown.min(axis=0) + shown.max(axis=0)) * distance
+    if has_scale:
+        distance *= 1.2
+        centre[1] -= 0.14 * distance * slope[1]
+    focus = centre @ axes
+    plotter.camera.focal_point = tuple(focus)
+    plotter.camera.position = tuple(focus + distance * direction)
+    plotter.camera.up = (0.0, 0.0, 1.0)
+    plotter.camera.view_angle = _ANGLE
+    plotter.renderer.reset_camera_clipping_range()
 
 
 def view_direction(points: Array, middles: Sequence[Array]) -> Array:

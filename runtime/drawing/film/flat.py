@@ -46,9 +46,10 @@ class FlatStage:
         }
         for collection in (self._fill, self._outline, *self._solids.values()):
             axes.add_collection(collection)
-        room = _MARGIN * float((subject.upper - subject.lower).max())
-        axes.set_xlim(subject.lower[0] - room, subject.upper[0] + room)
-        axes.set_ylim(subject.lower[1] - room, subject.upper[1] + room)
+        lower, upper = subject.seen.min(axis=0), subject.seen.max(axis=0)
+        room = _MARGIN * float((upper - lower).max())
+        axes.set_xlim(lower[0] - room, upper[0] + room)
+        axes.set_ylim(lower[1] - room, upper[1] + room)
         axes.set_aspect("equal")
         axes.set_axis_off()
 

@@ -14,7 +14,7 @@ from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES
 from softprint.runtime.drawing.film.rest_grid import RestGrid
 from softprint.runtime.drawing.film.subject import Subject
 from softprint.runtime.drawing.shading import Shading
-from softprint.runtime.drawing.solid import error_map, lit_plotter, look_at, scale_bar, view_direction
+from softprint.runtime.drawing.solid import error_map, frame_all, lit_plotter, scale_bar, view_direction
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -46,9 +46,15 @@ class SolidStage:
             solid = _surface(vertices[shading.vertex], shading.triangles)
             solid.point_data.active_normals = shading.normals(vertices)
             self._actors[name] = self._plotter.add_mesh(
-                solid, color=COLLIDER, opacity=0.45, smooth_shading=True, specular=0.4, specular_power=20
+                solid,
+                color=COLLIDER,
+                opacity=0.5,
+                smooth_shading=True,
+                specular=0.5,
+                specular_power=25,
+                culling="back",
             )
-        look_at(self._plotter, subject.lower, subject.upper, direction, has_scale=subject.label is not None)
+        frame_all(self._plotter, subject.seen, direction, has_scale=subject.label is not None)
         self._plotter.enable_anti_aliasing("ssaa")
 
     def _add_skin(self, subject: Subject) -> None:
@@ -57,10 +63,10 @@ class SolidStage:
                 self._skin,
                 color=BODY,
                 smooth_shading=True,
-                ambient=0.25,
-                diffuse=0.8,
-                specular=0.25,
-                specular_power=20,
+                ambient=0.3,
+                diffuse=0.85,
+                specular=0.3,
+                specular_power=25,
             )
             return
         self._skin["values"] = np.zeros(self._skin.n_points)
