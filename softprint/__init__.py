@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from softprint.runtime.colliders import KeyframedPath, RigidPose
     from softprint.runtime.colliders.build import build_collider
     from softprint.runtime.contact import CoulombFriction, PenaltyContact
+    from softprint.runtime.convert.formats import convert_motion
+    from softprint.runtime.convert.sampling import Sampling
     from softprint.runtime.dynamics import (
         DynamicsSettings,
         HandleSpring,
@@ -43,7 +45,9 @@ if TYPE_CHECKING:
     from softprint.runtime.mesh import Mesh, box_mesh, read_mesh
     from softprint.runtime.rigid import free_collider
     from softprint.runtime.scenes.background_drawing import BackgroundDrawing
+    from softprint.runtime.scenes.motion_file import Motion, load_motion
     from softprint.runtime.scenes.playing import simulate
+    from softprint.runtime.scenes.recording import Recording
     from softprint.runtime.scenes.warm_up import warm_up
     from softprint.runtime.touch import TouchSensor, point_places
 
@@ -55,11 +59,14 @@ _MODULES = {
     "KeyframedPath": "colliders",
     "KinematicHandle": "dynamics",
     "Mesh": "mesh",
+    "Motion": "scenes.motion_file",
     "NewtonSettings": "dynamics",
     "PenaltyContact": "contact",
     "PlacedCollider": "dynamics",
+    "Recording": "scenes.recording",
     "ReducedBody": "body",
     "RigidPose": "colliders",
+    "Sampling": "convert.sampling",
     "Simulator": "dynamics",
     "TouchSensor": "touch",
     "assemble_body": "body",
@@ -67,12 +74,14 @@ _MODULES = {
     "build_body": "body",
     "build_collider": "colliders.build",
     "compute_mechanics": "mechanics.body_mechanics",
+    "convert_motion": "convert.formats",
     "frame_in_box": "body",
     "free_collider": "rigid",
     "load_body": "body",
     "load_correction": "learned.correction_file",
     "load_experiment": "experiment",
     "load_mechanics": "mechanics.mechanics_file",
+    "load_motion": "scenes.motion_file",
     "load_state": "dynamics.state_file",
     "make_material": "elasticity",
     "place_handles": "body",
@@ -93,11 +102,14 @@ __all__ = [
     "KeyframedPath",
     "KinematicHandle",
     "Mesh",
+    "Motion",
     "NewtonSettings",
     "PenaltyContact",
     "PlacedCollider",
+    "Recording",
     "ReducedBody",
     "RigidPose",
+    "Sampling",
     "Simulator",
     "SoftprintError",
     "TouchSensor",
@@ -107,12 +119,14 @@ __all__ = [
     "build_collider",
     "colliders",
     "compute_mechanics",
+    "convert_motion",
     "frame_in_box",
     "free_collider",
     "load_body",
     "load_correction",
     "load_experiment",
     "load_mechanics",
+    "load_motion",
     "load_state",
     "make_material",
     "place_handles",

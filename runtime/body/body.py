@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -18,6 +20,11 @@ from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
 from softprint.runtime.io.files import content_hash
 from softprint.runtime.mesh import Mesh
+
+if TYPE_CHECKING:
+    from softprint.runtime.body.appearance import Shown
+    from softprint.runtime.colliders.pose import RigidPose
+    from softprint.runtime.drawing.picture import Picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +98,26 @@ class ReducedBody:
         """The elastic energy of the handle rows, on the cubature cells."""
         cells, weights = self.cubature.cells, self.cubature.weights
         return ReducedElasticity.on_cells(self.mesh, self.basis, self.material, cells, weights)
+
+    def show(
+        self,
+        positions: Array | None = None,
+        colliders: Sequence[Shown] = (),
+        poses: Mapping[str, RigidPose] | None = None,
+    ) -> Picture:
+        """A picture, which a notebook shows: the body at rest with its handles, or at positions (n_nodes, dim) [m],
+        coloured by its displacement, with the colliders that poses has one for.
+
+            body.show(simulator.positions(state), simulator.colliders, state.poses)
+
+        Raises SoftprintError if no pictures can be drawn here.
+        """
+        from softprint.runtime.body.appearance import deformed_scene, handles_scene
+        from softprint.runtime.drawing.draw import picture
+
+        if positions is None:
+            return picture(handles_scene(self.name, self.mesh, self.handles))
+        return picture(deformed_scene(self.name, self.mesh, positions, colliders, poses or {}))
 
     @property
     def constraint_basis(self) -> Array:

@@ -7,6 +7,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh.mesh import facet_vectors
 
@@ -38,6 +39,14 @@ def collider_surface(collider: Collider, cells: int | None = None) -> tuple[Arra
             f"collider {collider.name!r} is thinner than {spacing:.3g} m: its surface cannot be found"
         )
     return _facing_outward(collider, np.asarray(vertices), np.asarray(facets, dtype=np.int64))
+
+
+def placed_surface(collider: Collider, pose: RigidPose) -> tuple[Array, IntArray] | None:
+    """Vertices in the world and facets of a collider at its pose; None for a plane, which is unbounded."""
+    if not np.isfinite(collider.upper - collider.lower).all():
+        return None
+    vertices, facets = collider_surface(collider)
+    return pose.apply(vertices), facets
 
 
 def _marching_triangles(values: Array, points: Array, width: int) -> tuple[Array, IntArray]:

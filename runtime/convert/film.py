@@ -140,7 +140,11 @@ def _palette(motion: SurfaceMotion, stage: Stage) -> Image.Image:
 def _indexed(pixels: Pixels, palette: Image.Image) -> Image.Image:
     from PIL import Image
 
-    return Image.fromarray(pixels).quantize(palette=palette, dither=Image.Dither.NONE)
+    indexed = Image.fromarray(pixels).quantize(palette=palette, dither=Image.Dither.NONE)
+    # The nearest colour is searched for roughly, and a background that is nearly white would be seen.
+    background = Image.fromarray(np.uint8(_WHITE) * (pixels == _WHITE).all(axis=2))
+    indexed.paste(0, mask=background)
+    return indexed
 
 
 def _durations(count: int, rate: float) -> list[int]:

@@ -17,14 +17,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
-import numpy as np
-
-from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.convert.frames import Frame, SurfaceMotion, in_space
+from softprint.runtime.convert.obj_text import is_ours, write_head, write_object
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import temporary_beside
-
-_HEAD = "# Softprint: "
 
 
 def write_obj_sequence(out: Path, motion: SurfaceMotion, progress: Callable[[int], None]) -> list[Path]:
@@ -39,27 +35,13 @@ def write_obj_sequence(out: Path, motion: SurfaceMotion, progress: Callable[[int
     return sorted(out.parent / path for path in _numbered(out))
 
 
-def write_obj(path: Path, points: Array, triangles: IntArray, name: str, head: str) -> None:
-    """One object: points (n, dim) [m] and triangles (t, 3)."""
-    with path.open("w", encoding="ascii", errors="replace") as file:
-        file.write(f"{_HEAD}{head}, metres\n")
-        _write_object(file, name, points, triangles, 1)
-
-
 def _write_frame(file: TextIO, motion: SurfaceMotion, frame: Frame) -> None:
-    file.write(f"{_HEAD}{motion.source.label}, {frame.time:.9g} s, metres\n")
-    _write_object(file, "body", frame.points, motion.triangles, 1)
+    write_head(file, f"{motion.source.label}, {frame.time:.9g} s")
+    write_object(file, "body", in_space(frame.points), motion.triangles)
     start = 1 + len(frame.points)
     for name, (vertices, facets) in motion.solids.items():
-        _write_object(file, name, frame.poses[name].apply(vertices), facets, start)
+        write_object(file, name, in_space(frame.poses[name].apply(vertices)), facets, start)
         start += len(vertices)
-
-
-def _write_object(file: TextIO, name: str, points: Array, facets: IntArray, start: int) -> None:
-    file.write(f"o {re.sub(r'[^A-Za-z0-9_.-]', '_', name)}\n")
-    np.savetxt(file, in_space(points), fmt="v %.9g %.9g %.9g")
-    kind = "f" if facets.shape[1] == 3 else "l"
-    np.savetxt(file, facets + start, fmt=kind + " %d" * facets.shape[1])
 
 
 def _numbered(out: Path) -> list[str]:
@@ -81,14 +63,15 @@ def _sequence(out: Path) -> Iterator[Path]:
             for path in new:
                 os.replace(path, out.parent / path.name)
             for name in set(_numbered(out)) - {path.name for path in new}:
-                if _is_ours(out.parent / name):
-                    (out.parent / name).unlink()
+                _remove_if_ours(out.parent / name)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
     except OSError as error:
         raise SoftprintError(f"cannot write {out.parent / out.stem}_*: {error.strerror or error}") from error
 
 
-def _is_ours(path: Path) -> bool:
+def _remove_if_ours(path: Path) -> None:
     with path.open("rb") as file:
-        return file.read(len(_HEAD)) == _HEAD.encode()
+        ours = is_ours(file.readline(80))
+    if ours:
+        path.unlink()

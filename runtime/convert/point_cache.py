@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from softprint.runtime.convert.frames import SurfaceMotion, in_space
-from softprint.runtime.convert.obj_sequence import write_obj
+from softprint.runtime.convert.obj_text import write_head, write_object
 from softprint.runtime.io.files import atomic_path
 
 _HEADER = struct.Struct("<12siiffi")
@@ -24,7 +24,9 @@ def write_point_cache(out: Path, motion: SurfaceMotion, progress: Callable[[int]
     """Write OUT.pc2 and OUT.obj; returns their paths."""
     surface = out.with_suffix(".obj")
     with atomic_path(surface) as rest, atomic_path(out) as temporary:
-        write_obj(rest, motion.rest, motion.triangles, "body", f"the surface at rest that {out.name} moves")
+        with rest.open("w", encoding="ascii", errors="replace") as text:
+            write_head(text, f"the surface at rest that {out.name} moves")
+            write_object(text, "body", in_space(motion.rest), motion.triangles)
         with temporary.open("wb") as file:
             file.write(_HEADER.pack(b"POINTCACHE2\0", 1, len(motion.nodes), 0.0, 1.0, len(motion)))
             for frame in motion.frames():

@@ -2,7 +2,8 @@
 
     /World             metres; z up, in 2D y up; one time code a frame, timeCodesPerSecond of them a second
       /body            Mesh with time samples of points, extent and normals, and of displayColor if it is coloured
-      /NAME            Xform of a collider with time samples of translation and orientation, and its Mesh; in 2D curves
+      /NAME            Xform of a collider with time samples of translation and orientation
+        /NAME          its Mesh; in 2D its outline as curves
 
 The library holds a layer in memory until it is saved: 24 bytes for each vertex of the surface and each frame.
 """
@@ -124,12 +125,13 @@ class _Solid:
         path = f"/World/{Tf.MakeValidIdentifier(name)}"
         if stage.GetPrimAtPath(path):
             path += "_collider"
+        shape_path = f"{path}/{path.rpartition('/')[2]}"  # programs that join the two keep the name of the mesh
         xform = UsdGeom.Xform.Define(stage, path)
         self._translate = xform.AddTranslateOp()
         self._orient = xform.AddOrientOp()
         points = in_space(vertices)
         if facets.shape[1] == 2:
-            shape = UsdGeom.BasisCurves.Define(stage, f"{path}/surface")
+            shape = UsdGeom.BasisCurves.Define(stage, shape_path)
             shape.CreateTypeAttr(UsdGeom.Tokens.linear)
             shape.CreateCurveVertexCountsAttr([2] * len(facets))
             shape.CreatePointsAttr(_vectors(points[facets.ravel()]))
@@ -137,7 +139,7 @@ class _Solid:
             shape.SetWidthsInterpolation(UsdGeom.Tokens.constant)
             shape.CreateExtentAttr(_vectors(_extent(points)))
         else:
-            shape = _mesh(stage, f"{path}/surface", points, facets)
+            shape = _mesh(stage, shape_path, points, facets)
             _normals(shape, Shading.of(points, facets), points)
         shape.CreateDisplayColorPrimvar("constant").Set(_vectors(linear(rgb(COLLIDER))[None]))
         _bind_material(stage, shape, COLLIDER, 0.4)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 from softprint.runtime.drawing.flat import draw_flat
+from softprint.runtime.drawing.picture import Picture
 from softprint.runtime.drawing.scene import Scene
 from softprint.runtime.drawing.solid import draw_solid
 from softprint.runtime.errors import SoftprintError
@@ -18,3 +20,11 @@ def draw(path: Path, scene: Scene) -> None:
         draw_flat(path, scene)
     else:
         draw_solid(path, scene)
+
+
+def picture(scene: Scene) -> Picture:
+    """The picture in memory. Raises as `draw` does."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "picture.png"
+        draw(path, scene)
+        return Picture(path.read_bytes(), scene.title)

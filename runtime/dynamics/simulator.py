@@ -82,7 +82,7 @@ class Simulator:
         kinematic: Sequence[KinematicHandle] = (),
         settings: DynamicsSettings | None = None,
     ) -> None:
-        self.body, self.colliders = body, tuple(colliders)
+        self.body, self.colliders, self.contact = body, tuple(colliders), contact
         self.settings = settings or DynamicsSettings()
         self._gravity = acceleration(body, gravity)
         _check_mechanics(body, mechanics)

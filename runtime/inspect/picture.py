@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.drawing.draw import draw
 from softprint.runtime.errors import SoftprintError
@@ -46,12 +44,7 @@ def known_colliders(names: Iterable[str], experiment: Path) -> dict[str, Collide
 
 def placed_surfaces(colliders: Mapping[str, Collider], poses: Poses) -> list[tuple[Array, IntArray]]:
     """The surfaces of colliders at their poses; planes, which are unbounded, are left out."""
-    from softprint.runtime.colliders.level_set import collider_surface
+    from softprint.runtime.colliders.level_set import placed_surface
 
-    surfaces = []
-    for name, pose in poses.items():
-        collider = colliders[name]
-        if np.isfinite(collider.upper - collider.lower).all():
-            vertices, facets = collider_surface(collider)
-            surfaces.append((pose.apply(vertices), facets))
-    return surfaces
+    surfaces = (placed_surface(colliders[name], pose) for name, pose in poses.items())
+    return [surface for surface in surfaces if surface is not None]

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.pose import RigidPose
-from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
+from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS, rgb
 from softprint.runtime.drawing.film.subject import Subject
 from softprint.runtime.errors import SoftprintError
+
+if TYPE_CHECKING:
+    from matplotlib.collections import Collection
 
 _DPI = 100
 _MARGIN = 0.04  # of the picture's extent, around all that is seen
@@ -23,8 +27,9 @@ class FlatStage:
     def __init__(self, subject: Subject, size: tuple[int, int]) -> None:
         try:
             from matplotlib.backends.backend_agg import FigureCanvasAgg
+            from matplotlib.cm import ScalarMappable
             from matplotlib.collections import LineCollection, PolyCollection
-            from matplotlib.colors import LinearSegmentedColormap
+            from matplotlib.colors import LinearSegmentedColormap, Normalize
             from matplotlib.figure import Figure
         except ImportError as error:
             raise SoftprintError("a picture needs matplotlib: pip install 'softprint[report]'") from error
@@ -32,19 +37,19 @@ class FlatStage:
         figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
         self._canvas = FigureCanvasAgg(figure)
         axes = figure.add_subplot()
-        plain = subject.label is None
-        self._fill = PolyCollection([], linewidths=0.3, facecolors=BODY if plain else None)
-        self._fill.set_edgecolor((0.48, 0.2, 0.13, 0.25) if plain else "face")
+        self._axes = axes
+        self._fill: Collection | None = None
         if subject.label is not None:
-            self._fill.set_cmap(LinearSegmentedColormap.from_list("error", ERROR_COLOURS))
-            self._fill.set_clim(0.0, max(subject.top, np.finfo(float).tiny))
-            figure.colorbar(self._fill, ax=axes, shrink=0.8, label=subject.label).ax.tick_params(labelsize=8)
+            self._shades = LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
+            self._scale = Normalize(0.0, max(subject.top, np.finfo(float).tiny))
+            bar = figure.colorbar(ScalarMappable(self._scale, self._shades), ax=axes, shrink=0.8, label=subject.label)
+            bar.ax.tick_params(labelsize=8)
         self._outline = LineCollection([], colors=EDGES, linewidths=1.3)
         self._solids = {
             name: PolyCollection([], facecolors=COLLIDER, edgecolors=COLLIDER, linewidths=1.6, alpha=0.55)
             for name in subject.solids
         }
-        for collection in (self._fill, self._outline, *self._solids.values()):
+        for collection in (self._outline, *self._solids.values()):
             axes.add_collection(collection)
         lower, upper = subject.seen.min(axis=0), subject.seen.max(axis=0)
         room = _MARGIN * float((upper - lower).max())
@@ -57,15 +62,29 @@ class FlatStage:
         self, points: Array, poses: Mapping[str, RigidPose], values: Array | None = None
     ) -> NDArray[np.uint8]:
         """(height, width, 3) pixels: the body at points (s, 2), coloured by values (s,)."""
-        self._fill.set_verts(list(points[self._subject.triangles]))
-        if values is not None:
-            self._fill.set_array(values[self._subject.triangles].mean(axis=1))
+        if self._fill is not None:
+            self._fill.remove()
+        self._fill = self._filling(points, values)
         self._outline.set_segments(list(points[self._subject.outline]))
         for name, pose in poses.items():
             _, vertices, segments = self._subject.solids[name]
             self._solids[name].set_verts([loop for loop in _loops(pose.apply(vertices), segments)])
         self._canvas.draw()
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _filling(self, points: Array, values: Array | None) -> Collection:
+        """The inside: coloured by the values, or plain with the mesh's edges."""
+        from matplotlib.collections import PolyCollection
+
+        triangles = self._subject.triangles
+        if values is None:
+            edges = (*rgb(EDGES), 0.25)
+            plain = PolyCollection(list(points[triangles]), linewidths=0.3, facecolors=BODY, edgecolors=[edges])
+            self._axes.add_collection(plain)
+            return plain
+        return self._axes.tripcolor(
+            points[:, 0], points[:, 1], triangles, values, shading="gouraud", cmap=self._shades, norm=self._scale, zorder=0.5
+        )
 
     def __enter__(self) -> FlatStage:
         return self

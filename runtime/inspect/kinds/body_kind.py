@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.body.appearance import handles_scene
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.body_file import KIND as BODY
 from softprint.runtime.body.body_file import VERSION, load_body
-from softprint.runtime.drawing.colours import FRAMES, POINTS
-from softprint.runtime.drawing.scene import Marks, Scene
+from softprint.runtime.drawing.scene import Scene
 from softprint.runtime.inspect.file_head import FileHead
 from softprint.runtime.inspect.kind import Kind, Part
 from softprint.runtime.inspect.mesh_quality import mesh_facts
@@ -84,13 +84,7 @@ def _memory(body: ReducedBody) -> int:
 def scene(path: Path, part: Part, experiment: Path | None) -> Scene:
     """The mesh with its point handles and the nodes of its frames."""
     body = load_body(path)
-    frames = [
-        Marks(f"frame {frame.name}", np.intersect1d(frame.nodes, body.mesh.surface_nodes), colour)
-        for frame, colour in zip(body.handles.frames, FRAMES * len(body.handles.frames))
-    ]
-    points = [Marks("point handles", body.handles.points, POINTS)] if body.handles.n_points else []
-    cells = body.mesh.cells if body.dim == 2 else None
-    return Scene(body.name, body.mesh.points, body.mesh.facets, cells, marks=[*points, *frames], edges=True)
+    return handles_scene(body.name, body.mesh, body.handles)
 
 
 KIND = Kind(recognise, summarise, scene=scene)
