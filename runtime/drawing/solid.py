@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _SIZE = (1000, 800)
 _VIEW = np.array([0.45, -1.0, 0.55])  # from the body towards the camera
 _ANGLE = 22.0  # of the camera [degrees]
+_SCALE_HEIGHT = 0.24  # of the picture, below what is seen
 _ROOM_AROUND = 1.06  # the half picture to what is seen in it
 
 
@@ -79,15 +80,15 @@ def error_map() -> Any:
     return LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
 
 
-def scale_bar(label: str) -> dict[str, Any]:
-    """The scale below the picture, for PyVista."""
+def scale_bar(label: str, height: int = _SIZE[1]) -> dict[str, Any]:
+    """The scale below a picture of that height [pixels], for PyVista."""
     return {
         "title": f"{label}\n",  # the line break separates it from the numbers
         "color": "#1b1b1f",
         "fmt": "%.2g",
         "n_labels": 5,
-        "title_font_size": 18,
-        "label_font_size": 16,
+        "title_font_size": max(12, round(0.0225 * height)),
+        "label_font_size": max(11, round(0.02 * height)),
         "position_x": 0.25,
         "width": 0.5,
         "position_y": 0.03,
@@ -169,14 +170,15 @@ def frame_all(plotter: pv.Plotter, points: Array, direction: Array, has_scale: b
     seen = points @ axes.T  # to the right, up, towards the camera
     width, height = plotter.window_size
     slope = np.tan(np.radians(0.5 * _ANGLE)) * np.array([width / height, 1.0]) / _ROOM_AROUND
+    if has_scale:
+        slope[1] *= 1.0 - _SCALE_HEIGHT
     centre = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
     for _ in range(3):  # what is nearer looks larger, so the middle of the picture depends on the distance
         distance = float(np.max(np.abs(seen[:, :2] - centre[:2]) / slope + seen[:, 2:] - centre[2]))
         shown = (seen[:, :2] - centre[:2]) / (distance - seen[:, 2:] + centre[2])
         centre[:2] += 0.5 * (shown.min(axis=0) + shown.max(axis=0)) * distance
     if has_scale:
-        distance *= 1.2
-        centre[1] -= 0.14 * distance * slope[1]
+        centre[1] -= _SCALE_HEIGHT * distance * slope[1] / (1.0 - _SCALE_HEIGHT)
     focus = centre @ axes
     plotter.camera.focal_point = tuple(focus)
     plotter.camera.position = tuple(focus + distance * direction)

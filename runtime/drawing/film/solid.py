@@ -78,7 +78,7 @@ class SolidStage:
             smooth_shading=True,
             ambient=0.45,
             diffuse=0.6,
-            scalar_bar_args=scale_bar(subject.label),
+            scalar_bar_args=scale_bar(subject.label, self._plotter.window_size[1]),
         )
 
     def draw(
