@@ -41,9 +41,7 @@ def deformed_scene(
     name: str, mesh: Mesh, positions: Array, colliders: Sequence[Shown], poses: Mapping[str, RigidPose]
 ) -> Scene:
     """The mesh at positions (n_nodes, dim), coloured by its displacement, and the colliders that have a pose."""
-    placed = [
-        placed_surface(shown.collider, poses[shown.name]) for shown in colliders if shown.name in poses
-    ]
+    placed = [placed_surface(shown.collider, poses[shown.name]) for shown in colliders if shown.name in poses]
     return Scene(
         name,
         positions,

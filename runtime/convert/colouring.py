@@ -33,9 +33,7 @@ def colouring_of(name: str, source: Recorded, colliders: Mapping[str, Collider])
     if name == NONE:
         return None
     if name == DISPLACEMENT:
-        return Colouring(
-            "displacement [mm]", lambda x, poses: 1e3 * np.linalg.norm(x - rest.points, axis=1)
-        )
+        return Colouring("displacement [mm]", lambda x, poses: 1e3 * np.linalg.norm(x - rest.points, axis=1))
     if name != PRESSURE:
         raise SoftprintError(f"there is no colour {name!r}; the colours: {', '.join(COLOURS)}")
     contact = source.contact

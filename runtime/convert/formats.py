@@ -89,7 +89,9 @@ def plan_conversion(
     out = Path(out)
     found, sampling = find_format(out), sampling or Sampling()
     if colour not in (None, NONE) and not found.coloured:
-        raise SoftprintError(f"{out}: {found.what} has no colours: leave out --colour, or choose .glb or .usda")
+        raise SoftprintError(
+            f"{out}: {found.what} has no colours: leave out --colour, or choose .glb or .usda"
+        )
     if sampling.rate is None and sampling.every is None:
         length = float(source.times[-1] - source.times[0])
         highest = (found.most - 1) / length if found.most is not None and length > 0 else np.inf
@@ -97,8 +99,8 @@ def plan_conversion(
     motion = surface_motion(source, sampling, colour or NONE, with_colliders)
     if found.most is not None and len(motion) > found.most:
         raise SoftprintError(
-            f"{out}: {len(motion)} frames are more than the {found.most} that players of this format can hold: fewer "
-            f"with --rate, --every, --from or --to, such as --rate {found.most / (motion.times[-1] - motion.times[0]):.2g}"
+            f"{out}: {len(motion)} frames are more than the {found.most} that players of this format can hold: choose "
+            "fewer with --rate, --every, --from or --to"
         )
     return Conversion(out, found, motion)
 

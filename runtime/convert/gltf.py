@@ -22,8 +22,8 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.convert.frames import Frame, SurfaceMotion, in_space, pose_in_space
 from softprint.runtime.convert.gltf_document import Document
-from softprint.runtime.drawing.shading import Shading
 from softprint.runtime.drawing.colours import BODY, COLLIDER, error_colours, linear, rgb
+from softprint.runtime.drawing.shading import Shading
 from softprint.runtime.io.files import atomic_path
 
 # Morph targets of one mesh: graphics cards keep each in a layer of a texture, and WebGL 2 promises 256 layers.

@@ -20,8 +20,8 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.convert.frames import Frame, SurfaceMotion, in_space, pose_in_space
-from softprint.runtime.drawing.shading import Shading
 from softprint.runtime.drawing.colours import BODY, COLLIDER, error_colours, linear, rgb
+from softprint.runtime.drawing.shading import Shading
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
 
@@ -125,7 +125,9 @@ class _Solid:
         path = f"/World/{Tf.MakeValidIdentifier(name)}"
         if stage.GetPrimAtPath(path):
             path += "_collider"
-        shape_path = f"{path}/{path.rpartition('/')[2]}"  # programs that join the two keep the name of the mesh
+        shape_path = (
+            f"{path}/{path.rpartition('/')[2]}"  # programs that join the two keep the name of the mesh
+        )
         xform = UsdGeom.Xform.Define(stage, path)
         self._translate = xform.AddTranslateOp()
         self._orient = xform.AddOrientOp()

@@ -13,6 +13,8 @@ FRAMES = ("#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 POINTS = "#1b1b1f"
 EDGES = "#7a3420"
 
+_TINY = float(np.finfo(float).tiny)
+
 
 def rgb(colour: str) -> Array:
     """(3,) red, green and blue from 0 to 1 of "#rrggbb", as displayed (sRGB)."""
@@ -22,7 +24,7 @@ def rgb(colour: str) -> Array:
 def error_colours(values: Array, top: float) -> Array:
     """(n, 3) sRGB from 0 to 1 of values (n,) on a scale from 0 to top."""
     stops = np.array([rgb(colour) for colour in ERROR_COLOURS])
-    share = np.clip(values / max(top, np.finfo(float).tiny), 0.0, 1.0)
+    share = np.clip(values / max(top, _TINY), 0.0, 1.0)
     places = np.linspace(0.0, 1.0, len(stops))
     return np.column_stack([np.interp(share, places, stops[:, channel]) for channel in range(3)])
 

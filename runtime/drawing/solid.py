@@ -47,7 +47,7 @@ def draw_solid(path: Path, scene: Scene) -> None:
 
 
 def lit_plotter(size: tuple[int, int], direction: Array) -> pv.Plotter:
-    """A white picture of that size [pixels] with three lights that suit a view along direction (3,), towards the camera.
+    """A white picture of that size [pixels] with three lights that suit a camera in direction (3,).
 
     Raises SoftprintError if PyVista is missing or cannot draw off screen."""
     # A missing GL driver ends the process instead of raising, so rendering is tried in a child process first.

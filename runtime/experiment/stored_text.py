@@ -25,4 +25,6 @@ def contact_table(text: str, source: Path) -> ContactSpec:
                 apply_override(data, line.removeprefix(_OVERRIDE))
         return ContactSpec.model_validate_json(json.dumps(data.get("contact", {}), default=str))
     except (tomllib.TOMLDecodeError, ValidationError) as error:
-        raise SoftprintError(f"{source}: the experiment in it has no valid [contact] table: {error}") from error
+        raise SoftprintError(
+            f"{source}: the experiment in it has no valid [contact] table: {error}"
+        ) from error

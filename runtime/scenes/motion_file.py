@@ -59,7 +59,7 @@ class ColliderTrack:
     intrusion: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """A motion read from its file, all in memory except the positions. See the module for shapes and units."""
 
@@ -81,6 +81,12 @@ class Motion:
     colliders: Mapping[str, ColliderTrack]
     collider_tables: str
     experiment: str
+
+    def __repr__(self) -> str:
+        return (
+            f"Motion({str(self.path)!r}: {self.scene} with {self.model}, {self.n_frames} frames from "
+            f"{self.times[0]:g} to {self.times[-1]:g} s)"
+        )
 
     @property
     def n_frames(self) -> int:
@@ -135,7 +141,7 @@ class Motion:
         return build_colliders(self.collider_tables, self.path)
 
     def show(self, colour: str = "displacement", width: int = 480) -> Animation:
-        """The motion as moving pictures, which a notebook shows. colour: displacement, pressure or none; width [pixels].
+        """Moving pictures, which a notebook shows. colour: displacement, pressure or none; width [pixels].
 
         Raises SoftprintError if pictures cannot be drawn here."""
         from softprint.runtime.convert.show import animation_of

@@ -25,9 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="TIME",
         help="where to begin: seconds, as in 0.5, or a frame of the motion, as in 30f (default: its start)",
     )
-    parser.add_argument(
-        "--to", dest="end", metavar="TIME", help="where to end, included (default: its end)"
-    )
+    parser.add_argument("--to", dest="end", metavar="TIME", help="where to end, included (default: its end)")
     parser.add_argument(
         "--every", type=int, metavar="N", help="every Nth frame of the motion (default: all, or --rate)"
     )
@@ -43,9 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="none",
         help="colour the body by displacement or contact pressure (default: none)",
     )
-    parser.add_argument(
-        "--no-colliders", action="store_true", help="leave the colliders out (default: off)"
-    )
+    parser.add_argument("--no-colliders", action="store_true", help="leave the colliders out (default: off)")
 
 
 def run(args: argparse.Namespace, context: Context) -> int:

@@ -17,6 +17,7 @@ from softprint.runtime.errors import SoftprintError
 if TYPE_CHECKING:
     from matplotlib.collections import Collection
 
+_TINY = float(np.finfo(float).tiny)
 _DPI = 100
 _MARGIN = 0.04  # of the picture's extent, around all that is seen
 
@@ -41,8 +42,10 @@ class FlatStage:
         self._fill: Collection | None = None
         if subject.label is not None:
             self._shades = LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
-            self._scale = Normalize(0.0, max(subject.top, np.finfo(float).tiny))
-            bar = figure.colorbar(ScalarMappable(self._scale, self._shades), ax=axes, shrink=0.8, label=subject.label)
+            self._scale = Normalize(0.0, max(subject.top, _TINY))
+            bar = figure.colorbar(
+                ScalarMappable(self._scale, self._shades), ax=axes, shrink=0.8, label=subject.label
+            )
             bar.ax.tick_params(labelsize=8)
         self._outline = LineCollection([], colors=EDGES, linewidths=1.3)
         self._solids = {
@@ -68,7 +71,7 @@ class FlatStage:
         self._outline.set_segments(list(points[self._subject.outline]))
         for name, pose in poses.items():
             _, vertices, segments = self._subject.solids[name]
-            self._solids[name].set_verts([loop for loop in _loops(pose.apply(vertices), segments)])
+            self._solids[name].set_verts(_loops(pose.apply(vertices), segments))
         self._canvas.draw()
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
@@ -79,11 +82,20 @@ class FlatStage:
         triangles = self._subject.triangles
         if values is None:
             edges = (*rgb(EDGES), 0.25)
-            plain = PolyCollection(list(points[triangles]), linewidths=0.3, facecolors=BODY, edgecolors=[edges])
+            plain = PolyCollection(
+                list(points[triangles]), linewidths=0.3, facecolors=BODY, edgecolors=[edges]
+            )
             self._axes.add_collection(plain)
             return plain
         return self._axes.tripcolor(
-            points[:, 0], points[:, 1], triangles, values, shading="gouraud", cmap=self._shades, norm=self._scale, zorder=0.5
+            points[:, 0],
+            points[:, 1],
+            triangles,
+            values,
+            shading="gouraud",
+            cmap=self._shades,
+            norm=self._scale,
+            zorder=0.5,
         )
 
     def __enter__(self) -> FlatStage:

@@ -66,7 +66,9 @@ class Gltf:
         if "sparse" in told:
             sparse = told["sparse"]
             n = sparse["count"]
-            index = self._view(sparse["indices"]["bufferView"], sparse["indices"]["componentType"], n, 1)[:, 0]
+            index = self._view(sparse["indices"]["bufferView"], sparse["indices"]["componentType"], n, 1)[
+                :, 0
+            ]
             assert (np.diff(index.astype(int)) > 0).all()
             assert index[-1] < count
             values[index] = self._view(sparse["values"]["bufferView"], told["componentType"], n, width)

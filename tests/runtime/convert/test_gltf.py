@@ -40,7 +40,9 @@ def test_between_two_frames_it_is_half_way(file, motion):
     k = 9
     half = 0.5 * (motion.times[k] + motion.times[k + 1])
     before, after = (file.played("body", motion.times[frame]) for frame in (k, k + 1))
-    np.testing.assert_allclose(file.played("body", half), 0.5 * (before + after), atol=1e-7)  # float32 of 0.1 m
+    np.testing.assert_allclose(
+        file.played("body", half), 0.5 * (before + after), atol=1e-7
+    )  # float32 of 0.1 m
 
 
 def test_colliders_move_as_rigid_nodes(file, motion):
@@ -125,7 +127,8 @@ def test_what_is_nearly_zero_is_left_out_and_read_as_zero(tmp_path):
         nothing = document.deltas(1e-9 * values, 1e-6)
         dense = document.deltas(values + 1.0, 1e-6)
         triangle = document.add(
-            "meshes", {"primitives": [{"attributes": {"POSITION": sparse}, "indices": document.indices(np.arange(3))}]}
+            "meshes",
+            {"primitives": [{"attributes": {"POSITION": sparse}, "indices": document.indices(np.arange(3))}]},
         )
         document.write_glb(tmp_path / "some.glb", binary)
     file = Gltf(tmp_path / "some.glb")
