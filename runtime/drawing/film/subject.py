@@ -10,10 +10,10 @@ from softprint.runtime.arrays import Array, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """rest: (s, dim) vertices of the surface [m]; triangles: (t, 3), which in 2D fill the body; outline: (o, 2)
-    segments in 2D; solids: of the colliders by name, the middle of the place where they are (dim,), vertices (v, dim) in their
-    own coordinates, and facets (f, dim); seen: (m, dim) points that all have to be in the picture; label: of the values
-    to colour by, None if it is plain; top: the highest of them."""
+    """rest: (s, dim) vertices of the surface [m]; triangles: (t, 3), in 2D of the inside; outline: (o, 2) segments in 2D;
+    solids: of the colliders by name, the middle of the place where each is (dim,), vertices (v, dim) in its own
+    coordinates, and facets (f, dim); seen: (m, dim) points that all have to be in the picture; label: of the values to
+    colour by, None if it is plain; top: the highest of them."""
 
     rest: Array
     triangles: IntArray
