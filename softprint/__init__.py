@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from softprint.runtime.colliders import KeyframedPath, RigidPose
     from softprint.runtime.colliders.build import build_collider
     from softprint.runtime.contact import CoulombFriction, PenaltyContact
+    from softprint.runtime.convert.film import FilmLook
     from softprint.runtime.convert.formats import convert_motion
     from softprint.runtime.convert.sampling import Sampling
     from softprint.runtime.dynamics import (
@@ -55,6 +56,7 @@ _MODULES = {
     "BackgroundDrawing": "scenes.background_drawing",
     "CoulombFriction": "contact",
     "DynamicsSettings": "dynamics",
+    "FilmLook": "convert.film",
     "HandleSpring": "dynamics",
     "KeyframedPath": "colliders",
     "KinematicHandle": "dynamics",
@@ -98,6 +100,7 @@ __all__ = [
     "BackgroundDrawing",
     "CoulombFriction",
     "DynamicsSettings",
+    "FilmLook",
     "HandleSpring",
     "KeyframedPath",
     "KinematicHandle",

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from softprint.runtime.convert.colouring import NONE
-from softprint.runtime.convert.film import write_gif, write_mp4
+from softprint.runtime.convert.film import FilmLook, write_gif, write_mp4
 from softprint.runtime.convert.frames import SurfaceMotion, surface_motion
 from softprint.runtime.convert.gltf import MOST_TARGETS, write_gltf
 from softprint.runtime.convert.obj_sequence import write_obj_sequence
@@ -20,17 +20,20 @@ from softprint.runtime.convert.sampling import Sampling
 from softprint.runtime.convert.usd import write_usd
 from softprint.runtime.errors import SoftprintError
 
-Writer = Callable[[Path, SurfaceMotion, Callable[[int], None]], list[Path]]
+Progress = Callable[[int], None]
+Writer = Callable[[Path, SurfaceMotion, Progress], list[Path]]
+FilmWriter = Callable[[Path, SurfaceMotion, Progress, FilmLook], list[Path]]
 
 
 @dataclass(frozen=True)
 class Format:
-    """what: in a few words; write: the writer, which returns the files; rate: frames a second where nothing is asked
-    for, None for the motion's own; most: frames at most; coloured: whether it holds colours; needs: a package beyond
-    those of the runtime, with the way to install it."""
+    """what: in a few words; write or film: the writer, which returns the files, of a film with its look; rate: frames a
+    second where nothing is asked for, None for the motion's own; most: frames at most; coloured: whether it holds
+    colours; needs: a package beyond those of the runtime, with the way to install it."""
 
     what: str
-    write: Writer
+    write: Writer | None = None
+    film: FilmWriter | None = None
     rate: float | None = None
     most: int | None = None
     coloured: bool = True
@@ -48,8 +51,8 @@ FORMATS = {
     ".usdz": _USD,
     ".pc2": Format("a point cache beside an OBJ file", write_point_cache, coloured=False),
     ".obj": Format("a sequence of OBJ files", write_obj_sequence, coloured=False),
-    ".gif": Format("moving pictures", write_gif, rate=30.0, needs=_PICTURES),
-    ".mp4": Format("a film", write_mp4, rate=30.0, needs=("av", "pip install av")),
+    ".gif": Format("moving pictures", film=write_gif, rate=30.0, needs=_PICTURES),
+    ".mp4": Format("a film", film=write_mp4, rate=30.0, needs=("av", "pip install av")),
 }
 
 
@@ -72,9 +75,13 @@ class Conversion:
     out: Path
     format: Format
     motion: SurfaceMotion
+    look: FilmLook
 
-    def write(self, progress: Callable[[int], None] = lambda n: None) -> list[Path]:
+    def write(self, progress: Progress = lambda n: None) -> list[Path]:
         """Write it, whole or not at all; progress: called with the number of frames done. Returns the files."""
+        if self.format.film is not None:
+            return self.format.film(self.out, self.motion, progress, self.look)
+        assert self.format.write is not None
         return self.format.write(self.out, self.motion, progress)
 
 
@@ -84,6 +91,7 @@ def plan_conversion(
     sampling: Sampling | None = None,
     colour: str | None = None,
     with_colliders: bool = True,
+    look: FilmLook | None = None,
 ) -> Conversion:
     """What `convert_motion` does, before it is done. colour: none by default."""
     out = Path(out)
@@ -92,6 +100,8 @@ def plan_conversion(
         raise SoftprintError(
             f"{out}: {found.what} has no colours: leave out --colour, or choose .glb or .usda"
         )
+    if look is not None and look != FilmLook() and found.film is None:
+        raise SoftprintError(f"{out}: {found.what} is no film: leave out --width and --cut")
     if sampling.rate is None and sampling.every is None:
         length = float(source.times[-1] - source.times[0])
         highest = (found.most - 1) / length if found.most is not None and length > 0 else np.inf
@@ -102,7 +112,7 @@ def plan_conversion(
             f"{out}: {len(motion)} frames are more than the {found.most} that players of this format can hold: choose "
             "fewer with --rate, --every, --from or --to"
         )
-    return Conversion(out, found, motion)
+    return Conversion(out, found, motion, look or FilmLook())
 
 
 def convert_motion(
@@ -111,12 +121,13 @@ def convert_motion(
     sampling: Sampling | None = None,
     colour: str | None = None,
     with_colliders: bool = True,
+    look: FilmLook | None = None,
 ) -> list[Path]:
     """Write a motion in the format that the ending of `out` names; returns the files that were written.
 
     source: of `load_motion`, or a `Recording`; sampling: the frames, all by default, at the rate of the format; colour:
-    displacement, pressure or none; with_colliders: whether they are in it.
+    displacement, pressure or none; with_colliders: whether they are in it; look: of films.
 
     Raises SoftprintError for an unknown ending, a missing package, frames that are not there, or a full disk.
     """
-    return plan_conversion(source, out, sampling, colour, with_colliders).write()
+    return plan_conversion(source, out, sampling, colour, with_colliders, look).write()

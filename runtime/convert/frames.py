@@ -29,9 +29,11 @@ _ONE_FRAME = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """time [s]; points (s, dim) [m] of the surface; poses of the colliders, by name; values (s,) to colour by."""
+    """time [s]; positions (n_nodes, dim) [m]; points (s, dim) of the surface; poses of the colliders, by name; values
+    (s,) to colour by."""
 
     time: float
+    positions: Array
     points: Array
     poses: Mapping[str, RigidPose]
     values: Array | None = None
@@ -90,7 +92,7 @@ class SurfaceMotion:
             if self.colouring is not None:
                 values = self.colouring.values(positions, poses)[self.nodes]
             shown = {name: poses[name] for name in self.solids}
-            yield Frame(time, positions[self.nodes], shown, values)
+            yield Frame(time, positions, positions[self.nodes], shown, values)
 
     @lazy
     def extent(self) -> Extent:

@@ -6,7 +6,7 @@ import io
 
 import numpy as np
 
-from softprint.runtime.convert.film import open_stage, png_of, save_gif
+from softprint.runtime.convert.film import FilmLook, open_stage, pixels_of, png_of, save_gif
 from softprint.runtime.convert.frames import surface_motion
 from softprint.runtime.convert.recorded import Recorded
 from softprint.runtime.convert.sampling import Sampling
@@ -21,11 +21,11 @@ def animation_of(source: Recorded, colour: str, width: int) -> Animation:
     length = float(source.times[-1] - source.times[0])
     rate = min(_RATE, (_MOST - 1) / length) if length > 0 else _RATE
     motion = surface_motion(source, Sampling(rate=rate), colour)
-    buffer = io.BytesIO()
-    save_gif(buffer, motion, width, lambda n: None)
+    buffer, look = io.BytesIO(), FilmLook(width)
+    save_gif(buffer, motion, look, lambda n: None)
     # The still is the frame in which the body has moved most.
     moved = [float(np.abs(frame.points - motion.rest).max()) for frame in motion.frames()]
-    with open_stage(motion, width) as stage:
+    with open_stage(motion, look, width) as stage:
         (frame,) = motion.frames([int(np.argmax(moved))])
-        still = Picture(png_of(stage.draw(frame.points, frame.poses, frame.values)), source.label)
+        still = Picture(png_of(pixels_of(stage, frame)), source.label)
     return Animation(buffer.getvalue(), still)

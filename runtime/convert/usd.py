@@ -5,7 +5,8 @@
       /NAME            Xform of a collider with time samples of translation and orientation
         /NAME          its Mesh; in 2D its outline as curves
 
-The library holds a layer in memory until it is saved: 24 bytes for each vertex of the surface and each frame.
+The library holds a layer in memory until it is saved: 24 bytes for each vertex of the surface and each frame, and
+something for its own use.
 """
 
 from __future__ import annotations

@@ -41,13 +41,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="none",
         help="colour the body by displacement or contact pressure (default: none)",
     )
+    parser.add_argument(
+        "--width", type=int, metavar="PIXELS", help="of films (default: 640 for GIF, 1280 for MP4)"
+    )
+    parser.add_argument(
+        "--cut",
+        metavar="AXIS=VALUE",
+        help="cut films of 3D bodies open at a plane, as in y=0.01 [m], and take away what is nearer to the camera",
+    )
     parser.add_argument("--no-colliders", action="store_true", help="leave the colliders out (default: off)")
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
     """Write the files, whole or not at all."""
+    from softprint.runtime.convert.film import FilmLook
     from softprint.runtime.convert.formats import find_format, plan_conversion
     from softprint.runtime.convert.sampling import Moment, Sampling
+    from softprint.runtime.drawing.film.subject import Cut
     from softprint.runtime.errors import SoftprintError
     from softprint.runtime.scenes.motion_file import load_motion
 
@@ -60,10 +70,16 @@ def run(args: argparse.Namespace, context: Context) -> int:
             ) from None
 
     sampling = Sampling(moment("--from", args.begin), moment("--to", args.end), args.every, args.rate)
+    try:
+        look = FilmLook(args.width, None if args.cut is None else Cut.parse(args.cut))
+    except ValueError:
+        raise SoftprintError(
+            f"--cut {args.cut}: this is no plane; one is an axis and a number of metres, such as y=0.01"
+        ) from None
     found = find_format(args.out)  # a wrong ending is known before a large file is read
     with context.stage(f"reading {args.motion.name}"):
         source = load_motion(args.motion)
-        plan = plan_conversion(source, args.out, sampling, args.colour, not args.no_colliders)
+        plan = plan_conversion(source, args.out, sampling, args.colour, not args.no_colliders, look)
     with context.progress(len(plan.motion), "frames", args.out.name) as bar:
         files = plan.write(bar.update)
     size = sum(path.stat().st_size for path in files)

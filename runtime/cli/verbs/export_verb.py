@@ -57,7 +57,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
 VERB = Verb(
     name="export",
     order=46,
-    summary="Body and truth in the HDF5 layout published with the thesis's papers (q, z, x; W, q_ref).",
+    summary="Body and truth in the HDF5 layout published with the thesis's papers (motions: see convert).",
     example="softprint export examples/jelly3d_small.toml",
     run=run,
     needs=("h5py",),

@@ -62,9 +62,10 @@ class FlatStage:
         axes.set_axis_off()
 
     def draw(
-        self, points: Array, poses: Mapping[str, RigidPose], values: Array | None = None
+        self, positions: Array, poses: Mapping[str, RigidPose], values: Array | None = None
     ) -> NDArray[np.uint8]:
-        """(height, width, 3) pixels: the body at points (s, 2), coloured by values (s,)."""
+        """(height, width, 3) pixels: the body at positions (n_nodes, 2), coloured by values (n_nodes,)."""
+        points = positions[self._subject.nodes]
         if self._fill is not None:
             self._fill.remove()
         self._fill = self._filling(points, values)

@@ -29,6 +29,8 @@ def test_a_film_is_drawn(softprint, motion3d, tmp_path):
         (("MOTION", "press.fbx"), "press.fbx: motions are converted to .glb"),
         (("MOTION", "press"), "press: motions are converted to .glb"),
         (("MOTION", "a.glb", "--from", "late"), "--from late: this is neither a time in seconds"),
+        (("MOTION", "a.gif", "--cut", "here"), "--cut here: this is no plane; one is an axis"),
+        (("MOTION", "a.obj", "--width", "100"), "a sequence of OBJ files is no film"),
         (("MOTION", "a.glb", "--to", "99f"), "no frame 99; they are numbered 0 to 15"),
         (("none.h5", "a.glb"), "none.h5: there is no such motion file; `softprint simulate` makes one"),
         (("BODY", "a.glb"), "this is a body file; a motion file was expected"),

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from softprint.runtime.convert.film import FilmLook
 from softprint.runtime.convert.formats import convert_motion
-from softprint.runtime.convert.sampling import Sampling
+from softprint.runtime.convert.sampling import Moment, Sampling
 from softprint.runtime.drawing.film.rest_grid import RestGrid
+from softprint.runtime.drawing.film.subject import Cut
 from softprint.runtime.errors import SoftprintError
 
 WARM, COOL = np.array([229, 138, 107]), np.array([81, 97, 124])  # body and collider
@@ -80,6 +82,31 @@ def test_colliders_can_be_left_out(motion, tmp_path):
     assert bluish[1] < 0.001
 
 
+def test_a_body_is_cut_open(motion3d, tmp_path):
+    last = Sampling(Moment(15, True))
+    for name, cut in (("whole", None), ("open", Cut(1, 0.0))):
+        convert_motion(motion3d, tmp_path / f"{name}.gif", last, look=FilmLook(width=320, cut=cut))
+    whole, cut_open = (gif_frames(tmp_path / f"{name}.gif")[0][0] for name in ("whole", "open"))
+    section = np.array([240, 179, 154])
+    assert share_like(cut_open, section, 8) > 0.1
+    assert share_like(whole, section, 8) < 0.02
+    assert (cut_open < 250).any(axis=2).mean() < (whole < 250).any(axis=2).mean()  # half is taken away
+
+
+def test_a_look_that_cannot_be_is_refused(motion, tmp_path):
+    with pytest.raises(SoftprintError, match="--width must be from 64 to 4096 pixels, not 8"):
+        convert_motion(motion, tmp_path / "press.gif", look=FilmLook(width=8))
+    with pytest.raises(SoftprintError, match="is no film: leave out --width"):
+        convert_motion(motion, tmp_path / "press.glb", look=FilmLook(width=320))
+    if motion.rest.dim == 2:
+        with pytest.raises(SoftprintError, match="is in 2D, where nothing is cut open"):
+            convert_motion(motion, tmp_path / "press.gif", look=FilmLook(cut=Cut(1, 0.0)))
+    for text in ("y", "w=1", "y=", "y=nan", "0.01", "=1"):
+        with pytest.raises(ValueError, match=r"."):
+            Cut.parse(text)
+    assert Cut.parse(" z = -0.5") == (2, -0.5)
+
+
 def test_an_mp4_has_every_frame_and_the_rate(motion, tmp_path):
     convert_motion(motion, tmp_path / "press.mp4", Sampling(rate=20.0))
     with av.open(str(tmp_path / "press.mp4")) as container:
@@ -95,8 +122,6 @@ def test_an_mp4_has_every_frame_and_the_rate(motion, tmp_path):
 
 
 def test_a_film_of_one_frame(motion, tmp_path):
-    from softprint.runtime.convert.sampling import Moment
-
     only = Sampling(Moment(0.1), Moment(0.1))
     for name in ("one.gif", "one.mp4"):
         convert_motion(motion, tmp_path / name, only)
