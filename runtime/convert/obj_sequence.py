@@ -63,15 +63,9 @@ def _sequence(out: Path) -> Iterator[Path]:
             for path in new:
                 os.replace(path, out.parent / path.name)
             for name in set(_numbered(out)) - {path.name for path in new}:
-                _remove_if_ours(out.parent / name)
+                if is_ours(out.parent / name):
+                    (out.parent / name).unlink()
         finally:
             shutil.rmtree(folder, ignore_errors=True)
     except OSError as error:
         raise SoftprintError(f"cannot write {out.parent / out.stem}_*: {error.strerror or error}") from error
-
-
-def _remove_if_ours(path: Path) -> None:
-    with path.open("rb") as file:
-        ours = is_ours(file.readline(80))
-    if ours:
-        path.unlink()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TextIO
 
 import numpy as np
@@ -17,9 +18,10 @@ def write_head(file: TextIO, text: str) -> None:
     file.write(f"{_HEAD.decode()}{text}, metres\n")
 
 
-def is_ours(head: bytes) -> bool:
-    """Whether a file that begins like this is written here."""
-    return head.startswith(_HEAD)
+def is_ours(path: Path) -> bool:
+    """Whether a file was written here."""
+    with path.open("rb") as file:
+        return file.read(len(_HEAD)) == _HEAD
 
 
 def write_object(file: TextIO, name: str, points: Array, facets: IntArray, start: int = 1) -> None:

@@ -14,7 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from softprint.runtime.convert.frames import SurfaceMotion, in_space
-from softprint.runtime.convert.obj_text import write_head, write_object
+from softprint.runtime.convert.obj_text import is_ours, write_head, write_object
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
 
 _HEADER = struct.Struct("<12siiffi")
@@ -23,6 +24,10 @@ _HEADER = struct.Struct("<12siiffi")
 def write_point_cache(out: Path, motion: SurfaceMotion, progress: Callable[[int], None]) -> list[Path]:
     """Write OUT.pc2 and OUT.obj; returns their paths."""
     surface = out.with_suffix(".obj")
+    if surface.is_file() and not is_ours(surface):
+        raise SoftprintError(
+            f"{surface}: a file of another program is where the surface at rest of {out.name} goes"
+        )
     with atomic_path(surface) as rest, atomic_path(out) as temporary:
         with rest.open("w", encoding="ascii", errors="replace") as text:
             write_head(text, f"the surface at rest that {out.name} moves")

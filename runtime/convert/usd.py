@@ -73,7 +73,7 @@ def _write_layer(path: Path, motion: SurfaceMotion, progress: Callable[[int], No
         if not stage.GetRootLayer().Save():
             raise OSError("the layer could not be saved")
     except Tf.ErrorException as error:
-        raise OSError(str(error).strip().splitlines()[-1]) from error
+        raise OSError("the USD library could not write it; is the disk full?") from error
 
 
 def _describe(stage: Any, motion: SurfaceMotion) -> None:

@@ -131,7 +131,7 @@ def test_few_frames_are_in_memory_at_a_time(ending, motion, tmp_path):
 
 @pytest.mark.parametrize("ending", sorted(FORMATS))
 def test_an_interrupted_conversion_leaves_what_was_there(ending, motion, tmp_path):
-    kept = {f"press{ending}": b"earlier", "press_0001.obj": b"earlier", "press.bin": b"earlier"}
+    kept = {f"press{ending}": b"earlier", "press_0001.obj": b"# Softprint: earlier", "press.bin": b"earlier"}
     for name, content in kept.items():
         (tmp_path / name).write_bytes(content)
 

@@ -12,6 +12,7 @@ import trimesh
 from softprint.runtime.convert.formats import convert_motion
 from softprint.runtime.convert.frames import in_space, surface_motion
 from softprint.runtime.convert.sampling import Sampling
+from softprint.runtime.errors import SoftprintError
 
 
 def read_pc2(path):
@@ -45,6 +46,13 @@ def test_a_point_cache_moves_the_vertices_of_its_obj(motion, tmp_path):
     np.testing.assert_array_equal(np.array(corners["f"]) - 1, surface.triangles)
     for number, frame in enumerate(surface.frames()):
         np.testing.assert_array_equal(cache[number], np.float32(in_space(frame.points)))
+
+
+def test_a_mesh_of_another_program_is_not_overwritten(motion, tmp_path):
+    (tmp_path / "press.obj").write_text("v 0 0 0\n")
+    with pytest.raises(SoftprintError, match="a file of another program is where the surface at rest"):
+        convert_motion(motion, tmp_path / "press.pc2")
+    assert [path.name for path in tmp_path.iterdir()] == ["press.obj"]
 
 
 def test_other_programs_read_the_surface_at_rest(motion3d, tmp_path):
