@@ -35,7 +35,7 @@ _SHAPE = 0.75  # height for each width
 _COLOURS = 192  # of a GIF's palette
 _PALETTE_FRAMES = 6
 _TICK = 100  # a GIF counts the time in hundredths of a second
-_SHORTEST = 2  # ticks: players slow down what is faster
+GIF_FASTEST = 50.0  # frames a second: players slow down frames of less than two ticks
 _WHITE = 255
 _QUALITY = "18"  # of H.264: no visible loss
 
@@ -181,5 +181,4 @@ def _indexed(pixels: Pixels, palette: Image.Image) -> Image.Image:
 def _durations(count: int, rate: float) -> list[int]:
     """Milliseconds that each frame is shown, in whole ticks whose sum is that of the film."""
     ends = np.round(np.arange(count + 1) * _TICK / rate)
-    ticks = np.maximum(np.diff(ends), _SHORTEST)
-    return [int(tick) * (1000 // _TICK) for tick in ticks]
+    return [int(ticks) * (1000 // _TICK) for ticks in np.diff(ends)]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from softprint.runtime.convert.colouring import NONE
-from softprint.runtime.convert.film import FilmLook, write_gif, write_mp4
+from softprint.runtime.convert.film import GIF_FASTEST, FilmLook, write_gif, write_mp4
 from softprint.runtime.convert.frames import SurfaceMotion, surface_motion
 from softprint.runtime.convert.gltf import MOST_TARGETS, write_gltf
 from softprint.runtime.convert.obj_sequence import write_obj_sequence
@@ -28,14 +28,16 @@ FilmWriter = Callable[[Path, SurfaceMotion, Progress, FilmLook], list[Path]]
 @dataclass(frozen=True)
 class Format:
     """what: in a few words; write or film: the writer, which returns the files, of a film with its look; rate: frames a
-    second where nothing is asked for, None for the motion's own; most: frames at most; coloured: whether it holds
-    colours; needs: a package beyond those of the runtime, with the way to install it."""
+    second where nothing is asked for, None for the motion's own; most: frames at most; fastest: frames a second at
+    most; coloured: whether it holds colours; needs: a package beyond those of the runtime, with the way to install it.
+    """
 
     what: str
     write: Writer | None = None
     film: FilmWriter | None = None
     rate: float | None = None
     most: int | None = None
+    fastest: float | None = None
     coloured: bool = True
     needs: tuple[str, str] | None = None
 
@@ -51,7 +53,7 @@ FORMATS = {
     ".usdz": _USD,
     ".pc2": Format("a point cache beside an OBJ file", write_point_cache, coloured=False),
     ".obj": Format("a sequence of OBJ files", write_obj_sequence, coloured=False),
-    ".gif": Format("moving pictures", film=write_gif, rate=30.0, needs=_PICTURES),
+    ".gif": Format("moving pictures", film=write_gif, rate=30.0, fastest=GIF_FASTEST, needs=_PICTURES),
     ".mp4": Format("a film", film=write_mp4, rate=30.0, needs=("av", "pip install av")),
 }
 
@@ -111,6 +113,11 @@ def plan_conversion(
         raise SoftprintError(
             f"{out}: {len(motion)} frames are more than the {found.most} that players of this format can hold: choose "
             "fewer with --rate, --every, --from or --to"
+        )
+    if found.fastest is not None and motion.rate > 1.001 * found.fastest:
+        raise SoftprintError(
+            f"{out}: {motion.rate:.4g} frames a second are more than the {found.fastest:g} that players of this format "
+            "show: choose fewer with --rate or --every"
         )
     return Conversion(out, found, motion, look or FilmLook())
 

@@ -59,6 +59,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from softprint.runtime.convert.sampling import Moment, Sampling
     from softprint.runtime.drawing.film.subject import Cut
     from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.inspect.summary import byte_size
     from softprint.runtime.scenes.motion_file import load_motion
 
     def moment(option: str, text: str | None) -> Moment | None:
@@ -85,16 +86,12 @@ def run(args: argparse.Namespace, context: Context) -> int:
     size = sum(path.stat().st_size for path in files)
     named = ", ".join(map(str, files[:2])) + (f" ... {files[-1].name}" if len(files) > 2 else "")
     context.say(
-        f"{named}: {found.what}, {len(plan.motion)} frames at {plan.motion.rate:.4g} a second, {_in_bytes(size)}"
+        f"{named}: {found.what}, {len(plan.motion)} frames at {plan.motion.rate:.4g} a second, {byte_size(size)}"
     )
     left_out = [name for name in source.colliders if name not in plan.motion.solids]
     if left_out and not args.no_colliders:
         context.say(f"without {', '.join(left_out)}: a collider without bounds has no surface")
     return 0
-
-
-def _in_bytes(size: int) -> str:
-    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
 
 
 VERB = Verb(

@@ -121,6 +121,11 @@ def test_an_mp4_has_every_frame_and_the_rate(motion, tmp_path):
     assert frames[0][0, 0].min() > 245
 
 
+def test_a_gif_faster_than_players_is_refused(motion, tmp_path):
+    with pytest.raises(SoftprintError, match="60 frames a second are more than the 50 that players"):
+        convert_motion(motion, tmp_path / "fast.gif", Sampling(rate=60.0))
+
+
 def test_a_film_of_one_frame(motion, tmp_path):
     only = Sampling(Moment(0.1), Moment(0.1))
     for name in ("one.gif", "one.mp4"):
