@@ -93,7 +93,7 @@ def write_mp4(
         av.open(str(temporary), "w", format="mp4", options={"movflags": "faststart"}) as container,
     ):
         stream = container.add_stream("libx264", rate=rate, options={"crf": _QUALITY})
-        stream.width, stream.height = _size(look.width or _MP4_WIDTH)
+        stream.width, stream.height = _size(_MP4_WIDTH if look.width is None else look.width)
         stream.pix_fmt = "yuv420p"
         for frame in motion.frames():
             picture = av.VideoFrame.from_ndarray(
@@ -111,7 +111,7 @@ Stage = SolidStage | FlatStage
 def open_stage(motion: SurfaceMotion, look: FilmLook, width: int) -> AbstractContextManager[Stage]:
     """Where the frames are drawn; width: in pixels, where the look has none. Raises SoftprintError if no pictures can
     be drawn here, or none of this look."""
-    size = _size(look.width or width)
+    size = _size(width if look.width is None else look.width)
     if look.cut is not None and motion.dim == 2:
         raise SoftprintError(f"{motion.source.label}: is in 2D, where nothing is cut open: leave out --cut")
     extent = motion.extent

@@ -105,7 +105,8 @@ def plan_conversion(
     if look is not None and look != FilmLook() and found.film is None:
         raise SoftprintError(f"{out}: {found.what} is no film: leave out --width and --cut")
     if sampling.rate is None and sampling.every is None:
-        length = float(source.times[-1] - source.times[0])
+        stored = sampling.times(source.times, source.label)
+        length = float(stored[-1] - stored[0])
         highest = (found.most - 1) / length if found.most is not None and length > 0 else np.inf
         sampling = replace(sampling, rate=found.rate and min(found.rate, highest))
     motion = surface_motion(source, sampling, colour or NONE, with_colliders)

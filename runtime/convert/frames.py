@@ -19,6 +19,7 @@ from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.convert.colouring import NONE, Colouring, colouring_of
 from softprint.runtime.convert.recorded import Recorded
 from softprint.runtime.convert.sampling import Sampling
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.lazy import lazy
 
 # Grid cells along the longest side of a collider without a surface of its own: enough to look round.
@@ -189,5 +190,10 @@ class _Reader:
     def _read(self, frame: int) -> Array:
         if frame not in self._kept:
             self._kept = {number: kept for number, kept in self._kept.items() if abs(number - frame) == 1}
-            self._kept[frame] = self._source.positions(frame)
+            self._kept[frame] = positions = self._source.positions(frame)
+            if not np.isfinite(positions).all():
+                raise SoftprintError(
+                    f"{self._source.label}: frame {frame} has positions that are no numbers, because the "
+                    "simulation broke down: convert the frames before it with --to"
+                )
         return self._kept[frame]

@@ -11,7 +11,6 @@ something for its own use.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,10 +23,11 @@ from softprint.runtime.convert.frames import Frame, SurfaceMotion, in_space, pos
 from softprint.runtime.drawing.colours import BODY, COLLIDER, error_colours, linear, rgb
 from softprint.runtime.drawing.shading import Shading
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.io.files import atomic_path
+from softprint.runtime.io.files import atomic_path, temporary_beside
 
 _BYTES = 24  # a vertex and frame: position and normal, float32
 _MOST_BYTES = 4 << 30  # of a layer in memory
+_FAILED = "the USD library could not write it; is the disk full?"
 
 
 def write_usd(out: Path, motion: SurfaceMotion, progress: Callable[[int], None]) -> list[Path]:
@@ -44,11 +44,13 @@ def write_usd(out: Path, motion: SurfaceMotion, progress: Callable[[int], None])
         else:
             from pxr import UsdUtils
 
-            with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.stem}.") as folder:
-                layer = Path(folder) / f"{out.stem}.usdc"
+            layer = temporary_beside(out.with_suffix(".usdc"))
+            try:
                 _write_layer(layer, motion, progress)
-                if not UsdUtils.CreateNewUsdzPackage(str(layer), str(temporary)):
-                    raise OSError(f"no package could be made of {layer.name}")
+                if not UsdUtils.CreateNewUsdzPackage(str(layer), str(temporary), f"{out.stem}.usdc"):
+                    raise OSError(_FAILED)
+            finally:
+                layer.unlink(missing_ok=True)
     return [out]
 
 
@@ -71,9 +73,9 @@ def _write_layer(path: Path, motion: SurfaceMotion, progress: Callable[[int], No
         world = UsdGeom.Xform.Get(stage, "/World").GetPrim()
         stage.SetDefaultPrim(world)
         if not stage.GetRootLayer().Save():
-            raise OSError("the layer could not be saved")
+            raise OSError(_FAILED)
     except Tf.ErrorException as error:
-        raise OSError("the USD library could not write it; is the disk full?") from error
+        raise OSError(_FAILED) from error
 
 
 def _describe(stage: Any, motion: SurfaceMotion) -> None:

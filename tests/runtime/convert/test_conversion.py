@@ -98,6 +98,20 @@ def test_the_extent_holds_every_frame(motion):
         assert (points <= seen.max(axis=0) + 1e-12).all()
 
 
+def test_a_simulation_that_broke_down_is_named(motion, tmp_path):
+    class Broken:
+        label, rest, contact, times = "broken.h5", motion.rest, motion.contact, motion.times
+        poses, build_colliders = motion.poses, motion.build_colliders
+
+        def positions(self, frame):
+            return motion.positions(frame) * (np.nan if frame == 9 else 1.0)
+
+    with pytest.raises(SoftprintError, match=r"broken.h5: frame 9 has positions that are no numbers"):
+        convert_motion(Broken(), tmp_path / "press.glb", Sampling(every=1))
+    assert list(tmp_path.iterdir()) == []
+    convert_motion(Broken(), tmp_path / "press.glb", Sampling(end=Moment(8, True), every=1))
+
+
 @pytest.mark.parametrize("ending", [".pc2", ".glb", ".obj", ".usda"])
 def test_few_frames_are_in_memory_at_a_time(ending, motion, tmp_path):
     """Counts the arrays of positions that are alive whenever another one is read."""
