@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from softprint import PenaltyContact, PlacedCollider, Recording, RigidPose, Simulator, colliders
+from softprint.runtime.convert.film import FilmLook
 from softprint.runtime.convert.formats import FORMATS, convert_motion, plan_conversion
 from softprint.runtime.convert.frames import surface_motion
 from softprint.runtime.convert.sampling import Moment, Sampling
@@ -149,11 +150,13 @@ def test_an_interrupted_conversion_leaves_what_was_there(ending, motion, tmp_pat
     for name, content in kept.items():
         (tmp_path / name).write_bytes(content)
 
+    small = FilmLook(width=64) if FORMATS[ending].film else None
+
     def interrupt(done):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        plan_conversion(motion, tmp_path / f"press{ending}", Sampling(every=4)).write(interrupt)
+        plan_conversion(motion, tmp_path / f"press{ending}", Sampling(every=4), look=small).write(interrupt)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
 
 
@@ -165,7 +168,7 @@ plan_conversion(load_motion(sys.argv[1]), sys.argv[2]).write(lambda n: os.kill(o
 """
 
 
-@pytest.mark.parametrize("ending", [".glb", ".obj", ".gif"])
+@pytest.mark.parametrize("ending", [".glb", ".obj"])
 def test_the_next_conversion_removes_what_a_killed_one_left(ending, motion3d, tmp_path):
     out = tmp_path / f"press{ending}"
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}

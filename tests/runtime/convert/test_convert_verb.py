@@ -18,9 +18,12 @@ def test_a_motion_is_converted(softprint, motion3d, tmp_path):
 
 
 def test_a_film_is_drawn(softprint, motion3d, tmp_path):
-    result = softprint("convert", motion3d.path, "press.gif", "--rate", "10", "--colour", "pressure")
+    result = softprint(
+        "convert", motion3d.path, "press.gif", "--rate", "10", "--colour", "pressure", "--width", "200"
+    )
     assert result.returncode == 0, result.stderr
-    assert Image.open(tmp_path / "press.gif").n_frames == 4
+    picture = Image.open(tmp_path / "press.gif")
+    assert (picture.n_frames, picture.size) == (4, (200, 150))
 
 
 @pytest.mark.parametrize(

@@ -35,9 +35,16 @@ def share_like(pixels, colour, tolerance=60):
     return float((np.abs(pixels - colour).max(axis=2) < tolerance).mean())
 
 
-def test_a_gif_shows_the_motion_at_its_speed(motion, tmp_path):
-    convert_motion(motion, tmp_path / "press.gif")
-    frames = gif_frames(tmp_path / "press.gif")
+@pytest.fixture(scope="module")
+def whole_gif(motion, tmp_path_factory):
+    """The frames of the motion as it is converted by default."""
+    path = tmp_path_factory.mktemp("film") / "press.gif"
+    convert_motion(motion, path)
+    return gif_frames(path)
+
+
+def test_a_gif_shows_the_motion_at_its_speed(whole_gif):
+    frames = whole_gif
     assert len(frames) == 10  # 0.3 s at 30 a second, and the first
     # In whole hundredths of a second.
     assert sum(seconds for _, seconds in frames) == pytest.approx(10 / 30, abs=0.01)
@@ -48,9 +55,8 @@ def test_a_gif_shows_the_motion_at_its_speed(motion, tmp_path):
         assert share_like(pixels, WARM) > 0.1
 
 
-def test_the_camera_stays_and_nothing_leaves_the_picture(motion, tmp_path):
-    convert_motion(motion, tmp_path / "press.gif")
-    frames = np.array([pixels for pixels, _ in gif_frames(tmp_path / "press.gif")])
+def test_the_camera_stays_and_nothing_leaves_the_picture(whole_gif):
+    frames = np.array([pixels for pixels, _ in whole_gif])
     drawn = (frames < 250).any(axis=(0, 3))
     assert not drawn[[0, -1]].any()
     assert not drawn[:, [0, -1]].any()
