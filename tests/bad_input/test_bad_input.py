@@ -361,7 +361,7 @@ COLLIDERS = {
     "no triangles": (WHOLE[:80] + bytes(4), ("no triangles",)),
     "open": (ball(lambda v, t: (v, t[v[t].mean(axis=1)[:, 2] < 0.01])), ("open", "close it")),
     "not finite": (ball(not_finite), ("not finite",)),
-    "flat": (surface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), ("open",)),
+    "flat": (surface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), ("drawing is flat",)),
     "a point": (surface([[0, 0, 0]], [[0, 0, 0]]), ("one point",)),
     "non-manifold": (
         surface([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]], [[0, 1, 2], [0, 1, 3], [1, 0, 4]]),
