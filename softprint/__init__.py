@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from softprint.runtime.scenes.background_drawing import BackgroundDrawing
     from softprint.runtime.scenes.playing import simulate
     from softprint.runtime.scenes.warm_up import warm_up
-    from softprint.runtime.touch import TouchSensor, point_places
+    from softprint.runtime.touch import TactileCamera, TouchSensor, point_places
 
 _MODULES = {
     "BackgroundDrawing": "scenes.background_drawing",
@@ -61,6 +61,7 @@ _MODULES = {
     "ReducedBody": "body",
     "RigidPose": "colliders",
     "Simulator": "dynamics",
+    "TactileCamera": "touch",
     "TouchSensor": "touch",
     "assemble_body": "body",
     "box_mesh": "mesh",
@@ -100,6 +101,7 @@ __all__ = [
     "RigidPose",
     "Simulator",
     "SoftprintError",
+    "TactileCamera",
     "TouchSensor",
     "assemble_body",
     "box_mesh",

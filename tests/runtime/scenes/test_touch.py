@@ -153,8 +153,9 @@ def test_pressure_is_largest_where_a_ball_is_deepest() -> None:
         assert np.linalg.norm(places.rest[peak, :2] - 0.0083) < 0.1 / 16  # within an edge of the mesh
         assert felt.pressure[peak] > 0
         bearing = felt.pressure > 0
-        # Active nodes are near the ball, and deeper ones have more pressure.
-        assert away[bearing].max() < RADIUS
+        # Active nodes are near the ball, and deeper ones have more pressure. With mechanics the surface gives way, by
+        # forces at some of its nodes only.
+        assert away[bearing].max() < RADIUS + (0.0 if mechanics is None else 2e-3)
         order = np.argsort(np.linalg.norm(places.rest[bearing, :2] - 0.0083, axis=1))
         assert felt.pressure[bearing][order][0] > felt.pressure[bearing][order][-1]
 
