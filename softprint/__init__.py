@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     )
     from softprint.runtime.dynamics.state_file import load_state, save_state
     from softprint.runtime.elasticity import make_material
+    from softprint.runtime.environments import register_environments
     from softprint.runtime.experiment import load_experiment
     from softprint.runtime.learned.correction_file import load_correction
     from softprint.runtime.mechanics.body_mechanics import compute_mechanics
@@ -79,6 +80,7 @@ _MODULES = {
     "place_handles": "body",
     "point_places": "touch",
     "read_mesh": "mesh",
+    "register_environments": "environments",
     "save_body": "body",
     "save_mechanics": "mechanics.mechanics_file",
     "save_state": "dynamics.state_file",
@@ -120,6 +122,7 @@ __all__ = [
     "place_handles",
     "point_places",
     "read_mesh",
+    "register_environments",
     "save_body",
     "save_mechanics",
     "save_state",
