@@ -69,7 +69,8 @@ class FindEdgeEnv(TactileEnv):
     def outline_distance(self) -> float:
         """The signed distance of the middle of the pad from the outline of the block [m], negative below the block."""
         c, s = np.cos(self._turn), np.sin(self._turn)
-        middle = -np.array([[c, s], [-s, c]]) @ (self.position[:2] + self._shift)
+        x, y = self.position[:2] + self._shift
+        middle = np.array([-c * x - s * y, s * x - c * y])
         return rectangle_distance(middle, np.array(self.half_extents[:2]))
 
     def judged(self, seen: TactileImage) -> tuple[float, bool, dict[str, Any]]:

@@ -33,7 +33,7 @@ class PressToForceEnv(TactileEnv):
 
     def goal_space(self) -> dict[str, spaces.Space[Any]]:
         """See `TactileEnv`."""
-        return {"target": spaces.Box(*(np.float32(force) for force in self.forces), (1,), np.float32)}
+        return {"target": spaces.Box(self.forces[0], self.forces[1], (1,), np.float32)}
 
     def begin(self) -> None:
         """See `TactileEnv`."""

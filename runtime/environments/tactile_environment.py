@@ -54,7 +54,7 @@ class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     steps of an action. Raises SoftprintError for senses that there are not, and as `PadParts.make` does.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 30}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012  (as of Env)
     # (3,) [m] where the indenter's origin may be: below, beside and above.
     lower: Array
     upper: Array
@@ -166,7 +166,7 @@ class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             info["reason"] = self._result.reason if failed else f"{self.max_steps} steps are over"
         return self._observed(self.seen), reward + success * self.success_reward, success, truncated, info
 
-    def render(self) -> Pixels | None:  # type: ignore[override]
+    def render(self) -> Pixels | None:
         """The depth image with the markers; None without a render mode."""
         if self.render_mode is None or self.seen is None:
             return None

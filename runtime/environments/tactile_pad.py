@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from softprint.runtime.body import (
     ReducedBody,
@@ -145,7 +146,7 @@ class TactilePad:
         """[s] of one step."""
         return self.simulator.settings.time_step
 
-    def world_pose(self, position: Sequence[float], rotation: Sequence[float]) -> RigidPose:
+    def world_pose(self, position: ArrayLike, rotation: ArrayLike) -> RigidPose:
         """Of the indenter, from its position (3,) [m] and rotation vector (3,) in the frame of the side."""
         axes, origin = self.camera.side.axes, self.camera.side.origin
         own = RigidPose.from_rotation_vector(rotation, position)
