@@ -23,19 +23,15 @@ from softprint.runtime.touch.tactile_camera import TactileImage
 
 
 class FindEdgeEnv(TactileEnv):
-    """See the module."""
+    """See the module. Observes depth and force by default."""
 
+    senses = ("depth", "force")
     half_extents: ClassVar[tuple[float, float, float]] = (0.003, 0.0045, 0.003)  # m
     rounding: ClassVar[float] = 3e-4  # m
     tolerance: ClassVar[float] = 5e-4  # m
     forces: ClassVar[tuple[float, float]] = (0.05, 3.0)  # N
     lower = np.array([-0.012, -0.012, 0.0024])
     upper = np.array([0.012, 0.012, 0.006])
-
-    def __init__(self, *args: Any, **keys: Any) -> None:
-        """As of `TactileEnv`; observes the depth image by default."""
-        keys.setdefault("observe", ("depth", "force"))
-        super().__init__(*args, **keys)
 
     def indenter(self) -> Collider:
         """See `TactileEnv`."""

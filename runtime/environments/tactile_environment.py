@@ -49,12 +49,14 @@ _LARGEST = {"markers": 10.0, "depth": 10.0, "force": 100.0, "indenter": 50.0}
 class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """A task with a tactile pad. All arguments are plain, so that an environment can be made in any process.
 
-    experiment, run, model: see `PadParts.make`; observe: some of "markers", "depth" and "force"; markers, image: see
-    `TactileCamera`; max_steps: actions of an episode; speed: [m/s] of an action of one along an axis; repeat: time
-    steps of an action. Raises SoftprintError for senses that there are not, and as `PadParts.make` does.
+    experiment, run, model: see `PadParts.make`; observe: some of "markers", "depth" and "force", by default those of
+    the task; markers, image: see `TactileCamera`; max_steps: actions of an episode; speed: [m/s] of an action of one
+    along an axis; repeat: time steps of an action. Raises SoftprintError for senses that there are not, and as
+    `PadParts.make` does.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012  (as of Env)
+    senses: ClassVar[tuple[str, ...]] = ("markers", "force")
     # (3,) [m] where the indenter's origin may be: below, beside and above.
     lower: Array
     upper: Array
@@ -64,7 +66,7 @@ class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         experiment: str | None = None,
         run: str | None = None,
         model: str = "mechanics",
-        observe: Sequence[str] = ("markers", "force"),
+        observe: Sequence[str] | None = None,
         markers: Sequence[int] = (12, 9),
         image: Sequence[int] = (64, 48),
         max_steps: int = 150,
@@ -72,6 +74,7 @@ class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         repeat: int = 2,
         render_mode: str | None = None,
     ) -> None:
+        observe = self.senses if observe is None else observe
         unknown = [sense for sense in observe if sense not in SENSES]
         if unknown or isinstance(observe, str):
             raise SoftprintError(f"observe {observe!r}: must be some of {', '.join(SENSES)}")

@@ -58,7 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--markers)",
     )
     parser.add_argument(
-        "--side", metavar="AXIS", help="the side that the camera sees, such as +z or -x (default: up)"
+        "--side", metavar="AXIS", help="the side that the camera sees, such as --side=-z (default: up)"
     )
     parser.add_argument(
         "--field",
