@@ -160,6 +160,7 @@ class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.seen = self.pad.camera.see(self._result)
         self._taken += 1
         reward, met, info = self.judged(self.seen)
+        reward = reward if np.isfinite(reward) else -1.0  # of a step that failed
         self._held = self._held + 1 if met else 0
         failed = not self._result.converged
         success = self._held >= self.held_for and not failed
@@ -180,15 +181,15 @@ class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self.pad.world_pose(self.position, self.rotation)
 
     def _observed(self, seen: TactileImage) -> Observation:
-        """Clipped to the space."""
+        """Clipped to the space, with zeros for what is not seen."""
         values = {
             "markers": MILLIMETRES * seen.markers,
-            "depth": MILLIMETRES * np.nan_to_num(seen.depth),
+            "depth": MILLIMETRES * seen.depth,
             "force": seen.force,
             "indenter": np.concatenate([MILLIMETRES * self.position, self.rotation]),
         }
         kept = {
-            name: np.clip(values[name], -_LARGEST[name], _LARGEST[name]).astype(np.float32)
+            name: np.clip(np.nan_to_num(values[name]), -_LARGEST[name], _LARGEST[name]).astype(np.float32)
             for name in (*self.observe, "indenter")
         }
         return {**kept, **self.goal()}

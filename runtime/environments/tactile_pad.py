@@ -116,7 +116,7 @@ class PadParts:
 
 
 class TactilePad:
-    """A pad that an indenter touches. side: that of the camera, up by default."""
+    """A pad that an indenter touches, with a camera for its upper side; markers, image, field: see `TactileCamera`."""
 
     def __init__(
         self,
