@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     )
     from softprint.runtime.dynamics.state_file import load_state, save_state
     from softprint.runtime.elasticity import make_material
+    from softprint.runtime.environments import register_environments
     from softprint.runtime.experiment import load_experiment
     from softprint.runtime.learned.correction_file import load_correction
     from softprint.runtime.mechanics.body_mechanics import compute_mechanics
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
     from softprint.runtime.scenes.playing import simulate
     from softprint.runtime.scenes.recording import Recording
     from softprint.runtime.scenes.warm_up import warm_up
-    from softprint.runtime.touch import TouchSensor, point_places
+    from softprint.runtime.touch import TactileCamera, TouchSensor, point_places
 
 _MODULES = {
     "BackgroundDrawing": "scenes.background_drawing",
@@ -70,6 +71,7 @@ _MODULES = {
     "RigidPose": "colliders",
     "Sampling": "convert.sampling",
     "Simulator": "dynamics",
+    "TactileCamera": "touch",
     "TouchSensor": "touch",
     "assemble_body": "body",
     "box_mesh": "mesh",
@@ -89,6 +91,7 @@ _MODULES = {
     "place_handles": "body",
     "point_places": "touch",
     "read_mesh": "mesh",
+    "register_environments": "environments",
     "save_body": "body",
     "save_mechanics": "mechanics.mechanics_file",
     "save_state": "dynamics.state_file",
@@ -115,6 +118,7 @@ __all__ = [
     "Sampling",
     "Simulator",
     "SoftprintError",
+    "TactileCamera",
     "TouchSensor",
     "assemble_body",
     "box_mesh",
@@ -135,6 +139,7 @@ __all__ = [
     "place_handles",
     "point_places",
     "read_mesh",
+    "register_environments",
     "save_body",
     "save_mechanics",
     "save_state",

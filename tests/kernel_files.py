@@ -11,6 +11,7 @@ _FILES = (
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
+    "runtime/touch/raster_kernels.py",
     *(
         str(path.relative_to(REPOSITORY))
         for path in sorted((REPOSITORY / "runtime/mechanics").glob("*_kernels.py"))

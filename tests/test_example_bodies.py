@@ -51,6 +51,28 @@ def test_bodies_are_those_of_the_table(name, size):
     assert mean_ratio(mesh).min() > 0.3
 
 
+@pytest.mark.parametrize("name", ["gel_pad_small", "gel_pad"])
+def test_the_gel_pad_is_fine_where_it_touches_and_held_behind(name):
+    mesh, handles = body_of(name)
+    assert (facet_edges(mesh.facets) == 2).all()
+    assert cell_angles(mesh).min() > 10
+    assert mean_ratio(mesh).min() > 0.3
+    np.testing.assert_allclose(mesh.points.min(axis=0), [-0.0125, -0.0125, -0.001], atol=1e-9)
+    np.testing.assert_allclose(mesh.points.max(axis=0), [0.0125, 0.0125, 0.004], atol=1e-9)
+    (back,) = handles.frames
+    np.testing.assert_array_equal(
+        back.nodes, np.flatnonzero(mesh.points[:, 2] < 1e-7)
+    )  # no more than the back
+    assert np.isclose(mesh.points[handles.points, 2], 0.004).all()
+    lengths = np.linalg.norm(np.diff(mesh.points[mesh.surface_edges], axis=1)[:, 0], axis=1)
+    middle = mesh.points[mesh.surface_edges].mean(axis=1)
+    touching = (middle[:, 2] > 0.0039) & (np.hypot(*middle[:, :2].T) < 0.005)
+    finest = 0.0005 if name == "gel_pad_small" else 0.00034
+    assert lengths[touching].mean() == pytest.approx(finest, rel=0.15)  # a mesher's edges vary
+    assert lengths[middle[:, 2] < -0.0009].mean() > 3 * finest
+    assert 8000 < mesh.n_cells < 45000
+
+
 @pytest.mark.parametrize("name", ["hand_small", "hand", "finger_small", "finger"])
 def test_bones_are_inside(name):
     mesh, handles = body_of(name)

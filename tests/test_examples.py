@@ -44,7 +44,7 @@ def play(name: str) -> dict[str, Any]:
 
 
 def test_examples_use_the_public_name_only():
-    assert len(SCRIPTS) == 5
+    assert len(SCRIPTS) == 6
     for script in SCRIPTS:
         text = script.read_text()
         assert "import softprint\n" in text
@@ -81,6 +81,13 @@ def test_a_stored_state_branches_and_replays():
     force = session["dragged"].contacts["ball"].force
     assert force[2] > 0.1  # N: still pressed in
     assert force[0] < -0.1 * force[2]  # and held back, by friction and by the slope of the dent
+
+
+def test_the_tactile_environment_reaches_its_force():
+    session = play("tactile_environment.py")
+    assert session["success"]
+    assert session["info"]["force"] == pytest.approx(session["wanted"], rel=0.05)  # the tolerance of the task
+    assert session["moved"] > 0.02  # mm: the markers give way
 
 
 def test_learned_contact_plays_beside_the_reduced_model(finished_run: Path, run_folder: Path):

@@ -215,7 +215,9 @@ def _contact_work(
     names = experiment.sampled_colliders
     counts = tuple(map(experiment.contact_places, names))
     clearance = sampling.frame_clearance * size
-    places = on_first_rank(comm, lambda: places_by_state(body, max(counts), len(states["rows"]), clearance))
+    places = on_first_rank(
+        comm, lambda: places_by_state(body, max(counts), len(states["rows"]), clearance, sampling.region)
+    )
     rotations = spread_rotations(
         body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM])
     )

@@ -6,12 +6,15 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
+import numpy as np
+
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.dynamics.drawn_contact import DrawnContact
 from softprint.runtime.learned.correction import (
     BoundContactCorrection,
     BoundField,
@@ -20,6 +23,7 @@ from softprint.runtime.learned.correction import (
 )
 from softprint.runtime.linalg.row_products import placed
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
 
 
 class Snapshot(NamedTuple):
@@ -35,11 +39,12 @@ class Snapshot(NamedTuple):
 
 class Corrections(NamedTuple):
     """The corrections of a scene: field corrections and contact corrections by the names of their colliders; contact:
-    solves condensed contact, None without condensed contact."""
+    solves condensed contact, None without condensed contact; compliance: of the body, likewise."""
 
     fields: Mapping[str, FieldCorrection]
     of_contact: Mapping[str, ContactCorrection]
     contact: CondensedContact | None
+    compliance: SurfaceCompliance | None = None
 
 
 class CorrectedNodes:
@@ -88,8 +93,13 @@ class CorrectedNodes:
 
     @cached_property
     def _of_contact(self) -> Sequence[BoundContactCorrection]:
-        _, corrections, contact = self._corrections
-        if contact is None or not corrections:
+        _, corrections, contact, compliance = self._corrections
+        if contact is None or compliance is None:
             return []
         points = self._body.node_points(self._nodes)
-        return [correction.bind(points, contact, name) for name, correction in corrections.items()]
+        bound = [correction.bind(points, contact, name) for name, correction in corrections.items()]
+        others = [name for name in contact.searches if name not in corrections]
+        if others:
+            nodes = np.arange(self._body.n_nodes) if self._nodes is None else self._nodes
+            bound.append(DrawnContact(points, nodes, compliance, contact, others))
+        return bound

@@ -62,6 +62,8 @@ def _body(experiment: Experiment) -> Iterator[Problem]:
     frames = list(enumerate(body.handles.frames))
     boxes = {f"body.handles.frames[{n}].box": frame.box for n, frame in frames if frame.box is not None}
     boxes |= {f"body.material.regions[{n}].box": region.box for n, region in enumerate(body.material.regions)}
+    if experiment.sampling.region is not None:
+        boxes["sampling.region"] = experiment.sampling.region
     for key, box in boxes.items():
         wrong_size = [problem for corner in box for problem in _vector(experiment, key, corner)]
         yield from wrong_size[:1]

@@ -14,7 +14,6 @@ from torch.nn.utils.rnn import pad_sequence
 from softprint.runtime.arrays import IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.model import ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
@@ -62,8 +61,9 @@ def read_force_data(
     metric: ForceMetric,
     samples: IntArray,
     progress: Callable[[int], None] | None = None,
-) -> ForceData:
-    """The given rows of a truth file. Samples in which the reduced body has no contact are dropped."""
+) -> ForceData | None:
+    """The given rows of a truth file. Samples in which the reduced body has no contact are dropped; None where no other
+    is left."""
     probe = ContactStateProbe(body, collider, mechanics, options.law, options.band, options.learned)
     loaded = probe.contact.loaded
     gradient = body.node_points().basis_gradient
@@ -100,9 +100,7 @@ def read_force_data(
             )
         )
     if not columns:
-        raise SoftprintError(
-            f"{truth.path}: in none of the {len(samples)} requested samples does the reduced body touch the collider"
-        )
+        return None
     names = list(ForceData.__dataclass_fields__)
     whole = {"depth", "n_nodes", "squared", "volume_squared"}
     stacked = (

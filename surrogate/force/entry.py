@@ -9,6 +9,7 @@ from softprint.runtime.arrays import IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.entry import options
@@ -58,14 +59,19 @@ def force_data(
     samples: IntArray,
     progress: Callable[[int], None] | None = None,
 ) -> ForceData:
-    """Some rows of the truth file, with any mix of colliders."""
+    """Some rows of the truth file, with any mix of colliders. Raises SoftprintError if none of them touches the reduced
+    body."""
     own, measured_in = mechanics(data, spec), metric(data, spec)
-    return join_force_data(
-        [
-            read_force_data(data.truth, data.body, collider, own, options, measured_in, part, progress)
-            for collider, part in data.by_collider(samples)
-        ]
-    )
+    parts = [
+        read_force_data(data.truth, data.body, collider, own, options, measured_in, part, progress)
+        for collider, part in data.by_collider(samples)
+    ]
+    touching = [part for part in parts if part is not None]
+    if not touching:
+        raise SoftprintError(
+            f"{data.truth.path}: in none of the {len(samples)} requested samples does a collider touch the reduced body"
+        )
+    return join_force_data(touching)
 
 
 def _energy(

@@ -119,6 +119,18 @@ def test_places_keep_clear_of_frames_and_apart(body: ReducedBody) -> None:
     assert np.all(np.diff(apart) <= 1e-12)  # greedy: each is as far as can be, so distances only fall
 
 
+def test_places_lie_in_the_region_that_is_asked_for(body: ReducedBody) -> None:
+    lower, upper = body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)
+    middle = 0.5 * (lower + upper)
+    region = tuple(map(tuple, (np.append(lower[:-1], middle[-1]), upper)))
+    places = spread_places(body, 4, 0.0, region)
+    assert (body.mesh.points[places, -1] >= middle[-1]).all()
+    half = int(candidate_places(body, 0.0, region).sum())
+    assert 4 < half < int(candidate_places(body, 0.0).sum())
+    with pytest.raises(SoftprintError, match=f"only {half} surface nodes .* and in sampling.region"):
+        spread_places(body, half + 1, 0.0, region)
+
+
 def test_states_share_no_place_while_there_are_enough(body: ReducedBody) -> None:
     places = places_by_state(body, 4, 3, 0.015)
     assert places.shape == (3, 4)

@@ -56,7 +56,7 @@ def find_corrections(
     # Of the body: `check_colliders` has made sure that all are the same.
     learned = next((correction.learned for correction in of_contact.values()), None)
     solver = CondensedContact.of(body, mechanics, condensed, contact, band, learned)
-    return Corrections(fields, of_contact, solver)
+    return Corrections(fields, of_contact, solver, mechanics.compliance)
 
 
 def build_terms(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from softprint.runtime.experiment.schema.section import Count, NotNegative, Positive, Section, Share
+from softprint.runtime.experiment.schema.section import Box, Count, NotNegative, Positive, Section, Share
 
 
 class SolverSpec(Section):
@@ -41,5 +41,8 @@ class SamplingSpec(Section):
     repeat_share: Share = Field(0.03, description="share of contacts solved twice, for the label-noise floor")
     frame_clearance: NotNegative = Field(
         0.5, description="least distance of contact places from rigid frames, in sizes of the collider"
+    )
+    region: Box | None = Field(
+        None, description="the part of the body at rest where contact places are [m]; everywhere if absent"
     )
     solver: SolverSpec = SolverSpec()

@@ -121,6 +121,7 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
         ),
         ("dynamics.gravity=[0, -9.81]", ["dynamics.gravity has 2", "2D", "[scenes[0].springs[0].target]"]),
         ("body.handles.frames.base.box=[[0, 0, 0], [1, 1, 0]]", ["[body.handles.frames[0].box]", "is empty"]),
+        ("sampling.region=[[0, 0, 0], [1, 1, 0]]", ["[sampling.region]", "is empty"]),
         ("body.handles.frames.base.radius=0.1", ["[body.handles.frames[0]]", "go together"]),
         (
             "body.handles.frames.base.segments=[[[0, 0, 0], [1, 1, 0]]]",

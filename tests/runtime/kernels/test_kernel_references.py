@@ -351,6 +351,15 @@ INPUTS = {
     "mesh.simplex_kernels": {
         "bounding_balls": lambda rng, dim: (rng.normal(size=(9, dim)), rng.integers(9, size=(M, dim + 1)))
     },
+    "touch.raster_kernels": {
+        "seen": lambda rng, dim: (
+            rng.uniform(-1, 7, size=(12, 2)),
+            rng.normal(size=12),
+            rng.permutation(12).reshape(4, 3).astype(np.int64),
+            5,
+            6,
+        )
+    },
     "mechanics.static_condensation_kernels": {
         "displacement": lambda rng, dim: (
             sparse_modes(rng, dim),

@@ -153,8 +153,9 @@ def test_pressure_is_largest_where_a_ball_is_deepest() -> None:
         assert np.linalg.norm(places.rest[peak, :2] - 0.0083) < 0.1 / 16  # within an edge of the mesh
         assert felt.pressure[peak] > 0
         bearing = felt.pressure > 0
-        # Active nodes are near the ball, and deeper ones have more pressure.
-        assert away[bearing].max() < RADIUS
+        # Active nodes are near the ball, and deeper ones have more pressure. With mechanics the surface gives way, by
+        # forces at some of its nodes only.
+        assert away[bearing].max() < RADIUS + (0.0 if mechanics is None else 2e-3)
         order = np.argsort(np.linalg.norm(places.rest[bearing, :2] - 0.0083, axis=1))
         assert felt.pressure[bearing][order][0] > felt.pressure[bearing][order][-1]
 
@@ -282,3 +283,26 @@ def test_the_command_refuses_points_with_a_clear_error(context, capsys) -> None:
         call(context, "--point", "0,0")
     assert "is not of the form NAME=X,Y,Z" in capsys.readouterr().err
     assert not (context.out_dir / "touch").exists()
+
+
+def test_the_command_writes_what_a_camera_sees(context, capsys) -> None:
+    assert call(context, "--markers", "6", "--model", "bare", "--model", "bare") == 0
+    folder = context.out_dir / "touch"
+    with h5py.File(folder / "press_bare_camera.h5") as file:
+        frames = len(file["times"])
+        assert file["markers"].shape == (frames, 6, 2)
+        assert file["depth"].shape == (frames, 64)
+        assert file["force"][-1, 1] < -0.1  # N: the ball presses the body
+        assert file["depth"][-1].max() > 1e-4  # m
+    assert (folder / "press_bare_camera.png").stat().st_size > 5000
+    for options, words in (
+        (["--side", "+x"], "add --markers or --depth-image"),
+        (["--markers", "6x5"], "must be 1 whole number"),
+        (["--depth-image", "20", "--field", "9"], "no larger than the side"),
+    ):
+        with pytest.raises(SoftprintError, match=words):
+            call(context, *options)
+    for option, wrong in (("--markers", "6by5"), ("--field", "wide")):
+        with pytest.raises(SystemExit):
+            call(context, option, wrong)
+        assert "is not of the form" in capsys.readouterr().err
