@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -70,10 +70,10 @@ class Recording:
         self.frames.append(Frame(lean, dict(handles), pulled))
 
     def write(
-        self, workshop: Workshop, folder: Path, progress: Callable[[int], None] = lambda n: None
+        self, workshop: Workshop, folder: Path, name: str, progress: Callable[[int], None] = lambda n: None
     ) -> list[Path]:
-        """Write the motions and the scene under the next free name; returns the paths, the scene's last."""
-        name = _free_name(folder)
+        """Write the motions and the scene under a name; returns the paths, the scene's last. progress(1) is called after
+        each frame of each motion."""
         scene = self._scene(workshop, name)
         known = {table.name: table.model_dump_json() for table in workshop.experiment.colliders}
         new = [
@@ -196,10 +196,10 @@ class Recording:
         return remarks
 
 
-def _free_name(folder: Path) -> str:
-    """The first of hand_001, hand_002, ... that no file of the folder begins with."""
+def free_name(folder: Path, used: Container[str] = ()) -> str:
+    """The first of hand_001, hand_002, ... that no file of the folder begins with, and that is not used."""
     taken = {path.name[: len("hand_000")] for path in folder.glob("hand_*")}
     number = 1
-    while f"hand_{number:03d}" in taken:
+    while (name := f"hand_{number:03d}") in taken or name in used:
         number += 1
-    return f"hand_{number:03d}"
+    return name

@@ -30,6 +30,7 @@ from softprint.runtime.viewer.session.frame_board import FrameBoard
 from softprint.runtime.viewer.session.frame_info import frame_info
 from softprint.runtime.viewer.session.painting import drawn_nodes, order_of
 from softprint.runtime.viewer.session.painting_process import PaintingProcess
+from softprint.runtime.viewer.session.recording import free_name
 from softprint.runtime.viewer.session.session import MOST_MODELS, Results, Session
 from softprint.runtime.viewer.session.workshop import Workshop
 from softprint.runtime.viewer.session.writing_process import WritingProcess
@@ -143,6 +144,7 @@ class _Loop:
         self.painters: list[PaintingProcess] = []
         self.painted: list[object] = []
         self.writers: list[WritingProcess] = []
+        self.names: set[str] = set()  # of recordings
         self.results: Results = ()
 
     def run(self) -> None:
@@ -210,9 +212,9 @@ class _Loop:
         session = self.session
         while session.finished_recordings:
             recording = session.finished_recordings.pop(0)
-            self.writers.append(WritingProcess(recording, session.workshop, session.recordings))
-            if len(self.writers) > 1:  # one after the other, as each takes the next free name
-                self._collect(self.writers[-2], True)
+            name = free_name(session.recordings, self.names)
+            self.names.add(name)
+            self.writers.append(WritingProcess(recording, session.workshop, session.recordings, name))
         for writer in list(self.writers):
             self._collect(writer, wait)
 

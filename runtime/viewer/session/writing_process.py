@@ -17,12 +17,12 @@ log = logging.getLogger(__name__)
 
 
 class WritingProcess:
-    """Writes one recording into a folder."""
+    """Writes one recording into a folder, under a name."""
 
-    def __init__(self, recording: Recording, workshop: Workshop, folder: Path) -> None:
+    def __init__(self, recording: Recording, workshop: Workshop, folder: Path, name: str) -> None:
         forked = multiprocessing.get_context("fork")
         self._ours, theirs = forked.Pipe(duplex=False)
-        self._process = forked.Process(target=_write, args=(recording, workshop, folder, theirs))
+        self._process = forked.Process(target=_write, args=(recording, workshop, folder, name, theirs))
         self._process.start()
         theirs.close()
 
@@ -39,10 +39,10 @@ class WritingProcess:
         return notice
 
 
-def _write(recording: Recording, workshop: Workshop, folder: Path, told: Connection) -> None:
+def _write(recording: Recording, workshop: Workshop, folder: Path, name: str, told: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        *motions, scene = recording.write(workshop, folder)
+        *motions, scene = recording.write(workshop, folder, name)
         first = motions[0]
         notice = Notice(
             f"{recording.seconds:.1f} s recorded: {', '.join(map(str, motions))}, and the scene {scene}; "
