@@ -1,1 +1,1 @@
-"""A window in the browser: press a body by hand (`session/`), play its files (`playback/`), drawn by viser (`page/`)."""
+"""A window in the browser, drawn by viser (`page/`): press a body by hand (`session/`), or play files (`playback/`)."""

@@ -48,8 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--colliders",
         type=Path,
         metavar="EXPERIMENT.toml",
-        help="draw the colliders of this experiment with the samples of a truth file (default: those of the file's own "
-        "experiment)",
+        help="draw the colliders of this experiment with the samples of a truth file; a motion file contains its own",
     )
     parser.add_argument("--port", type=int, default=PORT, metavar="N", help="0: any free one")
     parser.add_argument(
@@ -74,7 +73,9 @@ def run(args: argparse.Namespace, context: Context) -> int:
         play_files(args.what, args.colliders, args.port, args.open, context)
         return 0
     if len(args.what) > 1:
-        raise SoftprintError("one experiment at a time can be pressed by hand; motion files have their own window")
+        raise SoftprintError(
+            "one experiment at a time can be pressed by hand; motion files have their own window"
+        )
     from softprint.runtime.viewer.live import press_by_hand
 
     own = Context(experiments[0], tuple(args.overrides), args.out, context.quiet, rank=context.rank)

@@ -54,7 +54,9 @@ class PointSpring:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.stiffness) and self.stiffness >= 0):
-            raise SoftprintError(f"the stiffness of a spring on a point must be positive, not {self.stiffness}")
+            raise SoftprintError(
+                f"the stiffness of a spring on a point must be positive, not {self.stiffness}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

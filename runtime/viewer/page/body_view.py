@@ -1,10 +1,11 @@
-"""One body in the scene of the page, coloured vertex by vertex, with its contact points and the spring that pulls it."""
+"""One body in the scene of the page, coloured by vertex, with its contact points and the spring that pulls it."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.drawing.colours import BODY
@@ -12,6 +13,8 @@ from softprint.runtime.viewer.page.palette import colours, levels, rgb
 
 if TYPE_CHECKING:
     import viser
+
+Reals = NDArray[np.floating[Any]]
 
 # The end of the name of the point cloud that brings the colours of a mesh, see `colours.js`.
 COLOURS = "_colours"
@@ -28,7 +31,7 @@ class BodyView:
         self,
         server: viser.ViserServer,
         name: str,
-        rest: Array,
+        rest: Reals,
         faces: IntArray,
         offset: Array,
         size: float,
@@ -67,12 +70,12 @@ class BodyView:
         )
         self._pulled = False
 
-    def show(self, vertices: Array, values: Array, top: float) -> None:
+    def show(self, vertices: Reals, values: Reals, top: float) -> None:
         """Positions (n, 3) and values (n,) on a scale from 0 to `top`."""
         self.mesh.vertices = vertices
         self._cloud.colors = colours(values, top, linear=True)
 
-    def show_contact(self, points: Array, sizes: Array, visible: bool) -> None:
+    def show_contact(self, points: Reals, sizes: Array, visible: bool) -> None:
         """Contact points (m, 3) [m] and the forces (m,) [N] there."""
         placed = np.full((_POINTS, 3), _FAR_AWAY, dtype=np.float32)
         shades = np.zeros((_POINTS, 3), dtype=np.uint8)
@@ -85,12 +88,12 @@ class BodyView:
         self._contact.points = placed
         self._contact.colors = shades
 
-    def show_pull(self, pull: tuple[Array, Array] | None) -> None:
+    def show_pull(self, pull: tuple[Reals, Reals] | None) -> None:
         """The spring between two points (3,), or none."""
         if pull is None and not self._pulled:
             return
         self._pulled = pull is not None
-        far = np.full(3, _FAR_AWAY)
+        far: Reals = np.full(3, _FAR_AWAY)
         self._pull.points = np.array([pull or (far, far)], dtype=np.float32)
 
     def remove(self) -> None:

@@ -33,12 +33,19 @@ class Shown:
 
 class ColliderViews:
     """Draws colliders beside each of the bodies. lead(name, position (dim,), rotation (dim, dim) or None): asked when
-    the mouse moves one; offsets (3,) of the bodies; size [m] of the body."""
+    the mouse moves one, None where they cannot be led; offsets (3,) of the bodies; size [m] of the body; folder: of
+    the nodes in the scene."""
 
     def __init__(
-        self, server: viser.ViserServer, dim: int, size: float, offsets: Sequence[Array], lead: Lead | None
+        self,
+        server: viser.ViserServer,
+        dim: int,
+        size: float,
+        offsets: Sequence[Array],
+        lead: Lead | None,
+        folder: str = "colliders",
     ) -> None:
-        self._server, self._dim, self._size, self._lead = server, dim, size, lead
+        self._server, self._dim, self._size, self._lead, self._folder = server, dim, size, lead, folder
         self.offsets = list(offsets)
         self._shown: dict[str, Shown] = {}
         self._nodes: dict[str, list[Any]] = {}
@@ -126,7 +133,7 @@ class ColliderViews:
     def _add(self, own: Shown, number: int) -> Any:
         vertices, faces = drawn_solid(own.collider, self._size)
         node = self._server.scene.add_mesh_simple(
-            f"/colliders/{own.name}_{number}",
+            f"/{self._folder}/{own.name}_{number}",
             np.asarray(vertices, dtype=np.float32),
             np.asarray(faces, dtype=np.uint32),
             color=rgb(COLLIDER),

@@ -17,17 +17,21 @@ _LONGEST = 1500
 _LINES = ("#d65c3a", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
+def force_lines(count: int) -> Any:
+    """The series of a plot of so many forces over time, for viser."""
+    lines = [{"label": f"{n + 1}", "stroke": _LINES[n % len(_LINES)], "width": 2} for n in range(count)]
+    return ({"label": "s"}, *lines)
+
+
 class ForcePlot:
     """The last seconds."""
 
-    def __init__(self, server: viser.ViserServer, count: int = 2, height: int = 150) -> None:
+    def __init__(self, server: viser.ViserServer, height: int = 150) -> None:
         self._points: deque[tuple[float, ...]] = deque(maxlen=_LONGEST)
-        self._count = count
-        lines = [{"label": f"{n + 1}", "stroke": _LINES[n % len(_LINES)], "width": 2} for n in range(count)]
-        series: Any = ({"label": "s"}, *lines)
+        self._count = 1
         self._handle = server.gui.add_uplot(
             data=self._data(),
-            series=series,
+            series=force_lines(1),
             title="contact force [N]",
             scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
             legend={"show": False},
@@ -35,13 +39,15 @@ class ForcePlot:
         )
 
     def add(self, time: float, forces: list[float]) -> None:
-        """One point [s, N] of each model; time that goes back begins a new plot."""
-        if self._points and time < self._points[-1][0]:
+        """One point [s, N] of each model; time that goes back, and another number of models, begin a new plot."""
+        if len(forces) != self._count or (self._points and time < self._points[-1][0]):
             self._points.clear()
         if self._points and time == self._points[-1][0]:
             return
-        own = forces[: self._count]
-        self._points.append((time, *own, *([np.nan] * (self._count - len(own)))))
+        if len(forces) != self._count:
+            self._count = len(forces)
+            self._handle.series = force_lines(self._count)
+        self._points.append((time, *forces))
         while self._points[0][0] < time - _SPAN:
             self._points.popleft()
 

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 class HandleGizmo:
     """Leads one handle at a time, from where it is at rest."""
 
-    def __init__(self, server: viser.ViserServer, body: ReducedBody, send: Callable[[LeadHandle], None]) -> None:
+    def __init__(
+        self, server: viser.ViserServer, body: ReducedBody, send: Callable[[LeadHandle], None]
+    ) -> None:
         self._server, self._body, self._send = server, body, send
         self._node: Any = None
 

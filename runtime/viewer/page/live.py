@@ -10,7 +10,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -24,16 +24,14 @@ from softprint.runtime.viewer.page.handle_gizmo import HandleGizmo
 from softprint.runtime.viewer.page.palette import Scale
 from softprint.runtime.viewer.page.panel import Panel, handle_names
 from softprint.runtime.viewer.page.readout import legend_html, notice_html, status_html
+from softprint.runtime.viewer.page.server import stop_server
 from softprint.runtime.viewer.page.stage import beside, open_stage
 from softprint.runtime.viewer.session import commands as ask
 from softprint.runtime.viewer.session.frame_board import Picture
 from softprint.runtime.viewer.session.frame_info import FrameInfo
-from softprint.runtime.viewer.session.painting import drawn_faces, drawn_nodes, in_space
+from softprint.runtime.viewer.session.painting import QUANTITIES, drawn_faces, drawn_nodes, in_space
 from softprint.runtime.viewer.session.simulation_process import SimulationProcess
 from softprint.runtime.viewer.session.workshop import Workshop
-
-if TYPE_CHECKING:
-    import viser
 
 log = logging.getLogger(__name__)
 
@@ -51,9 +49,7 @@ class LivePage:
         body = workshop.body
         mesh = body.mesh
         lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
-        self.server = open_stage(
-            port, f"Softprint · {workshop.experiment.name}", lower, upper, body.dim, 1
-        )
+        self.server = open_stage(port, f"Softprint · {workshop.experiment.name}", lower, upper, body.dim, 1)
         self._rest = in_space(mesh.points[drawn_nodes(mesh)])
         self._faces = drawn_faces(mesh)
         step = beside(lower, upper)
@@ -67,6 +63,8 @@ class LivePage:
         self._scale, self._scaled = Scale(), time.monotonic()
         self._drawn: deque[float] = deque(maxlen=120)
         self._texts = self._plots = 0.0
+        self._top = 1.0
+        self._from: float | None = None
         self.ended = False
         self._build_panel()
 
@@ -104,13 +102,13 @@ class LivePage:
 
     def close(self) -> None:
         """End the server of the page."""
-        self.server.stop()
+        stop_server(self.server)
 
     def _build_panel(self) -> None:
         gui, body = self.server.gui, self._workshop.body
         self._status = gui.add_html(status_html([], False, "", None, 0.0, []))
         self._notices = gui.add_html("")
-        self._legend = gui.add_html(legend_html("displacement", 1.0))
+        self._legend = gui.add_html("")
         self._plot = ForcePlot(self.server)
         frames = [frame.name for frame in body.handles.frames]
         self._panel = Panel(
@@ -156,9 +154,11 @@ class LivePage:
             )
             self._pull_with_the_mouse(view)
             self._views.append(view)
-        if self._setting is None or self._setting.tables != setting.tables or len(
-            self._setting.models
-        ) != count:
+        if (
+            self._setting is None
+            or self._setting.tables != setting.tables
+            or len(self._setting.models) != count
+        ):
             self._colliders.have([self._shown(table) for table in setting.tables], count)
         self._setting = setting
         self._panel.show(setting)
@@ -171,14 +171,13 @@ class LivePage:
         dim, send = self._workshop.body.dim, self._simulation.send
 
         @view.mesh.on_drag
-        async def _(event: object) -> None:
-            end = (np.asarray(event.end_position, dtype=float) - view.offset)[:dim]  # type: ignore[attr-defined]
-            phase = event.phase  # type: ignore[attr-defined]
-            if phase == "start":
-                start = np.asarray(event.start_position, dtype=float)  # type: ignore[attr-defined]
+        async def _(event: Any) -> None:
+            end = (np.asarray(event.end_position, dtype=float) - view.offset)[:dim]
+            if event.phase == "start":
+                start = np.asarray(event.start_position, dtype=float)
                 send(ask.GrabBody((start - view.offset)[:dim]))
                 send(ask.PullBody(end))
-            elif phase == "end":
+            elif event.phase == "end":
                 send(ask.LetGo())
             else:
                 send(ask.PullBody(end))
@@ -225,7 +224,7 @@ class LivePage:
         if recording is not None and infos:
             recording = max(0.0, infos[0].time - self._recorded_from(infos[0].time))
         else:
-            self._from: float | None = None
+            self._from = None
         span = self._drawn[-1] - self._drawn[0] if len(self._drawn) > 1 else 0.0
         fresh = bool(self._drawn) and time.monotonic() - self._drawn[-1] < 1.0
         rate = (len(self._drawn) - 1) / span if span > 0 and fresh else 0.0
@@ -237,7 +236,8 @@ class LivePage:
             rate,
             [picture.meta["confidence"] for picture in pictures],
         )
-        self._legend.content = legend_html(self._panel.quantity.value, getattr(self, "_top", 1.0))
+        quantity = self._panel.quantity.value
+        self._legend.content = legend_html(quantity, self._top, QUANTITIES.get(quantity, ""))
 
     def _recorded_from(self, now: float) -> float:
         if self._from is None:
@@ -246,7 +246,7 @@ class LivePage:
 
 
 def _space(point: Array) -> Array:
-    return np.pad(np.asarray(point, dtype=np.float32), (0, 3 - len(point)))
+    return np.pad(point, (0, 3 - len(point)))
 
 
 def _total(info: FrameInfo) -> float:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softprint.runtime.arrays import Array
 from softprint.runtime.drawing.colours import BODY, ERROR_COLOURS
 
 Bytes = NDArray[np.uint8]
@@ -29,7 +29,7 @@ def levels() -> Bytes:
     return np.column_stack(channels).round().astype(np.uint8)
 
 
-def colours(values: Array, top: float, linear: bool = False) -> Bytes:
+def colours(values: NDArray[np.floating[Any]], top: float, linear: bool = False) -> Bytes:
     """(n, 3) of values (n,) from 0 to `top`; the colour of the body where there is none (NaN). linear: for the vertices
     of a mesh, whose colours are multiplied by light."""
     table = _table(linear)
@@ -59,7 +59,7 @@ class Scale:
     def __init__(self) -> None:
         self.quantity, self.top = "", 0.0
 
-    def fit(self, quantity: str, values: Array, seconds: float) -> float:
+    def fit(self, quantity: str, values: NDArray[np.floating[Any]], seconds: float) -> float:
         """The top of the scale for these values, so many seconds after the last ones; a round number."""
         if quantity == "confidence":
             return 1.0

@@ -9,14 +9,18 @@ import numpy as np
 
 from softprint.runtime.drawing.colours import ERROR_COLOURS
 from softprint.runtime.viewer.session.frame_info import FrameInfo
-from softprint.runtime.viewer.session.painting import QUANTITIES
 
 GOOD, BAD, PLAIN = "#1a7f37", "#c21f1f", "#57606a"
 _BOX = "font-size:0.82em;line-height:1.45;padding:0.15em 0.5em 0.35em"
 
 
 def status_html(
-    infos: list[FrameInfo], paused: bool, building: str, recording: float | None, drawn: float, confidence: Any
+    infos: list[FrameInfo],
+    paused: bool,
+    building: str,
+    recording: float | None,
+    drawn: float,
+    confidence: Any,
 ) -> str:
     """The state of the simulation. drawn: pictures a second; confidence: by collider, of each model."""
     if not infos:
@@ -48,12 +52,11 @@ def status_html(
     return f'<div id="softprint-status" style="{_BOX}">{"<br>".join(lines)}</div>'
 
 
-def legend_html(quantity: str, top: float) -> str:
+def legend_html(quantity: str, top: float, unit: str) -> str:
     """The scale of the colours; empty where there is none."""
     if quantity == "nothing":
         return ""
     stops = ",".join(ERROR_COLOURS)
-    unit = QUANTITIES.get(quantity, "")
     numbers = "".join(f"<span>{share * top:g}</span>" for share in (0.0, 0.5, 1.0))
     return (
         f'<div style="{_BOX}"><div>{escape(quantity)}{f" [{unit}]" if unit else ""}</div>'

@@ -41,8 +41,8 @@ def bound_socket(port: int) -> socket.socket:
     except OSError as error:
         own.close()
         raise SoftprintError(
-            f"port {port} cannot be used ({error.strerror}): another program, perhaps another `softprint view`, has it; "
-            "choose another with --port, or any free one with --port 0"
+            f"port {port} cannot be used ({error.strerror}), perhaps because another `softprint view` has it: choose "
+            "another with --port, or any free one with --port 0"
         ) from error
     return own
 
@@ -68,6 +68,12 @@ def start_server(port: int, label: str) -> viser.ViserServer:
     return server
 
 
+def stop_server(server: viser.ViserServer) -> None:
+    """End a server; browsers keep showing what they have."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
+
+
 @contextlib.contextmanager
 def _guarded(own: socket.socket) -> Iterator[None]:
     """Inside the block, a websockets server listens at this socket, behind a guard. viser starts its server within its
@@ -80,11 +86,11 @@ def _guarded(own: socket.socket) -> Iterator[None]:
         settings["max_size"] = _LARGEST_MESSAGE
         return serve(handler, sock=own, process_request=guard.around(process_request), **settings)
 
-    asyncio_server.serve = guarded  # type: ignore[assignment,misc]
+    asyncio_server.serve = guarded
     try:
         yield
     finally:
-        asyncio_server.serve = serve  # type: ignore[misc]
+        asyncio_server.serve = serve
 
 
 def _close_doors(server: viser.ViserServer) -> None:

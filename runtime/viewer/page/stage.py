@@ -76,8 +76,12 @@ def _light(server: viser.ViserServer, size: float) -> None:
     """As in the pictures of `runtime/drawing/solid.py`: one key light and two to fill."""
     scene = server.scene
     scene.configure_default_lights(False)
-    for number, (place, intensity) in enumerate((((1, -2, 3), 1.25), ((-3, -2, 1), 0.55), ((3, -1, 0.5), 0.4))):
+    for number, (place, intensity) in enumerate(
+        (((1, -2, 3), 1.25), ((-3, -2, 1), 0.55), ((3, -1, 0.5), 0.4))
+    ):
         scene.add_light_directional(
-            f"/light_{number}", intensity=intensity, position=tuple(10.0 * size * np.array(place, dtype=float))
+            f"/light_{number}",
+            intensity=intensity,
+            position=tuple(10.0 * size * np.array(place, dtype=float)),
         )
     scene.add_light_ambient("/light_all", intensity=0.55)

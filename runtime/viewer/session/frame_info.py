@@ -24,9 +24,9 @@ class Pace:
 
 @dataclass(frozen=True, eq=False)
 class FrameInfo:
-    """model: its name; time: simulated [s]; poses: of the colliders; forces: on each of them (dim,) [N]; points (m, dim)
-    [m] and sizes (m,) [N] of the contact forces; status, sentence: of the step; pull: both ends of the spring on a
-    grabbed point; stamp: of the wall clock when the step began."""
+    """model: its name; time: simulated [s]; poses: of the colliders; forces: on each of them (dim,) [N]; points
+    (m, dim) [m] and sizes (m,) [N] of the contact forces; status, sentence: of the step; pull: both ends of the spring
+    on a grabbed point; stamp: of the wall clock when the step began."""
 
     model: str
     time: float
@@ -57,9 +57,7 @@ def frame_info(
 ) -> FrameInfo:
     """Of the result of a step."""
     dim = result.state.rows.shape[1]
-    parts = [
-        part for contact in result.contacts.values() for part in contact.parts if not part.tangential
-    ]
+    parts = [part for contact in result.contacts.values() for part in contact.parts if not part.tangential]
     points = np.concatenate([np.empty((0, dim)), *(part.points for part in parts)])
     forces = np.concatenate([np.empty((0, dim)), *(part.forces for part in parts)])
     sentence = "" if result.converged else result.reason

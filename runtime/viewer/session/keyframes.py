@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,7 +23,7 @@ def keyframes(times: Array, poses: Sequence[RigidPose], distance: float) -> IntA
         # The worst frame between every two that are kept, where it is off.
         added = [
             low + 1 + int(np.argmax(off[low + 1 : high]))
-            for low, high in zip(kept[:-1], kept[1:], strict=True)
+            for low, high in pairwise(kept)
             if high > low + 1 and off[low + 1 : high].max() > 1.0
         ]
         if not added:

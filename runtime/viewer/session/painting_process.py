@@ -23,7 +23,8 @@ class PaintingProcess:
     def __init__(self, painter: Painter, board: FrameBoard) -> None:
         if "fork" not in multiprocessing.get_all_start_methods():
             raise SoftprintError("the window needs a system with fork, such as Linux")
-        self._board, self._latest = board, None
+        self._board = board
+        self._latest: Order | None = None
         self._sent = board.done
         forked = multiprocessing.get_context("fork")
         self._ours, theirs = forked.Pipe()
@@ -33,7 +34,7 @@ class PaintingProcess:
 
     def show(self, order: Order) -> None:
         """Have this state painted as soon as the picture before is finished; a newer one replaces it."""
-        self._latest: Order | None = order
+        self._latest = order
         self.push()
 
     def push(self) -> None:

@@ -37,9 +37,7 @@ class Player:
     def take_over(self, other: Player) -> None:
         """Go on from the shape and the velocity of the body of another model."""
         if other.state.rows.shape == self.state.rows.shape:
-            self.state = replace(
-                self.state, rows=other.state.rows, rows_velocity=other.state.rows_velocity
-            )
+            self.state = replace(self.state, rows=other.state.rows, rows_velocity=other.state.rows_velocity)
 
     def hold(
         self,

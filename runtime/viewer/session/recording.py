@@ -1,7 +1,7 @@
 """A recording: the steps of a session in memory, and how they become motion files and a scene.
 
-    RUN/recordings/hand_001_MODEL.h5 and .xdmf    a motion, as `softprint simulate` writes it
-    RUN/recordings/hand_001.toml                  the scene: paste it into the experiment file
+RUN/recordings/hand_001_MODEL.h5 and .xdmf    a motion, as `softprint simulate` writes it
+RUN/recordings/hand_001.toml                  the scene: paste it into the experiment file
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ class Recording:
     def write(
         self, workshop: Workshop, folder: Path, name: str, progress: Callable[[int], None] = lambda n: None
     ) -> list[Path]:
-        """Write the motions and the scene under a name; returns the paths, the scene's last. progress(1) is called after
-        each frame of each motion."""
+        """Write the motions and the scene under a name; returns the paths, the scene's last. progress(1) is called
+        after each frame of each motion."""
         scene = self._scene(workshop, name)
         known = {table.name: table.model_dump_json() for table in workshop.experiment.colliders}
         new = [

@@ -206,7 +206,9 @@ class Session:
     def _set_shapes(self, tables: tuple[ColliderTable, ...]) -> None:
         names = [table.name for table in tables]
         if not 1 <= len(tables) <= MOST_COLLIDERS or len(set(names)) < len(names) or "" in names:
-            raise SoftprintError(f"a scene has from one to {MOST_COLLIDERS} colliders, each with its own name")
+            raise SoftprintError(
+                f"a scene has from one to {MOST_COLLIDERS} colliders, each with its own name"
+            )
         free = {name: density for name, density in self._wished[2].items() if name in names}
         self._wish(tables=tables, free=free, what=", ".join(names))
 
@@ -300,9 +302,7 @@ class Session:
     def _still(self, model: Model) -> dict[str, RigidMotion]:
         """Free colliders that do not move."""
         return {
-            placed.name: RigidMotion(
-                np.zeros(self.body.dim), np.zeros_like(placed.free.motion.momentum)
-            )
+            placed.name: RigidMotion(np.zeros(self.body.dim), np.zeros_like(placed.free.motion.momentum))
             for placed in model.simulator.colliders
             if placed.free is not None
         }
@@ -328,8 +328,8 @@ class Session:
             player.hold(self.hands.springs, self.hands.kinematic, self.settings)
 
     def _follow_free(self) -> None:
-        """Followers of free colliders stay with them, so that one can take hold of them; those that have fallen off come
-        back."""
+        """Followers of free colliders stay with them, so that one can take hold of them; those that have fallen off
+        come back."""
         state = self.players[0].state
         centre = self.body.mesh.points.mean(axis=0)
         for name in self.free:

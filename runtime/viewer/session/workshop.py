@@ -125,7 +125,9 @@ class Workshop:
     def _new(self, plan: Plan) -> Model:
         shapes = {table.name: self.collider(table) for table in plan.tables}
         corrections, note = self._corrections(plan.model, shapes)
-        mechanics = next((c.mechanics for c in corrections.values() if isinstance(c, ContactCorrection)), None)
+        mechanics = next(
+            (c.mechanics for c in corrections.values() if isinstance(c, ContactCorrection)), None
+        )
         placed = [
             PlacedCollider(
                 name,
