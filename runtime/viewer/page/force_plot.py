@@ -23,6 +23,11 @@ def force_lines(count: int) -> Any:
     return ({"label": "s"}, *lines)
 
 
+def swatch(number: int) -> str:
+    """The colour of a line, in HTML."""
+    return f'<b style="color:{_LINES[number % len(_LINES)]}">━</b> '
+
+
 class ForcePlot:
     """The last seconds."""
 

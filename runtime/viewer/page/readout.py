@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from softprint.runtime.drawing.colours import ERROR_COLOURS
+from softprint.runtime.viewer.page.force_plot import swatch
 from softprint.runtime.viewer.session.frame_info import FrameInfo
 
 GOOD, BAD, PLAIN = "#1a7f37", "#c21f1f", "#57606a"
@@ -27,13 +28,13 @@ def status_html(
         return f'<div style="{_BOX}">the simulation is being prepared …</div>'
     pace = infos[0].pace
     lines = []
-    for info, factors in zip(infos, confidence, strict=True):
+    for number, (info, factors) in enumerate(zip(infos, confidence, strict=True)):
         colour = GOOD if info.good else BAD
         word = "converged" if info.good else info.status.replace("_", " ").lower()
         force = sum(float(np.linalg.norm(own)) for own in info.forces.values())
         told = "".join(f", confidence {factor:.2f}" for factor in factors.values())
         lines.append(
-            f'<b>{escape(info.model)}</b>: <span style="color:{colour}"><b>{word}</b></span>, '
+            f'{swatch(number) if len(infos) > 1 else ""}<b>{escape(info.model)}</b>: <span style="color:{colour}"><b>{word}</b></span>, '
             f"{info.iterations} Newton, residual {info.residual:.1e}, <b>{force:.2f} N</b>{told}"
         )
         if info.sentence:

@@ -15,7 +15,7 @@ from softprint.runtime.inspect.kind import find_kind
 from softprint.runtime.viewer.page.body_view import BodyView
 from softprint.runtime.viewer.page.browser import announce
 from softprint.runtime.viewer.page.collider_views import ColliderViews, Shown
-from softprint.runtime.viewer.page.force_plot import force_lines
+from softprint.runtime.viewer.page.force_plot import force_lines, swatch
 from softprint.runtime.viewer.page.palette import Scale
 from softprint.runtime.viewer.page.readout import BAD, GOOD, legend_html
 from softprint.runtime.viewer.page.server import check_port, stop_server
@@ -185,11 +185,10 @@ class PlaybackPage:
         self._playing, self._button.label = on, "pause" if on else "play"
 
     def _forces(self) -> None:
-        """The forces of all motions over time, at the times of the first."""
-        times = self.reels[0].times
-        assert times is not None
+        """The forces of all motions over time, at the times of the longest; a shorter one stays where it ends."""
+        times = max((reel.times for reel in self.reels if reel.times is not None), key=lambda own: own[-1])
         lines = [
-            np.interp(times, reel.times, reel.forces, right=np.nan)
+            np.interp(times, reel.times, reel.forces)
             for reel in self.reels
             if reel.times is not None and reel.forces is not None
         ]
@@ -223,8 +222,9 @@ class PlaybackPage:
                 self._views[number].show(in_space(still.positions[nodes]), values[number], top)
                 self._colliders[number].place(0, still.poses)
         lines = [
-            f'<span style="color:{BAD if still.bad else GOOD}">●</span> {escape(still.title)}'
-            for still in stills
+            f'{swatch(number) if len(stills) > 1 else ""}<span style="color:{BAD if still.bad else GOOD}">●</span> '
+            f"{escape(still.title)}"
+            for number, still in enumerate(stills)
         ]
         when = f"{self.at:.3f} s" if self._timed else ""
         self._status.content = (

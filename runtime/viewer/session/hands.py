@@ -22,14 +22,19 @@ from softprint.runtime.viewer.session.painting import drawn_nodes
 # through a surface unseen, a fiftieth does not.
 _SPEED = 4.0
 # Of the spring on a grabbed point, as a share of Young's modulus times the size of the body [N/m].
-_STIFFNESS = 0.2
+_STIFFNESS = 1.0
+# The end of that spring stays within so many sizes of the body from where it began: farther, and it turns cells inside
+# out.
+_FARTHEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Grab:
-    """The point of the body that is pulled. node: of the mesh; follower: where it is pulled to."""
+    """The point of the body that is pulled. node: of the mesh; start: where it was grabbed (dim,) [m]; follower:
+    where it is pulled to."""
 
     node: int
+    start: Array
     stiffness: float
     follower: Follower
 
@@ -86,12 +91,17 @@ class Hands:
         if not (np.isfinite(stiffness) and stiffness > 0):
             raise SoftprintError(f"the stiffness of the pull must be a positive number, not {stiffness}")
         at = RigidPose.known(np.eye(body.dim), body.basis[node] @ rows)
-        self.grab = Grab(node, stiffness, Follower(at, self.speed))
+        self.grab = Grab(node, at.translation, stiffness, Follower(at, self.speed))
 
     def pull_body(self, target: Array) -> None:
         """Wish the end of the spring at a point (dim,)."""
+        target = self._vector(target)
         if self.grab is not None:
-            self.grab.follower.target = self._pose(np.eye(self.body.dim), target)
+            way = target - self.grab.start
+            share = min(1.0, _FARTHEST * self.body.mesh.size / max(float(np.linalg.norm(way)), 1e-12))
+            self.grab.follower.target = RigidPose.known(
+                np.eye(self.body.dim), self.grab.start + share * way
+            )
 
     def advance(self, seconds: float) -> dict[str, RigidPose]:
         """The poses of all colliders after so many seconds; handles and the spring follow, too."""

@@ -337,6 +337,7 @@ class Session:
             self.hands.colliders[name].jump(pose)
             if np.linalg.norm(pose.translation - centre) > _FAR * self.body.mesh.size:
                 self._say(f"{name} fell off, and is back at its start")
+                self.hands.colliders[name].jump(self.start_poses[name])
                 for player in self.players:
                     poses = {**player.state.poses, name: self.start_poses[name]}
                     still = {**player.state.motions, name: self._still(player.model)[name]}
