@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from collections.abc import Callable
 def announce(address: str, open_browser: bool, say: Callable[[str], None]) -> None:
     """Say where the page is, and open it. Without a display, or a browser, it is only said."""
     say(f"The window is at {address} (Ctrl-C ends it).")
+    sys.stdout.flush()  # programs that read it wait for the address
     if not open_browser:
         return
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or os.environ.get("BROWSER")):
