@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.colliders import RigidPose
 from softprint.runtime.colliders.kinds.table import ColliderTable
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.viewer.page.body_view import BodyView
@@ -99,6 +100,16 @@ class LivePage:
             self._plots = now
             self._plot.show()
         self.ended = not self._simulation.alive
+
+    def lead(self, name: str, pose: RigidPose) -> None:
+        """As if a user had led a collider there."""
+        self._lead(name, pose.translation, pose.rotation)
+        self._colliders.wish(name, pose)
+
+    def choose_colours(self, quantity: str) -> None:
+        """As if a user had chosen them in the panel."""
+        self._panel.quantity.value = quantity
+        self._simulation.send(ask.SetColour(quantity))
 
     def close(self) -> None:
         """End the server of the page."""

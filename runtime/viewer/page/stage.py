@@ -32,7 +32,7 @@ def open_stage(port: int, title: str, lower: Array, upper: Array, dim: int, coun
     centre = np.zeros(3)
     centre[:dim] = 0.5 * (lower + upper)
     centre[0] += 0.5 * (count - 1) * beside(lower, upper)[0]
-    far = size * (3.0 + 1.1 * (count - 1))
+    far = size * (2.6 + 1.1 * (count - 1))
     camera = server.initial_camera
     camera.near, camera.far = 0.01 * size, 100.0 * size
     camera.fov = float(np.radians(40.0))

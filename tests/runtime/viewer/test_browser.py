@@ -11,7 +11,7 @@ import time
 import numpy as np
 import pytest
 
-from tests.runtime.viewer.chromium import COLOURS, PLACE, VERTICES, browser, open_window
+from tools.chromium import COLOURS, PLACE, VERTICES, browser, open_window
 
 PATIENCE = 60.0  # s for anything, on a machine that is busy
 
