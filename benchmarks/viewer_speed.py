@@ -31,9 +31,9 @@ from softprint.runtime.scenes.playing import BARE, correction_path
 from softprint.runtime.scenes.speed import machine
 from softprint.runtime.viewer.live import the_scene
 from softprint.runtime.viewer.page.live import LivePage
+from softprint.runtime.viewer.processes.simulation_process import SimulationProcess
 from softprint.runtime.viewer.session import commands as ask
 from softprint.runtime.viewer.session.painting import drawn_nodes
-from softprint.runtime.viewer.session.simulation_process import SimulationProcess
 from softprint.runtime.viewer.session.workshop import Workshop
 from tools.view_screenshot import pressed
 

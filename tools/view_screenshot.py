@@ -22,7 +22,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.viewer.live import the_scene
 from softprint.runtime.viewer.page.live import LivePage
-from softprint.runtime.viewer.session.simulation_process import SimulationProcess
+from softprint.runtime.viewer.processes.simulation_process import SimulationProcess
 from softprint.runtime.viewer.session.workshop import Workshop
 from tools.chromium import browser, open_window
 
@@ -40,7 +40,9 @@ def main() -> None:
     parser.add_argument("experiment", type=Path)
     parser.add_argument("picture", type=Path)
     parser.add_argument("--out", type=Path, help="run directory (default: runs/NAME)")
-    parser.add_argument("--model", help="that plays (default: ours, mechanics, bare: the first that there is)")
+    parser.add_argument(
+        "--model", help="that plays (default: ours, mechanics, bare: the first that there is)"
+    )
     parser.add_argument("--beside", help="a second model beside it (default: none)")
     parser.add_argument("--colours", default="displacement", help="(default: displacement)")
     options = parser.parse_args()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol, TypeVar
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.dynamics.kinematic import KinematicHandle, free_dofs
@@ -17,9 +17,6 @@ from softprint.runtime.dynamics.settings import DynamicsSettings
 from softprint.runtime.dynamics.step.step_energy import Unknowns
 from softprint.runtime.dynamics.step.step_start import StepStart
 from softprint.runtime.dynamics.terms.springs import HandleSpring, PointSpring, Springs
-
-if TYPE_CHECKING:
-    from softprint.runtime.dynamics.simulator import Simulator
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +46,23 @@ class Hold:
         )
 
 
+class Holdable(Protocol):
+    """What a `Simulator` has."""
+
+    body: ReducedBody
+    settings: DynamicsSettings
+    hold: Hold
+
+
+Held = TypeVar("Held", bound=Holdable)
+
+
 def held(
-    simulator: Simulator,
+    simulator: Held,
     springs: Sequence[HandleSpring | PointSpring] = (),
     kinematic: Sequence[KinematicHandle] = (),
     settings: DynamicsSettings | None = None,
-) -> Simulator:
+) -> Held:
     """The same simulator, held otherwise; settings: of its steps, the same by default. States of either may be stepped
     by the other if they carry no warm start (`carried_over`)."""
     other = copy.copy(simulator)

@@ -28,7 +28,7 @@ def press_by_hand(
     from softprint.runtime.viewer.page.browser import announce
     from softprint.runtime.viewer.page.live import LivePage
     from softprint.runtime.viewer.page.server import check_port
-    from softprint.runtime.viewer.session.simulation_process import SimulationProcess
+    from softprint.runtime.viewer.processes.simulation_process import SimulationProcess
     from softprint.runtime.viewer.session.workshop import Workshop
 
     spec = the_scene(context.experiment, scene)

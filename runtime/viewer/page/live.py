@@ -1,7 +1,7 @@
 """The page of an interactive session: it takes the newest pictures, and hands on what the user does.
 
 The loop runs in the main thread of the window's process. Nothing of it is waited for by the simulation, which runs in
-a process of its own (`session/simulation_process.py`).
+a process of its own (`processes/simulation_process.py`).
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from softprint.runtime.viewer.page.panel import Panel, handle_names
 from softprint.runtime.viewer.page.readout import legend_html, notice_html, status_html
 from softprint.runtime.viewer.page.server import stop_server
 from softprint.runtime.viewer.page.stage import beside, open_stage
+from softprint.runtime.viewer.processes.frame_board import Picture
+from softprint.runtime.viewer.processes.frame_info import FrameInfo
+from softprint.runtime.viewer.processes.simulation_process import SimulationProcess
 from softprint.runtime.viewer.session import commands as ask
-from softprint.runtime.viewer.session.frame_board import Picture
-from softprint.runtime.viewer.session.frame_info import FrameInfo
 from softprint.runtime.viewer.session.painting import QUANTITIES, drawn_faces, drawn_nodes, in_space
-from softprint.runtime.viewer.session.simulation_process import SimulationProcess
 from softprint.runtime.viewer.session.workshop import Workshop
 
 log = logging.getLogger(__name__)
@@ -248,7 +248,9 @@ class LivePage:
             [picture.meta["confidence"] for picture in pictures],
         )
         quantity = self._panel.quantity.value
-        self._legend.content = legend_html(quantity, self._top, QUANTITIES.get(quantity, ""))
+        self._legend.content = legend_html(
+            quantity, self._top, QUANTITIES.get(quantity, ""), self._scale.above
+        )
 
     def _recorded_from(self, now: float) -> float:
         if self._from is None:

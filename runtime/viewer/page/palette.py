@@ -53,22 +53,32 @@ def _table(linear: bool) -> Bytes:
     return np.asarray((255.0 * light).round().astype(np.uint8))
 
 
+# The share of the vertices whose values a scale covers: a few under a tip would leave all others pale.
+_COVERED = 0.985
+
+
 class Scale:
-    """The highest value of a scale: at once larger where values are, and slowly smaller where they are no longer."""
+    """The upper end of a scale that covers nearly all values: at once higher where values are, and slowly lower where
+    they are no longer. above: whether some values are higher."""
 
     def __init__(self) -> None:
-        self.quantity, self.top = "", 0.0
+        self.quantity, self.top, self.above = "", 0.0, False
 
     def fit(self, quantity: str, values: NDArray[np.floating[Any]], seconds: float) -> float:
         """The top of the scale for these values, so many seconds after the last ones; a round number."""
         if quantity == "confidence":
+            self.above = False
             return 1.0
         if quantity != self.quantity:
             self.quantity, self.top = quantity, 0.0
         finite = values[np.isfinite(values)]
         highest = float(finite.max()) if len(finite) else 0.0
-        self.top = max(highest, self.top * float(np.exp(-seconds / 4.0)))
-        return rounded_up(self.top)
+        # Of contact pressure most values are zero.
+        most = float(np.quantile(finite[finite > 0.01 * highest], _COVERED)) if highest > 0 else 0.0
+        self.top = max(most, self.top * float(np.exp(-seconds / 4.0)))
+        top = rounded_up(self.top)
+        self.above = highest > top
+        return top
 
 
 def rounded_up(value: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from softprint.runtime.drawing.colours import ERROR_COLOURS
 from softprint.runtime.viewer.page.force_plot import swatch
-from softprint.runtime.viewer.session.frame_info import FrameInfo
+from softprint.runtime.viewer.processes.frame_info import FrameInfo
 
 GOOD, BAD, PLAIN = "#1a7f37", "#c21f1f", "#57606a"
 _BOX = "font-size:0.82em;line-height:1.45;padding:0.15em 0.5em 0.35em"
@@ -34,7 +34,8 @@ def status_html(
         force = sum(float(np.linalg.norm(own)) for own in info.forces.values())
         told = "".join(f", confidence {factor:.2f}" for factor in factors.values())
         lines.append(
-            f'{swatch(number) if len(infos) > 1 else ""}<b>{escape(info.model)}</b>: <span style="color:{colour}"><b>{word}</b></span>, '
+            f"{swatch(number) if len(infos) > 1 else ''}<b>{escape(info.model)}</b>: "
+            f'<span style="color:{colour}"><b>{word}</b></span>, '
             f"{info.iterations} Newton, residual {info.residual:.1e}, <b>{force:.2f} N</b>{told}"
         )
         if info.sentence:
@@ -53,12 +54,13 @@ def status_html(
     return f'<div id="softprint-status" style="{_BOX}">{"<br>".join(lines)}</div>'
 
 
-def legend_html(quantity: str, top: float, unit: str) -> str:
-    """The scale of the colours; empty where there is none."""
+def legend_html(quantity: str, top: float, unit: str, above: bool) -> str:
+    """The scale of the colours; empty where there is none. above: whether there are values beyond its end."""
     if quantity == "nothing":
         return ""
     stops = ",".join(ERROR_COLOURS)
-    numbers = "".join(f"<span>{share * top:g}</span>" for share in (0.0, 0.5, 1.0))
+    last = f"{'≥ ' if above else ''}{top:g}"
+    numbers = f"<span>0</span><span>{0.5 * top:g}</span><span>{last}</span>"
     return (
         f'<div style="{_BOX}"><div>{escape(quantity)}{f" [{unit}]" if unit else ""}</div>'
         f'<div style="height:0.7em;border-radius:3px;background:linear-gradient(90deg,{stops})"></div>'

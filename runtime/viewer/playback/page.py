@@ -231,7 +231,7 @@ class PlaybackPage:
             f'<div id="softprint-status" style="font-size:0.82em;padding:0.15em 0.5em">{"<br>".join(lines)}<br>{when}'
             "</div>"
         )
-        self._legend.content = legend_html(quantity, top, UNITS.get(quantity, "mm"))
+        self._legend.content = legend_html(quantity, top, UNITS.get(quantity, "mm"), self._scale.above)
         self.server.flush()
 
     def _difference(self, reel: Reel, still: Still, first: Still) -> Any:

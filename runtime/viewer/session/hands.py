@@ -99,9 +99,7 @@ class Hands:
         if self.grab is not None:
             way = target - self.grab.start
             share = min(1.0, _FARTHEST * self.body.mesh.size / max(float(np.linalg.norm(way)), 1e-12))
-            self.grab.follower.target = RigidPose.known(
-                np.eye(self.body.dim), self.grab.start + share * way
-            )
+            self.grab.follower.target = RigidPose.known(np.eye(self.body.dim), self.grab.start + share * way)
 
     def advance(self, seconds: float) -> dict[str, RigidPose]:
         """The poses of all colliders after so many seconds; handles and the spring follow, too."""

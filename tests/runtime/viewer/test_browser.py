@@ -16,7 +16,7 @@ from tools.chromium import COLOURS, PLACE, VERTICES, browser, open_window
 PATIENCE = 60.0  # s for anything, on a machine that is busy
 
 
-@pytest.fixture()
+@pytest.fixture
 def served(toy3d):
     """The process of `softprint view` and the address of its page."""
     process = subprocess.Popen(

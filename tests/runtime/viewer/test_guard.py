@@ -116,11 +116,15 @@ def test_no_path_leads_out_of_the_page(server, path):
     assert status == "HTTP/1.1 404" or (path.startswith("/?") and status == "HTTP/1.1 200")
 
 
-@pytest.mark.parametrize("host", ["evil.example", "evil.example:PORT", "127.0.0.1", "127.0.0.1:1", "[::1]:PORT", ""])
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:PORT", "127.0.0.1", "127.0.0.1:1", "[::1]:PORT", ""]
+)
 def test_another_name_for_this_address_is_refused(server, host):
     """As with DNS rebinding: the browser believes that this is the stranger's server."""
     assert get(server, "/", host).startswith(("HTTP/1.1 403", "HTTP/1.1 400"))
-    assert upgrade(server, "Origin: http://127.0.0.1:PORT\r\n", host).startswith(("HTTP/1.1 403", "HTTP/1.1 400"))
+    assert upgrade(server, "Origin: http://127.0.0.1:PORT\r\n", host).startswith(
+        ("HTTP/1.1 403", "HTTP/1.1 400")
+    )
 
 
 @pytest.mark.parametrize(
@@ -150,7 +154,12 @@ def test_two_origins_and_none_are_refused_and_its_own_page_is_let_in(server):
 
 @pytest.mark.parametrize(
     "request_text",
-    ["GET /\r\n\r\n", "POST / HTTP/1.1\r\nHost: 127.0.0.1:PORT\r\n\r\n", "\x00\x01\x02\r\n\r\n", "GET / HTTP/1.1\r\n\r\n"],
+    [
+        "GET /\r\n\r\n",
+        "POST / HTTP/1.1\r\nHost: 127.0.0.1:PORT\r\n\r\n",
+        "\x00\x01\x02\r\n\r\n",
+        "GET / HTTP/1.1\r\n\r\n",
+    ],
 )
 def test_other_requests_get_no_page(server, request_text):
     assert not answer(server, request_text).startswith("HTTP/1.1 200")

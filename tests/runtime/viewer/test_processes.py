@@ -7,18 +7,19 @@ import os
 import signal
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from softprint.runtime.viewer.processes.frame_board import FrameBoard
+from softprint.runtime.viewer.processes.frame_info import FrameInfo
+from softprint.runtime.viewer.processes.painting_process import PaintingProcess
+from softprint.runtime.viewer.processes.simulation_process import SimulationProcess
 from softprint.runtime.viewer.session import commands as ask
 from softprint.runtime.viewer.session.follower import Follower
-from softprint.runtime.viewer.session.frame_board import FrameBoard
-from softprint.runtime.viewer.session.frame_info import FrameInfo
 from softprint.runtime.viewer.session.painting import Order
-from softprint.runtime.viewer.session.painting_process import PaintingProcess
-from softprint.runtime.viewer.session.simulation_process import SimulationProcess
 
 # s that anything here may take on a machine that is busy with other work.
 PATIENCE = 60.0
@@ -48,7 +49,7 @@ def test_a_reader_sees_whole_frames_only():
     seen = 0
     try:
         for _ in range(300):
-            picture = wait_for(lambda: board.newest(seen))
+            picture = wait_for(partial(board.newest, seen))
             assert picture.number > seen
             assert (picture.vertices == picture.meta).all()
             assert (picture.values == picture.meta).all()
@@ -105,7 +106,7 @@ def test_a_follower_forgets_neither_rotation_nor_target(dim):
     assert np.allclose(pose.translation, follower.target.translation)
 
 
-@pytest.fixture()
+@pytest.fixture
 def simulation(toy3d):
     with SimulationProcess(toy3d.workshop()) as process:
         yield process

@@ -14,7 +14,7 @@ TOP = 0.06  # m, of the toy's block
 RADIUS = 0.02  # m, of its ball and its disc
 
 
-@pytest.fixture()
+@pytest.fixture
 def session(toy):
     session = Session(toy.workshop())
     yield session
@@ -37,11 +37,7 @@ def force(result) -> float:
 
 
 def sentences(session, kind: str = "bad") -> list[str]:
-    return [
-        event.text
-        for event in session.events()
-        if isinstance(event, ask.Notice) and event.kind == kind
-    ]
+    return [event.text for event in session.events() if isinstance(event, ask.Notice) and event.kind == kind]
 
 
 def test_pressing_deeper_pushes_back_harder(session):

@@ -77,4 +77,8 @@ def test_bad_uploads_are_refused_and_leave_nothing(tmp_path, name, content):
     with pytest.raises(SoftprintError):
         table_of_upload(folder, name, content, 0.02)
     assert not folder.exists() or not list(folder.iterdir())
-    assert [path.name for path in (tmp_path / "a").iterdir()] in ([], ["b"]) if (tmp_path / "a").exists() else True
+    assert (
+        [path.name for path in (tmp_path / "a").iterdir()] in ([], ["b"])
+        if (tmp_path / "a").exists()
+        else True
+    )

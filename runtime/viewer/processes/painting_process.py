@@ -13,7 +13,7 @@ import signal
 from multiprocessing.connection import Connection
 
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.viewer.session.frame_board import FrameBoard
+from softprint.runtime.viewer.processes.frame_board import FrameBoard
 from softprint.runtime.viewer.session.painting import Order, Painter
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 
-from softprint.runtime.viewer.session.frame_info import Pace
+from softprint.runtime.viewer.processes.frame_info import Pace
 
 # Steps that the pace is averaged over, at most this old [s].
 _WINDOW = 1.0

@@ -24,16 +24,16 @@ from types import TracebackType
 import numpy as np
 
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.viewer.processes.clock import Clock
+from softprint.runtime.viewer.processes.frame_board import FrameBoard
+from softprint.runtime.viewer.processes.frame_info import frame_info
+from softprint.runtime.viewer.processes.painting_process import PaintingProcess
+from softprint.runtime.viewer.processes.writing_process import WritingProcess
 from softprint.runtime.viewer.session import commands as ask
-from softprint.runtime.viewer.session.clock import Clock
-from softprint.runtime.viewer.session.frame_board import FrameBoard
-from softprint.runtime.viewer.session.frame_info import frame_info
 from softprint.runtime.viewer.session.painting import drawn_nodes, order_of
-from softprint.runtime.viewer.session.painting_process import PaintingProcess
 from softprint.runtime.viewer.session.recording import free_name
 from softprint.runtime.viewer.session.session import MOST_MODELS, Results, Session
 from softprint.runtime.viewer.session.workshop import Workshop
-from softprint.runtime.viewer.session.writing_process import WritingProcess
 
 log = logging.getLogger(__name__)
 
