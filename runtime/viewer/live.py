@@ -43,11 +43,6 @@ def press_by_hand(
                     f"there is no model {name!r} in {context.out_dir / 'corrections'}; there are "
                     f"{', '.join(workshop.names)}"
                 )
-    if workshop.names == [BARE]:
-        context.say(
-            f"No model has been trained into {context.out_dir} yet: the body is bare "
-            "(`softprint generate` and `softprint train` make models)."
-        )
     with interrupted() as stop, SimulationProcess(workshop, first) as simulation:
         page = LivePage(workshop, simulation, port, context.say)
         try:

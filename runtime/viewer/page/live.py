@@ -64,7 +64,7 @@ class LivePage:
         self._scale, self._scaled = Scale(), time.monotonic()
         self._drawn: deque[float] = deque(maxlen=120)
         self._texts = self._plots = 0.0
-        self._top = 1.0
+        self._top, self._time = 1.0, 0.0
         self._from: float | None = None
         self.ended = False
         self._build_panel()
@@ -81,16 +81,14 @@ class LivePage:
             began = time.monotonic()
             self.tick()
             if self.ended:
+                time.sleep(0.3)  # until its last words have come through
+                self._hear()
                 raise SoftprintError("the simulation has ended by itself; what it said last is above")
             time.sleep(max(0.001, _TICK - (time.monotonic() - began)))
 
     def tick(self) -> None:
         """Show what is new."""
-        for event in self._simulation.events():
-            if isinstance(event, ask.Notice):
-                self._notice(event.text, event.kind)
-            else:
-                self._set(event)
+        self._hear()
         self._show_pictures()
         now = time.monotonic()
         if now > self._texts + _TEXT:
@@ -100,6 +98,13 @@ class LivePage:
             self._plots = now
             self._plot.show()
         self.ended = not self._simulation.alive
+
+    def _hear(self) -> None:
+        for event in self._simulation.events():
+            if isinstance(event, ask.Notice):
+                self._notice(event.text, event.kind)
+            else:
+                self._set(event)
 
     def lead(self, name: str, pose: RigidPose) -> None:
         """As if a user had led a collider there."""
@@ -204,6 +209,9 @@ class LivePage:
         shown = [picture for picture in self._pictures[:count] if picture is not None]
         if not new or not shown:
             return
+        if shown[0].meta["info"].time < self._time:  # after a reset
+            self._colliders.renew()
+        self._time = shown[0].meta["info"].time
         now = time.monotonic()
         values = np.concatenate([picture.values for picture in shown])
         top = self._scale.fit(quantity, values, now - self._scaled)
@@ -247,6 +255,7 @@ class LivePage:
             rate,
             [picture.meta["confidence"] for picture in pictures],
         )
+        self._panel.held_is(self._colliders.held)
         quantity = self._panel.quantity.value
         self._legend.content = legend_html(
             quantity, self._top, QUANTITIES.get(quantity, ""), self._scale.above

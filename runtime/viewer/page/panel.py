@@ -77,10 +77,16 @@ class Panel:
             self.held.options = names
             self.held.value = before if before in names else names[0]
         self.record.label = "record" if setting.recording is None else "stop and save"
-        self.fall.label = "hold it" if self.held.value in setting.free else "let it fall"
         if not setting.building:
             self.model.value = setting.models[0]
             self.beside.value = setting.models[1] if len(setting.models) > 1 else _ALONE
+
+    def held_is(self, name: str | None) -> None:
+        """A collider has been taken hold of with the mouse."""
+        if name is not None and name in self.held.options:
+            self.held.value = name
+        free = () if self.setting is None else self.setting.free
+        self.fall.label = "hold it" if self.held.value in free else "let it fall"
 
     def _connect(self) -> None:
         send = self._send

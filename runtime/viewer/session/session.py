@@ -316,12 +316,12 @@ class Session:
         return home
 
     def _home(self) -> RigidPose:
-        """Where a new collider appears: where the scene's first one began, or above the body."""
-        if self.start_poses:
-            return next(iter(self.start_poses.values()))
-        points, up = self.body.mesh.points, np.eye(self.body.dim)[-1]
-        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        return RigidPose(np.eye(self.body.dim), middle + 1.2 * self.body.mesh.size * up)
+        """Where a new collider appears: above the body, beside those that are there."""
+        points, size = self.body.mesh.points, self.body.mesh.size
+        home = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        home[-1] = points[:, -1].max() + 0.5 * size
+        home[0] += 0.5 * size * (len(self.hands.colliders) - 1)
+        return RigidPose(np.eye(self.body.dim), home)
 
     def _hold(self) -> None:
         for player in self.players:

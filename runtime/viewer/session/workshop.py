@@ -6,12 +6,10 @@ it done on a thread of its own (`builder.py`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
@@ -25,7 +23,7 @@ from softprint.runtime.learned.correction import ContactCorrection, Correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.rigid import FreeCollider, free_collider
 from softprint.runtime.scenes.playing import BARE, correction_path, trained_models
-from softprint.runtime.scenes.scene import SceneParts, scene_parts
+from softprint.runtime.scenes.scene import SceneParts, scene_parts, scene_simulator
 from softprint.runtime.viewer.session.painting import Painter
 
 if TYPE_CHECKING:
@@ -132,14 +130,13 @@ class Workshop:
             PlacedCollider(
                 name,
                 shape,
-                correction=corrections.get(name),
                 free=self._free_collider(shape, plan.poses[name], plan.free[name])
                 if name in plan.free
                 else None,
             )
             for name, shape in shapes.items()
         ]
-        simulator = self._simulator(placed, mechanics)
+        simulator = self._simulator(placed, corrections.values(), mechanics)
         painter = Painter(simulator)
         rest_rows = self._rest_rows("" if mechanics is None else plan.model, mechanics)
         return Model(plan.model, simulator, painter, rest_rows, note)
@@ -179,23 +176,18 @@ class Workshop:
         if key not in self._rest:
             if not self.parts.held:
                 return self.body.rest_rows
-            settled = self._simulator((), mechanics).settle()
+            settled = self._simulator((), (), mechanics).settle()
             self._rest[key] = settled.state.rows if settled.converged else self.body.rest_rows
         return self._rest[key]
 
-    def _simulator(self, placed: Sequence[PlacedCollider], mechanics: BodyMechanics | None) -> Simulator:
-        parts = self.parts
-        return Simulator(
-            self.body,
-            placed,
-            contact=parts.contact,
-            mechanics=mechanics,
-            friction=parts.friction,
-            gravity=parts.gravity,
-            springs=parts.springs,
-            kinematic=parts.kinematic,
-            settings=parts.settings,
-        )
+    def _simulator(
+        self,
+        placed: Sequence[PlacedCollider],
+        corrections: Iterable[Correction],
+        mechanics: BodyMechanics | None,
+    ) -> Simulator:
+        parts = replace(self.parts, colliders=tuple(placed))
+        return scene_simulator(self.body, parts, corrections, mechanics)
 
 
 def _first(placed: PlacedCollider) -> RigidPose:
@@ -208,9 +200,3 @@ def _volume(placed: PlacedCollider) -> float:
     from softprint.runtime.rigid.mass import mass_properties
 
     return mass_properties(placed.collider).mass
-
-
-def reach(collider: Collider) -> float:
-    """The radius [m] about its origin that holds a collider; 0 for one without bounds."""
-    corners = np.maximum(np.abs(collider.lower), np.abs(collider.upper))
-    return float(np.linalg.norm(corners)) if np.isfinite(corners).all() else 0.0
