@@ -5,10 +5,10 @@
 
 A session is driven through a press, in turns alone, with the server of the page but no browser, and with a client that
 takes everything the server sends (--browser: a real one, drawn in software, which needs much of a core itself). The
-collider goes up and down at the top of the body, so that the contact changes in every step. Steps a second at 60 is
-real time. Latency is measured from a new target of the collider in this process to the picture in which the body has
-given way, as it is handed to the server; the browser adds the time to its next frame. Without a trained model of
-form force an untrained one is used, marked *, which costs as much.
+collider goes up and down at the top of the body, so that the contact changes in every step. 60 steps a second are real
+time. Latency is measured from a new target of the collider in this process to the picture in which the body has given
+way, as it is handed to the server; with --browser also from a mouse event to a changed mesh in the browser. Without a
+trained model of form force an untrained one is used, marked *, which costs as much.
 """
 
 from __future__ import annotations
@@ -30,7 +30,11 @@ from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.scenes.playing import BARE, correction_path
 from softprint.runtime.scenes.speed import machine
 from softprint.runtime.viewer.live import the_scene
+from softprint.runtime.viewer.page.body_view import BodyView
 from softprint.runtime.viewer.page.live import LivePage
+from softprint.runtime.viewer.page.server import stop_server
+from softprint.runtime.viewer.page.stage import open_stage
+from softprint.runtime.viewer.processes.frame_board import FrameBoard
 from softprint.runtime.viewer.processes.simulation_process import SimulationProcess
 from softprint.runtime.viewer.session import commands as ask
 from softprint.runtime.viewer.session.painting import drawn_nodes
@@ -38,6 +42,23 @@ from softprint.runtime.viewer.session.workshop import Workshop
 from tools.view_screenshot import pressed
 
 _WAYS = ("alone", "page", "client")
+_MANY = 30_000
+# Notes, after the next mouse event, how long it takes until a mesh has changed by so much [ms].
+_WATCH = """([name, moved]) => {
+    let mesh = null;
+    window.__viserMutable.nodeRefFromName[name].traverse(own => { if (mesh === null && own.isMesh) mesh = own; });
+    const before = Float32Array.from(mesh.geometry.attributes.position.array);
+    window.__dent = null;
+    window.addEventListener("pointermove", () => {
+        const began = performance.now();
+        const look = () => {
+            const now = mesh.geometry.attributes.position.array;
+            const changed = before.some((x, at) => Math.abs(now[at] - x) > moved);
+            if (changed) window.__dent = performance.now() - began; else requestAnimationFrame(look);
+        };
+        look();
+    }, { once: true, capture: true });
+}"""
 
 
 def main() -> None:
@@ -71,6 +92,7 @@ def main() -> None:
     rates: dict[str, list[float]] = {way: [] for way in _WAYS}
     costs: dict[str, list[float]] = {way: [] for way in _WAYS}
     late: list[float] = []
+    seen: list[float] = []
     try:
         with SimulationProcess(workshop, (model,)) as simulation:
             _first(simulation)
@@ -82,6 +104,8 @@ def main() -> None:
                     rates[way].append(rate)
                     costs[way].append(cost)
             late = _latencies(workshop, simulation, 20)
+            if options.browser:
+                seen = _seen_in_the_browser(workshop, simulation, 10)
     finally:
         if mark:
             correction_path(context.out_dir, model).unlink()
@@ -92,10 +116,59 @@ def main() -> None:
             f"{way:<8}{rate:7.1f} steps/s  {1e3 * cost:6.2f} ms a step  {rate / alone:5.2f} of alone  "
             f"(turns: {', '.join(f'{own:.1f}' for own in rates[way])})"
         )
-    print(
-        f"latency from target to picture: median {1e3 * statistics.median(late):.0f} ms, largest of {len(late)} "
-        f"{1e3 * max(late):.0f} ms"
-    )
+    print(_summary("from target to picture", late))
+    if seen:
+        print(_summary("from mouse event to changed mesh in the browser", seen))
+    print(f"CPU time of the page for a picture of {_MANY} vertices: {1e3 * _page_cost():.2f} ms")
+
+
+def _summary(what: str, times: list[float]) -> str:
+    median, most = 1e3 * statistics.median(times), 1e3 * max(times)
+    return f"latency {what}: median {median:.0f} ms, largest of {len(times)} {most:.0f} ms"
+
+
+def _page_cost() -> float:
+    """CPU seconds to pin a picture, take it, and hand it with its colours to the server."""
+    rng = np.random.default_rng(0)
+    rest = rng.uniform(size=(_MANY, 3)).astype(np.float32)
+    values = rng.uniform(size=_MANY).astype(np.float32)
+    server, board = open_stage(0, "cost", np.zeros(3), np.ones(3), 3, 1), FrameBoard(_MANY)
+    view = BodyView(server, "body", rest, rng.integers(0, _MANY, (2 * _MANY, 3)), np.zeros(3), 1.0, False)
+    costs = []
+    for number in range(60):
+        began = time.process_time()
+        board.publish(rest + np.float32(1e-3 * number), values, number)
+        picture = board.newest(number)
+        assert picture is not None
+        view.show(picture.vertices, picture.values, 1.0)
+        server.flush()
+        costs.append(time.process_time() - began)
+    stop_server(server)
+    return statistics.median(costs)
+
+
+def _seen_in_the_browser(workshop: Workshop, simulation: SimulationProcess, count: int) -> list[float]:
+    """[s] from a mouse event, with a collider held in contact, to the next frame of the browser with a changed mesh."""
+    from tools.chromium import PLACE, browser, open_window
+
+    name = workshop.tables[0].name
+    with _page(workshop, simulation) as page, browser() as own:
+        window = open_window(own, page.address, 640, 480, 120.0)
+        page.lead(name, pressed(workshop, 0.9))
+        time.sleep(3.0)
+        x, y = window.evaluate(PLACE, f"/colliders/{name}_0")
+        window.mouse.move(x - 4, y + 3)
+        window.mouse.down()
+        times = []
+        for number in range(count):
+            down = 12 if number % 2 == 0 else 0
+            window.evaluate(_WATCH, ["/body_0", 0.002 * workshop.body.mesh.size])
+            window.mouse.move(x - 4, y + 3 + down)
+            window.wait_for_function("() => window.__dent !== null")
+            times.append(1e-3 * float(window.evaluate("() => window.__dent")))
+            time.sleep(1.0)
+        window.mouse.up()
+    return times
 
 
 def _first(simulation: SimulationProcess) -> None:
@@ -147,12 +220,20 @@ def _watched(workshop: Workshop, simulation: SimulationProcess, way: str, real: 
     if way == "alone":
         yield
         return
+    with (
+        _page(workshop, simulation) as page,
+        _client(page, real) if way == "client" else contextlib.nullcontext(),
+    ):
+        yield
+
+
+@contextlib.contextmanager
+def _page(workshop: Workshop, simulation: SimulationProcess) -> Iterator[LivePage]:
     page, ended = LivePage(workshop, simulation, 0, lambda text: None), threading.Event()
     running = threading.Thread(target=page.run, args=(ended.is_set,))
     running.start()
     try:
-        with _client(page, real) if way == "client" else contextlib.nullcontext():
-            yield
+        yield page
     finally:
         ended.set()
         running.join()
