@@ -136,7 +136,7 @@ class LivePage:
             self._simulation.send,
             self._notice,
             self._colliders.hold,
-            self._handle.lead,
+            self._lead_handle,
         )
         if len(self._workshop.names) == 1:
             self._notice(
@@ -151,6 +151,12 @@ class LivePage:
 
     def _lead(self, name: str, position: Array, rotation: Array | None) -> None:
         self._simulation.send(ask.LeadCollider(name, position, rotation))
+
+    def _lead_handle(self, handle: int | str | None) -> None:
+        """Put the gizmo of handles where a handle of the first body is."""
+        picture = self._pictures[0]
+        rest = self._workshop.body.rest_rows
+        self._handle.lead(handle, rest if picture is None else picture.meta["info"].rows)
 
     def _set(self, setting: ask.Setting) -> None:
         """Have as many bodies as models, and the colliders of the scene."""

@@ -25,8 +25,8 @@ class Pace:
 @dataclass(frozen=True, eq=False)
 class FrameInfo:
     """model: its name; time: simulated [s]; poses: of the colliders; forces: on each of them (dim,) [N]; points
-    (m, dim) [m] and sizes (m,) [N] of the contact forces; status, sentence: of the step; pull: both ends of the spring
-    on a grabbed point; stamp: of the wall clock when the step began."""
+    (m, dim) [m] and sizes (m,) [N] of the contact forces; rows: of the handles; status, sentence: of the step; pull:
+    both ends of the spring on a grabbed point; stamp: of the wall clock when the step began."""
 
     model: str
     time: float
@@ -34,6 +34,7 @@ class FrameInfo:
     forces: Mapping[str, Array]
     points: Array
     sizes: Array
+    rows: Array
     iterations: int
     residual: float
     status: str
@@ -68,6 +69,7 @@ def frame_info(
         {name: contact.force for name, contact in result.contacts.items()},
         points,
         np.linalg.norm(forces, axis=1),
+        result.state.rows,
         result.iterations,
         result.residual,
         result.status.name,

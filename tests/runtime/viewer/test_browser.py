@@ -14,6 +14,7 @@ import pytest
 from tools.chromium import COLOURS, PLACE, VERTICES, browser, open_window
 
 PATIENCE = 60.0  # s for anything, on a machine that is busy
+DETAIL = 0.3  # of pixels: drawing in software is most of the time of this test
 
 
 @pytest.fixture
@@ -75,7 +76,7 @@ def choose(page, present: str, wanted: str) -> None:
 def test_a_press_by_hand(served, toy3d):
     process, address = served
     with browser() as own:
-        page = open_window(own, address, 720, 480, PATIENCE)
+        page = open_window(own, address, 720, 480, PATIENCE, DETAIL)
         problems: list[str] = []
         page.on("pageerror", lambda error: problems.append(str(error)))
         rest, pale = vertices(page), page.evaluate(COLOURS, "/body_0")
@@ -91,7 +92,7 @@ def test_a_press_by_hand(served, toy3d):
         # The trained model in place of the bare one; a second tab sees the same.
         choose(page, "bare", "ours")
         wait_for(lambda: "ours" in page.inner_text("#softprint-status"))
-        other = open_window(own, address, 480, 360, PATIENCE)
+        other = open_window(own, address, 480, 360, PATIENCE, DETAIL)
         wait_for(lambda: "ours" in other.inner_text("#softprint-status"))
 
         # A wild mouse, in one tab while the other is closed, and a reload.
