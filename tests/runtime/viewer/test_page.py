@@ -61,12 +61,12 @@ def test_shapes_are_replaced_added_and_removed(shown, toy):
     panel._swapped("add")
     shown.until(lambda: len(shown.names) == 2)
     panel._swapped("add")
-    shown.until(lambda: shown.names[-1] == "capsule_2")
+    shown.until(lambda: shown.names[-1:] == ["capsule_2"])
     assert set(shown.page._colliders._nodes) == set(shown.names)
     panel.held.value = "capsule"
     shown.page._colliders.hold("capsule")
     panel._swapped("remove")
-    shown.until(lambda: "capsule" not in shown.names)
+    shown.until(lambda: shown.names and "capsule" not in shown.names)
     assert shown.page._colliders.held in shown.names
 
 
