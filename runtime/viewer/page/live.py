@@ -26,7 +26,7 @@ from softprint.runtime.viewer.page.palette import Scale
 from softprint.runtime.viewer.page.panel import Panel, handle_names
 from softprint.runtime.viewer.page.readout import legend_html, notice_html, status_html
 from softprint.runtime.viewer.page.server import stop_server
-from softprint.runtime.viewer.page.stage import beside, open_stage
+from softprint.runtime.viewer.page.stage import beside, make_room, open_stage
 from softprint.runtime.viewer.processes.frame_board import Picture
 from softprint.runtime.viewer.processes.frame_info import FrameInfo
 from softprint.runtime.viewer.processes.simulation_process import SimulationProcess
@@ -55,6 +55,7 @@ class LivePage:
         self._faces = drawn_faces(mesh)
         step = beside(lower, upper)
         self._offsets = [np.zeros(3), step]
+        self._room = 1  # bodies that the view has room for
         self._views: list[BodyView] = []
         self._colliders = ColliderViews(self.server, body.dim, mesh.size, self._offsets, self._lead)
         self._handle = HandleGizmo(self.server, body, simulation.send)
@@ -161,6 +162,9 @@ class LivePage:
     def _set(self, setting: ask.Setting) -> None:
         """Have as many bodies as models, and the colliders of the scene."""
         count = len(setting.models)
+        if count != self._room:
+            make_room(self.server, self._offsets[1], count - self._room)
+            self._room = count
         while len(self._views) > count:
             self._views.pop().remove()
         mesh = self._workshop.body.mesh

@@ -59,6 +59,17 @@ def open_stage(port: int, title: str, lower: Array, upper: Array, dim: int, coun
     return server
 
 
+def make_room(server: viser.ViserServer, step: Array, more: int) -> None:
+    """Have every browser look at so many bodies more, or fewer, each a step (3,) [m] from the next; the direction
+    of the view stays."""
+    cameras = [server.initial_camera, *(client.camera for client in server.get_clients().values())]
+    for camera in cameras:
+        look_at = np.asarray(camera.look_at) + 0.5 * more * step
+        position = look_at + 1.4**more * (np.asarray(camera.position) - np.asarray(camera.look_at))
+        camera.position = tuple(position)
+        camera.look_at = tuple(look_at)
+
+
 def beside(lower: Array, upper: Array) -> Array:
     """(3,) [m] from one body to the next."""
     return np.array([1.45 * float(upper[0] - lower[0]), 0.0, 0.0])
