@@ -63,8 +63,9 @@ def held(
     kinematic: Sequence[KinematicHandle] = (),
     settings: DynamicsSettings | None = None,
 ) -> Held:
-    """The same simulator, held otherwise; settings: of its steps, the same by default. States of either may be stepped
-    by the other if they carry no warm start (`carried_over`)."""
+    """The same simulator, held otherwise; settings: of its steps, the same by default. It steps the states of the first
+    one, too, once they are without its factorisation, which is of other unknowns (`replace(state,
+    factorisation=None)`)."""
     other = copy.copy(simulator)
     other.settings = settings or simulator.settings
     other.hold = Hold.of(simulator.body, springs, kinematic, other.settings.time_step)
