@@ -69,6 +69,7 @@ class LivePage:
         self._from: float | None = None
         self.ended = False
         self._build_panel()
+        simulation.send(ask.Tell())
 
     @property
     def address(self) -> str:

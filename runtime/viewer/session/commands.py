@@ -106,6 +106,11 @@ class Record:
 
 
 @dataclass(frozen=True)
+class Tell:
+    """Say again what the session is made of, for a window that has come later."""
+
+
+@dataclass(frozen=True)
 class Quit:
     """End the session; a recording in progress is written."""
 
@@ -124,6 +129,7 @@ Command = (
     | StepOnce
     | Reset
     | Record
+    | Tell
     | Quit
 )
 

@@ -176,6 +176,8 @@ class Session:
                 self._reset()
             case ask.Record():
                 self._record(command.on)
+            case ask.Tell():
+                self._tell()
             case ask.Quit():
                 self.close()
 

@@ -140,6 +140,14 @@ def test_a_step_that_pierces_is_red(toy2d):
         shown.simulation.close()
 
 
+def test_a_page_that_comes_later_shows_the_session_too(shown):
+    shown.page.close()
+    shown.page = LivePage(shown.page._workshop, shown.simulation, 0, shown.said.append)
+    shown.panel = shown.page._panel
+    shown.until(lambda: shown.page._views and shown.page._pictures[0] is not None)
+    assert shown.names
+
+
 def test_a_simulation_that_ends_by_itself_ends_the_page(toy2d):
     from softprint.runtime.errors import SoftprintError
 
