@@ -25,6 +25,7 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.run_mechanics import RunMechanics
 from softprint.runtime.cli.verbs.bench_verb import all_or_count
+from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import ModelSpec
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
@@ -50,7 +51,7 @@ _MODELS = ("bare", "ours", "full")
 def stand_in(context: Context, spec: ModelSpec, body: ReducedBody, contact_nodes: int, path: Path) -> None:
     """Write an untrained correction for any collider, which costs what a trained one does."""
     torch.manual_seed(0)
-    own = force_options(spec, body, context.experiment.contact.stiffness)
+    own = force_options(spec, body, PenaltyContact.of(context.experiment.contact))
     model = ForceModel(own, body.dim, body.n_rows)
     header, _ = RunMechanics(context, body).get(contact_nodes)
     told = {"untrained": "a stand-in for measurements of speed"}

@@ -20,6 +20,7 @@ VENV=.venv
 APT_PACKAGES=(
     python3-dolfinx python3-petsc4py python3-mpi4py openmpi-bin python3-venv python3-dev python3-pip
     python3-h5py python3-scipy gcc libc6-dev make libopenblas0-serial
+    chromium # in which the window is tested
     libgl1 libegl1 libglu1-mesa libxrender1 libxcursor1 libxft2 libxinerama1 libxi6 libxfixes3 libxext6 libsm6
 )
 

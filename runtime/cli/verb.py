@@ -22,6 +22,7 @@ INSTALL = {
     "torch": "PyTorch (pip install 'softprint[train]')",
     "igl": "libigl (pip install 'softprint[body]')",
     "pyvista": "PyVista (pip install 'softprint[report]')",
+    "viser": "viser (pip install 'softprint[view]')",
 }
 
 

@@ -57,6 +57,7 @@ LIBRARIES = (
     Library("pyvista", "pictures in the report", _pip("pyvista")),
     Library("matplotlib", "figures in the report", _pip("matplotlib")),
     Library("jinja2", "the report", _pip("jinja2"), version="metadata.version('jinja2')"),
+    Library("viser", "the window of softprint view", _pip("viser==1.1.1")),
     Library("gmsh", "making the example meshes", _pip("gmsh")),
 )
 

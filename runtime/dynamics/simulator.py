@@ -22,11 +22,12 @@ from softprint.runtime.contact.condensed.contact_evaluation import ContactEvalua
 from softprint.runtime.contact.contact_force import ContactForce
 from softprint.runtime.contact.lagged_friction import SlipStart
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
-from softprint.runtime.dynamics.corrected_nodes import CorrectedNodes, Snapshot
+from softprint.runtime.dynamics.corrected_nodes import CorrectedNodes, Corrections, Snapshot
 from softprint.runtime.dynamics.deformed_surface import reduced_search
 from softprint.runtime.dynamics.free_bodies import FreeBodies, FreeStep
 from softprint.runtime.dynamics.free_body_contact import ColliderContact
-from softprint.runtime.dynamics.kinematic import KinematicHandle, free_dofs, place_kinematic
+from softprint.runtime.dynamics.hold import Hold
+from softprint.runtime.dynamics.kinematic import KinematicHandle, place_kinematic
 from softprint.runtime.dynamics.pierced_colliders import with_piercing
 from softprint.runtime.dynamics.placed_collider import (
     PlacedCollider,
@@ -41,10 +42,10 @@ from softprint.runtime.dynamics.state import Configuration, ReducedState, StepRe
 from softprint.runtime.dynamics.step.body_terms import build_terms, find_corrections
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
 from softprint.runtime.dynamics.step.frame import CorotatedFrame
-from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint, Unknowns, by_axis
+from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint, by_axis
 from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step, with_contact_checked
-from softprint.runtime.dynamics.step.step_start import StepStart, kept_factorisation
-from softprint.runtime.dynamics.terms.springs import HandleSpring, QuadraticForm, Springs
+from softprint.runtime.dynamics.step.step_start import kept_factorisation
+from softprint.runtime.dynamics.terms.springs import HandleSpring, PointSpring, QuadraticForm
 from softprint.runtime.dynamics.terms.weight import acceleration
 from softprint.runtime.dynamics.timings import Timings
 from softprint.runtime.errors import SoftprintError
@@ -78,7 +79,7 @@ class Simulator:
         mechanics: BodyMechanics | None = None,
         friction: CoulombFriction | None = None,
         gravity: Sequence[float] | Array | None = None,
-        springs: Sequence[HandleSpring] = (),
+        springs: Sequence[HandleSpring | PointSpring] = (),
         kinematic: Sequence[KinematicHandle] = (),
         settings: DynamicsSettings | None = None,
     ) -> None:
@@ -88,10 +89,7 @@ class Simulator:
         _check_mechanics(body, mechanics)
         check_colliders(self.colliders, body, mechanics, contact)
         self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
-        self._springs, self._kinematic = Springs(springs, body.handles), tuple(kinematic)
-        self._start = StepStart(body, self._kinematic, self.settings.time_step)
-        free = free_dofs(body.handles, self._kinematic)
-        self._unknowns = Unknowns(body.handles, free, body.handles.units(0.5 * body.mesh.size)[free])
+        self.hold = Hold.of(body, springs, kinematic, self.settings.time_step)
         self._friction = friction
         self._corrections = find_corrections(body, self.colliders, self.mechanics, contact)
         self._terms = build_terms(
@@ -112,10 +110,15 @@ class Simulator:
         """The depth [m] in the body from which on a collider has pierced it (`runtime/contact/piercing.py`)."""
         return self._pierced.depth
 
+    @property
+    def corrections(self) -> Corrections:
+        """Those of the colliders."""
+        return self._corrections
+
     def rest_state(self, time: float = 0.0, poses: Mapping[str, RigidPose] | None = None) -> ReducedState:
         """The undeformed body with zero velocity; kinematic handles at their positions at ``time`` [s]."""
         rest = self.body.rest_rows
-        rows = place_kinematic(rest, rest, self.body.handles, self._kinematic, time)
+        rows = place_kinematic(rest, rest, self.body.handles, self.hold.kinematic, time)
         where = poses_at(self.colliders, time, poses)
         return ReducedState(time, rows, np.zeros_like(rows), where, starting_motions(self.colliders))
 
@@ -133,14 +136,14 @@ class Simulator:
         begin = self._evaluated(frame, state, timings)
         limit = None if free is None else self._pierced.limit(begin, list(free.flights))
         problem = replace(self._problem(frame, inertia, end, free, timings), limit=limit)
-        start, predicted_by = self._start(state, problem, begin, end, end_poses)
+        start, predicted_by = self.hold.start(state, problem, begin, end, end_poses)
         if free is not None:
             start = self._free_start(start, problem, begin, free, end_poses)
         point = problem.point(begin.near(start))
         if free is not None and limit is not None and not limit.allows(point.body):
             # From the state itself, where the free colliders are as deep as allowed.
             point = problem.point(
-                begin.near(self._start.at_rest(state, end, free.carried_on(end_poses, 0.0)))
+                begin.near(self.hold.start.at_rest(state, end, free.carried_on(end_poses, 0.0)))
             )
         solved = solve_step(problem, point, self.settings.method, self._sliding(state, timings))
         reached = self._reached(solved, end, (solved.x.body.at.rows - state.rows) / h, free)
@@ -259,7 +262,7 @@ class Simulator:
         free: FreeStep | None,
         timings: Timings,
     ) -> StepEnergy:
-        springs = self._springs.form(time)
+        springs = self.hold.springs.form(time)
         weight, height = frame.weight
         quadratic = QuadraticForm(
             inertia.matrix + springs.matrix,
@@ -267,7 +270,7 @@ class Simulator:
             inertia.constant + springs.constant + height,
         )
         blocks = by_axis(quadratic.matrix, self.body.dim)
-        return StepEnergy(self._unknowns, quadratic, springs, blocks, free, None, self._force_floor, timings)
+        return StepEnergy(self.hold.unknowns, quadratic, springs, blocks, free, None, self._force_floor, timings)
 
     def _reached(
         self, solved: Minimum[StepPoint], time: float, velocity: Array, free: FreeStep | None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.kinds.registry import ColliderSpec
+from softprint.runtime.colliders.kinds.table import ColliderTable
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.sources import with_absolute_paths
 
@@ -22,8 +24,13 @@ _TABLES: TypeAdapter[tuple[ColliderSpec, ...]] = TypeAdapter(tuple[ColliderSpec,
 def collider_tables(experiment: Experiment, scene: SceneSpec) -> str:
     """The [[colliders]] tables of a scene as JSON; with absolute paths of the files that they name."""
     names = dict.fromkeys(entry.name for entry in scene.colliders)
-    tables = tuple(with_absolute_paths(experiment.collider(name), experiment.base_dir) for name in names)
-    return _TABLES.dump_json(tables, exclude_none=True).decode()
+    return tables_as_json([experiment.collider(name) for name in names], experiment.base_dir)
+
+
+def tables_as_json(tables: Sequence[ColliderTable], base_dir: Path) -> str:
+    """Tables as JSON; with absolute paths of the files that they name relative to base_dir."""
+    absolute = tuple(with_absolute_paths(table, base_dir) for table in tables)
+    return _TABLES.dump_json(absolute, exclude_none=True).decode()
 
 
 def build_colliders(tables: str, source: Path) -> dict[str, Collider]:

@@ -44,10 +44,10 @@ class TouchPlaces:
         return len(self.names)
 
 
-def surface_places(body: ReducedBody) -> TouchPlaces:
-    """The body's surface samples, each for the surface nodes nearest to it. Their areas add up to the whole surface, so
-    sum_k areas_k t_k is the total force."""
-    mesh, samples = body.mesh, body.surface.nodes
+def surface_places(body: ReducedBody, nodes: IntArray | None = None) -> TouchPlaces:
+    """The body's surface samples, or the given nodes, each for the surface nodes nearest to it. Their areas add up to
+    the whole surface, so sum_k areas_k t_k is the total force."""
+    mesh, samples = body.mesh, body.surface.nodes if nodes is None else nodes
     rest = mesh.points[samples]
     owner = cKDTree(rest).query(mesh.points[mesh.surface_nodes])[1]
     areas = scatter_sum(owner, mesh.surface_areas, len(samples))

@@ -14,7 +14,7 @@ so that the integral of t over the surface is the total force. Strain includes a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -53,36 +53,22 @@ class Touch:
     strain_norm: Array
 
 
-class TouchSensor:
-    """Measures contact and strain at `places` of a body that `source` simulates. The cost of `feel` grows with the
-    number of places and of nodes in contact, not with the mesh."""
+class SurfaceSpread:
+    """The tractions at places of a body's surface that point forces on it amount to."""
 
-    def __init__(self, source: Followed, body: ReducedBody, places: TouchPlaces) -> None:
+    def __init__(self, body: ReducedBody, places: TouchPlaces) -> None:
         self.body, self.places = body, places
-        derivatives = [places.nodes @ derivative for derivative in body.mesh.nodal_gradient]
-        used = [np.unique(matrix.indices) for matrix in (places.nodes, *derivatives)]
-        watched = np.unique(np.concatenate(used))
-        self._positions = source.follow(watched)
-        self._mean = places.nodes[:, watched]
-        self._derivatives = [derivative.tocsr()[:, watched] for derivative in derivatives]
         self._spread: dict[int, tuple[IntArray, sp.csc_matrix]] = {}
 
-    def feel(self, result: StepResult[Any]) -> Touch:
-        """The measurements after a step, or at the start of a scene."""
-        x = self._positions(result.state)
-        F = np.stack([derivative @ x for derivative in self._derivatives], axis=-1)
-        strain = 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(x.shape[1]))
-        pressure, traction = np.zeros(len(self.places)), np.zeros((len(self.places), x.shape[1]))
-        for contact in result.contacts.values():
-            for part in contact.parts:
-                to_places = self._to_places(part)
-                traction -= to_places @ part.forces
-                if not part.tangential:
-                    pressure += to_places @ np.linalg.norm(part.forces, axis=1)
-        norm = np.sqrt((strain * strain).sum(axis=(1, 2)))
-        return Touch(result.state.time, self._mean @ x, pressure, traction, strain, norm)
+    def pressure(self, parts: Iterable[SurfaceForces]) -> Array:
+        """(k,) [Pa] of the normal forces among them."""
+        pressure = np.zeros(len(self.places))
+        for part in parts:
+            if not part.tangential:
+                pressure += self.to_places(part) @ np.linalg.norm(part.forces, axis=1)
+        return pressure
 
-    def _to_places(self, part: SurfaceForces) -> sp.csc_matrix:
+    def to_places(self, part: SurfaceForces) -> sp.csc_matrix:
         """(k, m) [1/m^(dim-1)]: traction at the places for each unit of force."""
         key = id(part.nodes)
         if key not in self._spread:  # stored together with the nodes, so that their id stays unique
@@ -101,3 +87,33 @@ class TouchSensor:
         own = scatter_sum(owner, areas, len(nodes))
         shape = mesh.n_nodes, len(nodes)
         return (self.places.spread @ sp.csr_matrix((1.0 / own[owner], (surface, owner)), shape)).tocsc()
+
+
+class TouchSensor:
+    """Measures contact and strain at `places` of a body that `source` simulates. The cost of `feel` grows with the
+    number of places and of nodes in contact, not with the mesh."""
+
+    def __init__(self, source: Followed, body: ReducedBody, places: TouchPlaces) -> None:
+        self.body, self.places = body, places
+        derivatives = [places.nodes @ derivative for derivative in body.mesh.nodal_gradient]
+        used = [np.unique(matrix.indices) for matrix in (places.nodes, *derivatives)]
+        watched = np.unique(np.concatenate(used))
+        self._positions = source.follow(watched)
+        self._mean = places.nodes[:, watched]
+        self._derivatives = [derivative.tocsr()[:, watched] for derivative in derivatives]
+        self._spread = SurfaceSpread(body, places)
+
+    def feel(self, result: StepResult[Any]) -> Touch:
+        """The measurements after a step, or at the start of a scene."""
+        x = self._positions(result.state)
+        F = np.stack([derivative @ x for derivative in self._derivatives], axis=-1)
+        strain = 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(x.shape[1]))
+        pressure, traction = np.zeros(len(self.places)), np.zeros((len(self.places), x.shape[1]))
+        for contact in result.contacts.values():
+            for part in contact.parts:
+                to_places = self._spread.to_places(part)
+                traction -= to_places @ part.forces
+                if not part.tangential:
+                    pressure += to_places @ np.linalg.norm(part.forces, axis=1)
+        norm = np.sqrt((strain * strain).sum(axis=(1, 2)))
+        return Touch(result.state.time, self._mean @ x, pressure, traction, strain, norm)

@@ -43,6 +43,23 @@ class HandleSpring:
 
 
 @dataclass(frozen=True, eq=False)
+class PointSpring:
+    """A spring on a material point of the body, such as one that a user has grabbed. weights: (n_rows,) with
+    p = weights^T rows, a row of the subspace basis U or a mean of some; stiffness k [N/m]; target: a path; the point is
+    pulled to its position [m, world]."""
+
+    weights: Array
+    stiffness: float
+    target: KeyframedPath
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.stiffness) and self.stiffness >= 0):
+            raise SoftprintError(
+                f"the stiffness of a spring on a point must be positive, not {self.stiffness}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
 class QuadraticForm:
     """1/2 tr(rows^T matrix rows) - tr(linear^T rows) + constant [J]; matrix (n_rows, n_rows) [N/m]
     symmetric."""
@@ -67,7 +84,7 @@ class QuadraticForm:
 class Springs:
     """All springs of a body together."""
 
-    def __init__(self, springs: Sequence[HandleSpring], handles: Handles) -> None:
+    def __init__(self, springs: Sequence[HandleSpring | PointSpring], handles: Handles) -> None:
         self._dim, n_rows = handles.dim, handles.n_rows
         self._targets = KeyframedPaths([spring.target for spring in springs])
         self._matrix = np.zeros((n_rows, n_rows))
@@ -76,6 +93,10 @@ class Springs:
         self._position_weights = np.zeros((len(springs), n_rows))
         self._rotation_weights = np.zeros((len(springs), handles.dim, n_rows))
         for number, spring in enumerate(springs):
+            if isinstance(spring, PointSpring):
+                self._position_weights[number] = spring.stiffness * spring.weights
+                self._matrix += spring.stiffness * np.outer(spring.weights, spring.weights)
+                continue
             rows, weights = handles.rows_of(spring.handle), _position_weights(handles, spring)
             self._position_weights[number, rows] = spring.stiffness * weights
             self._matrix[rows, rows] += spring.stiffness * np.outer(weights, weights)
@@ -84,7 +105,8 @@ class Springs:
                 self._matrix[linear, linear] += half
                 self._rotation_weights[number, np.arange(handles.dim), linear] = half
         self._stiffness = np.array([spring.stiffness for spring in springs])
-        self._constant = 0.25 * self._dim * sum(spring.rotation_stiffness for spring in springs)
+        turning = [spring.rotation_stiffness for spring in springs if isinstance(spring, HandleSpring)]
+        self._constant = 0.25 * self._dim * sum(turning)
 
     def form(self, time: float) -> QuadraticForm:
         """The energy with their targets at ``time`` [s]."""

@@ -78,6 +78,11 @@ class BoundForceCorrection:
         gradient = points.basis_gradient.transpose(0, 2, 1).astype(model.dtype)
         self._gradient = np.ascontiguousarray(gradient)
 
+    def confidence(self, solved: SolvedContact) -> float | None:
+        """The factor in [0, 1] that reduces the correction outside the range of training; None without contact."""
+        state = self._measurement.measure(solved)
+        return None if state is None else self._model.confidence(state)
+
     def displacement(self, solved: SolvedContact, friction: FrictionForces | None = None) -> Array:
         """See `BoundContactCorrection`; zero where no point is inside the collider, but for friction."""
         state = self._measurement.measure(solved)

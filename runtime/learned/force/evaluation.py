@@ -46,13 +46,22 @@ class ForceEvaluation:
 
     def forces(self, contact: ContactState) -> Floats:
         """phi (m, dim) [N] as of `ForceModel`, in the precision of the model."""
-        kind, force, depth = self.dtype, contact.force, contact.depth
-        z = (contact.inputs.astype(kind) - self._mean) / self._spread
+        correction, confidence = self._corrected(contact)
+        phi = contact.force + confidence * correction
+        return np.asarray(phi.astype(self.dtype))
+
+    def confidence(self, contact: ContactState) -> float:
+        """The factor in [0, 1] by which the correction of this contact is multiplied (`confidence.py`)."""
+        return self._corrected(contact)[1]
+
+    def _corrected(self, contact: ContactState) -> tuple[Floats, float]:
+        """c (m, dim) [N] and its confidence."""
+        force, depth = contact.force, contact.depth
+        z = (contact.inputs.astype(self.dtype) - self._mean) / self._spread
         y = self._network(_saturated(z), depth)
         traction = (y[:, None, 1:] @ contact.lever)[:, 0]
         correction = self._fade.value(depth) * (force * y[:, :1] + self._scale * traction)
-        phi = force + self._confidence.of(z, force, correction) * correction
-        return np.asarray(phi.astype(kind))
+        return correction, self._confidence.of(z, force, correction)
 
     def _network(self, local: Floats, depth: float) -> Floats:
         """y (m, 1 + DIRECTIONS)."""

@@ -1,0 +1,1 @@
+"""Motion and truth files in the window."""

@@ -1,0 +1,1 @@
+"""The interactive simulation, without any window: commands in, frames out."""
