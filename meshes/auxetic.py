@@ -59,7 +59,7 @@ class Cells:
         return np.array(found)
 
 
-FULL, SMALL = Cells(columns=11, rows=3), Cells(columns=7, rows=2)
+FULL, SMALL = Cells(columns=11, rows=3), Cells(columns=5, rows=2, wall=0.002)
 BLOCK = 0.008  # length of the solid blocks at both ends [m]
 
 
@@ -79,17 +79,37 @@ def mesh_auxetic(cells: Cells, edge_length: float) -> Mesh:
         gmsh.model.occ.cut(whole, holes)
         gmsh.model.occ.synchronize()
         _fine_between(0.0, length, edge_length)
-        gmsh.model.mesh.generate(2)
-        tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        _, nodes = gmsh.model.mesh.getElementsByType(2)
+        return _generated("the auxetic bar")
     finally:
         gmsh.finalize()
+
+
+def mesh_cell(cells: Cells, edge_length: float) -> Mesh:
+    """The part of the endless pattern from which reflections make the whole of it: from the middle of a cell to its
+    right upright wall, and to the middle of the upright walls above; x from 0 to half a width, y from 0 to the
+    pitch."""
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)
+        whole = [(2, gmsh.model.occ.addRectangle(0, 0, 0, cells.half_width, cells.pitch))]
+        inner, above = cells.hexagon(-0.5 * cells.wall), np.array([cells.half_width, cells.pitch])
+        gmsh.model.occ.cut(whole, [_polygon(inner), _polygon(inner + above)])
+        gmsh.model.occ.synchronize()
+        _fine_between(0.0, cells.half_width, edge_length)
+        return _generated("the cell")
+    finally:
+        gmsh.finalize()
+
+
+def _generated(name: str) -> Mesh:
+    gmsh.model.mesh.generate(2)
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    _, nodes = gmsh.model.mesh.getElementsByType(2)
     index = np.zeros(int(tags.max()) + 1, dtype=np.int64)
     index[tags.astype(np.int64)] = np.arange(len(tags))
     points = coordinates.reshape(-1, 3)[:, :2]
-    return in_morton_order(
-        oriented_mesh(points, index[nodes.astype(np.int64)].reshape(-1, 3), "the auxetic bar")
-    )
+    return in_morton_order(oriented_mesh(points, index[nodes.astype(np.int64)].reshape(-1, 3), name))
 
 
 def _offset(corners: Array, distance: float) -> Array:
@@ -123,7 +143,7 @@ def _polygon(corners: Array) -> tuple[int, int]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--small", action="store_true", help="fewer cells")
+    parser.add_argument("--small", action="store_true", help="fewer cells, of thicker walls")
     parser.add_argument("--edge-length", type=float, help="edge length [m] (default: about half a wall)")
     parser.add_argument("--out", type=Path, required=True, help="mesh file to write (.vtu, .msh, ...)")
     arguments = parser.parse_args()

@@ -1,7 +1,8 @@
 """States for contact samples: frames of recorded dynamics, spread by farthest point (thesis 5.3.2).
 
-The scenes with ``role = "record"`` are run with the bare reduced model, or in full space and projected to the subspace
-(thesis, figure 4.7), which an internal correction needs: a bare subspace that locks does not go where the body would.
+The scenes with ``role = "record"`` are run with the bare reduced model, with static condensation, or in full space and
+projected to the subspace (thesis, figure 4.7). Internal corrections need one of the last two: a bare subspace that locks
+does not go where the body would.
 States come from dynamics and not from noise, because a random handle state can be at a saddle point, from which the
 lightest contact makes the body snap. States for internal corrections are also disturbed, since a correction has to
 know its derivatives in every direction.
@@ -22,7 +23,7 @@ from softprint.fem_truth.sampling.rigid_free import RigidFreeDescriptor
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.scenes.playing import SceneModel, bare_model, play
+from softprint.runtime.scenes.playing import SceneModel, bare_model, condensed_model, play
 from softprint.runtime.scenes.scene import scene_steps
 
 if TYPE_CHECKING:
@@ -69,10 +70,14 @@ def _states_of(
     experiment: Experiment, body: ReducedBody, scene: SceneSpec
 ) -> Iterator[tuple[float, Array]]:
     """Time [s] and handle rows of every frame."""
-    in_full = experiment.sampling.record_with == "full"
-    model: SceneModel = (
-        full_space_model(experiment, body, scene, Path()) if in_full else bare_model(experiment, body, scene)
-    )
+    model: SceneModel
+    match experiment.sampling.record_with:
+        case "full":
+            model = full_space_model(experiment, body, scene, Path())
+        case "condensed":
+            model = condensed_model(experiment, body, scene)
+        case _:
+            model = bare_model(experiment, body, scene)
     for result in play(model, scene_steps(experiment, scene)):
         yield result.state.time, body.handles.rigid(model.rows(result.state))
 

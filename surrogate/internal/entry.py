@@ -25,13 +25,15 @@ def train_internal(
     body: ReducedBody,
     condensation: StaticCondensation | None = None,
     widths: tuple[int, ...] = (100, 100),
-    components: int = 15,
+    components: int = 60,
+    linear: bool = True,
     settings: TrainingSettings = SETTINGS,
     progress: ProgressUpdate | None = None,
 ) -> TrainingResult[InternalModel]:
     """An internal correction learned from all states of a truth file. condensation: of all nodes of the body, for a
-    correction that adds to it; widths: neurons of each hidden layer; components: principal components (15 in thesis
-    table 4.1). Raises SoftprintError as `read_internal_data` and `principal_components`."""
+    correction that adds to it; widths: neurons of each hidden layer; components: of the principal ones; linear: whether
+    a linear part is fitted before the network is trained. The thesis has widths (100, 100), 15 components, and no linear
+    part (table 4.1). Raises SoftprintError as `read_internal_data` and `principal_components`."""
     data = read_internal_data(truth, body, condensation, settings.seed)
-    options = InternalOptions(widths, components, condensation is not None)
+    options = InternalOptions(widths, components, linear, condensation is not None)
     return train(InternalTask(options, data, body.n_rows), settings, progress=progress)

@@ -18,6 +18,10 @@ from softprint.surrogate.internal.components import principal_components
 from softprint.surrogate.internal.data import InternalData
 from softprint.surrogate.learning_task import HeldOutError, seeded
 
+# Of the linear part: the ridge, relative to the variance of an input; and the initial weights of the network's last
+# layer beside it, relative to torch's.
+_RIDGE, _SMALL = 1e-6, 0.1
+
 
 class InternalTask:
     """Trains an `InternalModel` on `InternalData`."""
@@ -53,6 +57,7 @@ class InternalTask:
         """discarded: the energy beyond the principal components, as a share of that of the training fields."""
         return {"discarded": self._discarded}
 
+    @torch.no_grad()
     def fresh_model(self, seed: int) -> InternalModel:
         """Initial weights from the seed; components and scales from the data."""
         _, n_nodes, dim = self._modes.shape
@@ -60,7 +65,17 @@ class InternalTask:
         model.modes.copy_(self._modes)
         model.coefficient_scale.copy_(self._scale)
         model.input_scale.copy_(spread(self._z))
+        if self._options.linear:
+            model.linear.copy_(self._fitted(model))
+            model.network.head.weight *= _SMALL
+            model.network.head.bias *= _SMALL
         return model
+
+    def _fitted(self, model: InternalModel) -> Tensor:
+        """L by ridge regression of the coefficients on the inputs, both scaled."""
+        z, target = (self._z / model.input_scale).double(), (self._target / self._scale).double()
+        gram = z.T @ z + _RIDGE * len(z) * torch.eye(z.shape[1], dtype=z.dtype)
+        return torch.linalg.solve(gram, z.T @ target).T.float()
 
     def loss(self, model: InternalModel, index: Tensor) -> Tensor:
         """Squared error of the field over the volume, relative to the mean square of the targets."""

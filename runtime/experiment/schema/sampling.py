@@ -27,8 +27,10 @@ class SamplingSpec(Section):
         "optional if there is only one choice",
     )
     states: Count = Field(5, description="states of the body, chosen from the scenes of role `record`")
-    record_with: Literal["bare", "full"] | None = Field(
-        None, description="model that plays the scenes of role `record`; bare if absent"
+    record_with: Literal["bare", "condensed", "full"] | None = Field(
+        None,
+        description="model that plays the scenes of role `record`: the bare subspace, which is the default, with static "
+        "condensation, or full space",
     )
     disturbed: Count | None = Field(
         None, description="states with handles moved at random, after each recorded one; none if absent"

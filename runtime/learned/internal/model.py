@@ -1,9 +1,10 @@
 """The network of an internal correction (thesis 4.3.3): a few principal components, as functions of the reduced state.
 
-    r(q) = sum_k s_k (N_k(z / s_z) - N_k(0)) m_k
+    r(q) = sum_k s_k (L_k z / s_z + N_k(z / s_z) - N_k(0)) m_k
 
 with z the rigid-free rows (`inputs.py`), N a network of tanh layers, m_k the principal components, orthonormal in the
-volumes of the nodes, and s their spreads. Without gravity the correction at rest is zero, and so it is here.
+volumes of the nodes, and s their spreads. L, where there is one, is the linear part, fitted before N is trained: with it
+the network learns what is nonlinear. Without gravity the correction at rest is zero, and so it is here.
 """
 
 from __future__ import annotations
@@ -21,22 +22,25 @@ from softprint.runtime.learned.network import Mlp
 @dataclass(frozen=True)
 class InternalOptions(ModelOptions):
     """Architecture of an internal correction. widths: neurons of each hidden layer; components: number of principal
-    components; on_condensation: whether it adds to the static condensation of the body, or to U q alone."""
+    components; linear: whether there is a linear part; on_condensation: whether it adds to the static condensation of the body, or to U q alone."""
 
     widths: tuple[int, ...]
     components: int
+    linear: bool
     on_condensation: bool
 
 
 class InternalModel(LearnedModel):
     """r(z) of a body with n_nodes nodes and n_rows handle rows in dim dimensions. Buffers: modes m (components,
-    n_nodes, dim) [m^(-dim/2)], coefficient_scale s (components,) [m m^(dim/2)], input_scale s_z (n_rows*dim,)."""
+    n_nodes, dim) [m^(-dim/2)], coefficient_scale s (components,) [m m^(dim/2)], input_scale s_z (n_rows*dim,), linear
+    L (components, n_rows*dim), zero where there is none."""
 
     form: ClassVar[str] = "internal"
     options: InternalOptions
     modes: Tensor
     coefficient_scale: Tensor
     input_scale: Tensor
+    linear: Tensor
 
     def __init__(self, options: InternalOptions, dim: int, n_rows: int, n_nodes: int) -> None:
         super().__init__()
@@ -46,13 +50,15 @@ class InternalModel(LearnedModel):
         self.register_buffer("modes", torch.zeros(count, n_nodes, dim))
         self.register_buffer("coefficient_scale", torch.ones(count))
         self.register_buffer("input_scale", torch.ones(n_rows * dim))
+        self.register_buffer("linear", torch.zeros(count, n_rows * dim))
 
     def forward(self, z: Tensor) -> Tensor:
         """Coefficients of the components (..., components) of inputs z (..., n_rows*dim)."""
         scaled = z / self.input_scale
         none = z.new_zeros(*z.shape[:-1], 0)
         at_rest = self.network(z.new_zeros(1, z.shape[-1]), none[:0])
-        return self.coefficient_scale * (self.network(scaled, none) - at_rest[0])
+        value = scaled @ self.linear.T + self.network(scaled, none) - at_rest[0]
+        return self.coefficient_scale * value
 
     @torch.no_grad()
     def linearise(self, z: Tensor) -> tuple[Tensor, Tensor]:
@@ -61,4 +67,5 @@ class InternalModel(LearnedModel):
         found = self.network.derivatives(
             (z / self.input_scale)[None], z.new_zeros(0), torch.eye(count, dtype=z.dtype)
         )
-        return self.forward(z), self.coefficient_scale[:, None] * found.local[0] / self.input_scale
+        slope = self.coefficient_scale[:, None] * (self.linear + found.local[0]) / self.input_scale
+        return self.forward(z), slope

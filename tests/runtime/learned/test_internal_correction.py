@@ -37,7 +37,7 @@ CONTACT = PenaltyContact(1e9)
 
 def made_model(body: ReducedBody, on_condensation: bool = False, size: float = 1e-3) -> InternalModel:
     """Random weights, smooth components, and corrections of about this size [m]; none in the frames."""
-    options = InternalOptions((12, 12), 4, on_condensation)
+    options = InternalOptions((12, 12), 4, True, on_condensation)
     model = InternalModel(options, body.dim, body.n_rows, body.n_nodes)
     generator = torch.Generator().manual_seed(2)
     for parameter in model.parameters():
@@ -47,6 +47,7 @@ def made_model(body: ReducedBody, on_condensation: bool = False, size: float = 1
     model.modes.copy_(torch.from_numpy(waves))
     model.coefficient_scale.fill_(size)
     model.input_scale.fill_(0.01)
+    model.linear.copy_(0.1 * torch.randn(model.linear.shape, generator=generator))
     return model
 
 
