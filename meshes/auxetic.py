@@ -136,7 +136,8 @@ def _fine_between(low: float, high: float, edge_length: float) -> None:
 def _polygon(corners: Array) -> tuple[int, int]:
     points = [gmsh.model.occ.addPoint(x, y, 0) for x, y in corners]
     sides = [
-        gmsh.model.occ.addLine(one, other) for one, other in zip(points, [*points[1:], points[0]], strict=True)
+        gmsh.model.occ.addLine(one, other)
+        for one, other in zip(points, [*points[1:], points[0]], strict=True)
     ]
     return 2, gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(sides)])
 

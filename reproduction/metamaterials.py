@@ -9,9 +9,9 @@ bare subspace, condensation alone, and both corrections. Tables in Markdown:
 
     statics      at each stretch of the bar, settled: effective Poisson's ratio -e_y / e_x of the middle half of the bar
                  (the affine motion nearest to that of its nodes); ripple: how much farther out the surface is in the
-                 middle of stiff stripes than in that of soft ones [mm], of bodies of two materials; force: of full space
-                 and the models that bear more, as the elastic energy over that of full space; error: distance of nodes
-                 from full space, RMS, over that of the bare subspace
+                 middle of stiff stripes than in that of soft ones [mm], of bodies of two materials; energy: elastic,
+                 over that of full space; error: distance of nodes from full space, RMS, over that of the bare subspace;
+                 at its state: the same with the handles where those of full space are
     motion       the test scene: error as above over all nodes and frames; iterations of a step; steps that did not
                  converge; steps in a second, by the processor's time
     jacobians    the same motion with the three Jacobians of figure 4.4
@@ -31,10 +31,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from meshes.accordion import STRIPE, STRIPES
-
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
+from softprint.runtime.body.cubature import Cubature, elastic_cells
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders import KeyframedPath
@@ -67,6 +67,14 @@ class Kinematics(NamedTuple):
 
     mechanics: BodyMechanics | None
     internal: InternalCorrection | None
+
+    def positions(self, body: ReducedBody, rows: Array) -> Array:
+        """(n_nodes, dim) [m] at handle rows (n_rows, dim)."""
+        x = body.reduced_positions(rows)
+        condensation = None if self.mechanics is None else self.mechanics.condensation
+        if condensation is not None:
+            x += condensation.corotated(rows).displacement(rows)
+        return x if self.internal is None else x + self.internal.bind().displacement(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +113,7 @@ def kinematics(context: Context, body: ReducedBody) -> dict[str, Kinematics]:
     """The reduced models by name."""
     condensation = compute_static_condensation(body, None, NullSpaceCompliance(body))
     condensed = BodyMechanics(None, condensation)
-    thesis, ours = (
-        InternalCorrection(trained(context, body, condensation, name), body) for name in SETTINGS
-    )
+    thesis, ours = (InternalCorrection(trained(context, body, condensation, name), body) for name in SETTINGS)
     return {
         "bare": Kinematics(None, None),
         "condensation": Kinematics(condensed, None),
@@ -181,23 +187,33 @@ def _settled(simulator: Any, before: Any, kinematic: Sequence[KinematicHandle]) 
     return simulator.settle(replace(rest, rows=rows))
 
 
-def statics(body: ReducedBody, found: Sequence[Mapping[str, Array]], largest: float) -> list[str]:
+def statics(
+    body: ReducedBody,
+    models: Mapping[str, Kinematics],
+    found: Sequence[Mapping[str, Array]],
+    largest: float,
+) -> list[str]:
     """The lines of the first table."""
     two = np.ptp(np.asarray(body.material.young)) > 0.0
     lines = [
-        "| stretch [mm] | model | Poisson's ratio | " + ("ripple [mm] | " if two else "") + "energy | error |",
-        "| --- | --- | --- | " + ("--- | " if two else "") + "--- | --- |",
+        "| stretch [mm] | model | Poisson's ratio | "
+        + ("ripple [mm] | " if two else "")
+        + "energy | error | at its state |",
+        "| --- | --- | --- | " + ("--- | " if two else "") + "--- | --- | --- |",
     ]
     for step, here in enumerate(found, start=1):
         full = here["full"]
         missed = np.linalg.norm(here["bare"] - full)
-        energy = elastic_energy(body.mesh, body.material, full)
+        energy, rows = elastic_energy(body.mesh, body.material, full), body.project(full)
+        start = np.linalg.norm(models["bare"].positions(body, rows) - full)
         for name in ("full", *(name for name in here if name != "full")):
             x = here[name]
             cells = [f"{1e3 * largest * step / len(found):.1f}", name, f"{poisson_ratio(body, x):.3f}"]
             cells += [f"{1e3 * ripple(body, x):.3f}"] if two else []
             cells.append(f"{elastic_energy(body.mesh, body.material, x) / energy:.3f}")
             cells.append(f"{np.linalg.norm(x - full) / missed:.1%}")
+            held = full if name == "full" else models[name].positions(body, rows)
+            cells.append(f"{np.linalg.norm(held - full) / start:.1%}")
             lines.append(f"| {' | '.join(cells)} |")
     return lines
 
@@ -250,14 +266,21 @@ def main() -> None:
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="run directory (default: runs/NAME)")
     parser.add_argument("--no-motion", action="store_true", help="statics alone")
+    parser.add_argument("--all-cells", action="store_true", help="integrate over all cells, without a cubature")
     options = parser.parse_args()
     context = Context(experiment_path=options.experiment, out=options.out, quiet=True)
     experiment, body = context.experiment, body_of_run(context)
     models = kinematics(context, body)
+    if options.all_cells:
+        cells = elastic_cells(body.mesh, body.handles)
+        body = replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
     # As far as the scenes that states are recorded in.
     led = [entry for entry in experiment.scenes[0].kinematic if not isinstance(entry, int | str)]
     largest = max(frame.position[0] for entry in led for frame in entry.keyframes)
-    print("\n" + "\n".join(statics(body, stretched(experiment, body, models, largest), largest)), flush=True)
+    print(
+        "\n" + "\n".join(statics(body, models, stretched(experiment, body, models, largest), largest)),
+        flush=True,
+    )
     if options.no_motion:
         return
     count = scene_steps(experiment, experiment.scenes_of_role("test")[0])

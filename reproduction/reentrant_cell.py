@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from meshes.auxetic import FULL, Cells, mesh_cell
 from scipy.sparse.linalg import spsolve
 
+from meshes.auxetic import FULL, Cells, mesh_cell
 from softprint.runtime.elasticity.materials import Material, make_material
 from softprint.runtime.mechanics.null_space_compliance import rest_stiffness
 from softprint.runtime.mesh import Mesh

@@ -24,7 +24,9 @@ TABLE = {"accordion": 17457, "auxetic": 12921}
 def test_bodies_are_those_of_the_table(name, size):
     experiment = load_experiment(ROOT / "examples" / f"{name}{size}.toml")
     mesh = read_mesh(experiment.base_dir / experiment.body.mesh)
-    handles = place_handles(mesh, experiment.body.handles.points, frames_of(mesh, experiment.body.handles.frames))
+    handles = place_handles(
+        mesh, experiment.body.handles.points, frames_of(mesh, experiment.body.handles.frames)
+    )
     assert (handles.n_points, len(handles.frames)) == (16, 2)
     if size:
         assert mesh.n_cells < 0.5 * TABLE[name]
@@ -57,7 +59,6 @@ def test_the_cell_widens_as_gibson_and_ashby_say():
     that with triangles that are a fourth of a wall."""
     pytest.importorskip("gmsh")
     from meshes.auxetic import FULL
-
     from reproduction.reentrant_cell import formula, homogenised
 
     cells = replace(FULL, wall=0.07 * FULL.slanted)

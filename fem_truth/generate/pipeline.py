@@ -105,9 +105,7 @@ def generate(
         if not colliders:
             on_first_rank(
                 comm,
-                lambda: _write_truth(
-                    truth, folder, body, None, (), states, refused, made_from, experiment
-                ),
+                lambda: _write_truth(truth, folder, body, None, (), states, refused, made_from, experiment),
             )
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         with options.stage("planning contacts"):
@@ -133,9 +131,7 @@ def generate(
 
         def finish() -> int:
             return (
-                _write_truth(
-                    truth, folder, body, work.plan, names, states, refused, made_from, experiment
-                )
+                _write_truth(truth, folder, body, work.plan, names, states, refused, made_from, experiment)
                 - n_before
             )
 

@@ -1,8 +1,8 @@
 """States for contact samples: frames of recorded dynamics, spread by farthest point (thesis 5.3.2).
 
 The scenes with ``role = "record"`` are run with the bare reduced model, with static condensation, or in full space and
-projected to the subspace (thesis, figure 4.7). Internal corrections need one of the last two: a bare subspace that locks
-does not go where the body would.
+projected to the subspace (thesis, figure 4.7). Internal corrections need one of the last two: a bare subspace that
+locks does not go where the body would.
 States come from dynamics and not from noise, because a random handle state can be at a saddle point, from which the
 lightest contact makes the body snap. States for internal corrections are also disturbed, since a correction has to
 know its derivatives in every direction.
@@ -66,9 +66,7 @@ def record_scenes(
     return Recording(np.array(rows), list(names), np.array(numbers, dtype=np.int64), np.array(times))
 
 
-def _states_of(
-    experiment: Experiment, body: ReducedBody, scene: SceneSpec
-) -> Iterator[tuple[float, Array]]:
+def _states_of(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> Iterator[tuple[float, Array]]:
     """Time [s] and handle rows of every frame."""
     model: SceneModel
     match experiment.sampling.record_with:

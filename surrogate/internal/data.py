@@ -1,6 +1,6 @@
 """Training data of internal corrections: the states of a truth file with their internal equilibria (thesis eq. 4.8).
 
-    r = F^-1 (x_full - U q),    or, on static condensation,    r = F^-1 (x_full - U q - u_condensed).
+r = F^-1 (x_full - U q),    or, on static condensation,    r = F^-1 (x_full - U q - u_condensed).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Trains the internal correction of a body, from Python.
 
-    with softprint.load_truth("runs/accordion_small/truth.h5", body) as truth:
-        result = train_internal(truth, body, mechanics.condensation)
-    correction = InternalCorrection(result.model, body)
+with load_truth("runs/accordion_small/truth.h5", body) as truth:
+    result = train_internal(truth, body, mechanics.condensation)
+correction = InternalCorrection(result.model, body)
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def train_internal(
 ) -> TrainingResult[InternalModel]:
     """An internal correction learned from all states of a truth file. condensation: of all nodes of the body, for a
     correction that adds to it; widths: neurons of each hidden layer; components: of the principal ones; linear: whether
-    a linear part is fitted before the network is trained. The thesis has widths (100, 100), 15 components, and no linear
-    part (table 4.1). Raises SoftprintError as `read_internal_data` and `principal_components`."""
+    a linear part is fitted before the network is trained. The thesis has widths (100, 100), 15 components, and no
+    linear part (table 4.1). Raises SoftprintError as `read_internal_data` and `principal_components`."""
     data = read_internal_data(truth, body, condensation, settings.seed)
     options = InternalOptions(widths, components, linear, condensation is not None)
     return train(InternalTask(options, data, body.n_rows), settings, progress=progress)

@@ -29,14 +29,15 @@ class SamplingSpec(Section):
     states: Count = Field(5, description="states of the body, chosen from the scenes of role `record`")
     record_with: Literal["bare", "condensed", "full"] | None = Field(
         None,
-        description="model that plays the scenes of role `record`: the bare subspace, which is the default, with static "
-        "condensation, or full space",
+        description="model that plays the scenes of role `record`: the bare subspace, which is the default, with "
+        "static condensation, or full space",
     )
     disturbed: Count | None = Field(
         None, description="states with handles moved at random, after each recorded one; none if absent"
     )
     disturbance: Positive | None = Field(
-        None, description="of disturbed states: standard deviation of the moves, in sizes of the body; 0.01 if absent"
+        None,
+        description="of disturbed states: standard deviation of the moves, in sizes of the body; 0.01 if absent",
     )
     places: Count = Field(64, description="contact places, spread over the surface")
     test_places: Count | None = Field(

@@ -64,7 +64,5 @@ def load_internal(path: Path, body: ReducedBody) -> tuple[InternalHeader, Intern
         model = InternalModel(options, header.dim, header.n_rows, header.n_nodes)
         model.load_state_dict(tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise SoftprintError(
-            f"{path}: weights and header do not fit together ({error}): {REMEDY}"
-        ) from error
+        raise SoftprintError(f"{path}: weights and header do not fit together ({error}): {REMEDY}") from error
     return header, model

@@ -3,8 +3,8 @@
     r(q) = sum_k s_k (L_k z / s_z + N_k(z / s_z) - N_k(0)) m_k
 
 with z the rigid-free rows (`inputs.py`), N a network of tanh layers, m_k the principal components, orthonormal in the
-volumes of the nodes, and s their spreads. L, where there is one, is the linear part, fitted before N is trained: with it
-the network learns what is nonlinear. Without gravity the correction at rest is zero, and so it is here.
+volumes of the nodes, and s their spreads. L, where there is one, is the linear part, fitted before N is trained: with
+it the network learns what is nonlinear. Without gravity the correction at rest is zero, and so it is here.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from softprint.runtime.learned.network import Mlp
 @dataclass(frozen=True)
 class InternalOptions(ModelOptions):
     """Architecture of an internal correction. widths: neurons of each hidden layer; components: number of principal
-    components; linear: whether there is a linear part; on_condensation: whether it adds to the static condensation of the body, or to U q alone."""
+    components; linear: whether there is a linear part; on_condensation: whether it adds to the static condensation of
+    the body, or to U q alone."""
 
     widths: tuple[int, ...]
     components: int

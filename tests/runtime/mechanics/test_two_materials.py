@@ -64,5 +64,5 @@ def test_stripes_in_series_are_as_stiff_as_the_formula(bar):
 
 def test_each_cell_has_the_material_of_its_stripe(bar):
     centroids = bar.mesh.cell_centroids[:, 0]
-    soft = (np.floor(centroids / 0.02).astype(int) % 2 == 1) & (0 < centroids) & (centroids < LENGTH)
+    soft = (np.floor(centroids / 0.02).astype(int) % 2 == 1) & (centroids > 0) & (centroids < LENGTH)
     np.testing.assert_array_equal(np.asarray(bar.material.young), np.where(soft, SOFT, STIFF))
