@@ -55,8 +55,8 @@ def record_scenes(
     if there is none. progress(1) is called after each frame."""
     frames = []
     for scene in experiment.scenes_of_role("record"):
-        for number, (moment, rows) in enumerate(_states_of(experiment, body, scene)):
-            frames.append((scene.name, number, moment, rows))
+        for number, (moment, state) in enumerate(_states_of(experiment, body, scene)):
+            frames.append((scene.name, number, moment, state))
             progress(1)
     if not frames:
         raise SoftprintError(

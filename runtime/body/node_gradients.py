@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.mesh import Mesh
 
@@ -40,7 +40,7 @@ def least_squares_weights(mesh: Mesh) -> sp.csr_matrix:
     return sp.csr_matrix((values, around.indices, around.indptr), shape=around.shape)
 
 
-def _weights(mesh: Mesh, nodes: Array, cells: Array) -> Array:
+def _weights(mesh: Mesh, nodes: IntArray, cells: IntArray) -> Array:
     """(n, k) of nodes (n,) with cells (n, k) around each."""
     volume = mesh.cell_volumes[cells]
     length = volume.mean(axis=1)[:, None, None] ** (1.0 / mesh.dim)

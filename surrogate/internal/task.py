@@ -67,8 +67,8 @@ class InternalTask:
         model.input_scale.copy_(spread(self._z))
         if self._options.linear:
             model.linear.copy_(self._fitted(model))
-            model.network.head.weight *= _SMALL
-            model.network.head.bias *= _SMALL
+            for weights in (model.network.head.weight, model.network.head.bias):
+                weights.mul_(_SMALL)
         return model
 
     def _fitted(self, model: InternalModel) -> Tensor:
