@@ -266,7 +266,9 @@ def main() -> None:
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="run directory (default: runs/NAME)")
     parser.add_argument("--no-motion", action="store_true", help="statics alone")
-    parser.add_argument("--all-cells", action="store_true", help="integrate over all cells, without a cubature")
+    parser.add_argument(
+        "--all-cells", action="store_true", help="integrate over all cells, without a cubature"
+    )
     options = parser.parse_args()
     context = Context(experiment_path=options.experiment, out=options.out, quiet=True)
     experiment, body = context.experiment, body_of_run(context)

@@ -356,7 +356,9 @@ def test_h5py_and_dolfinx_live_together_in_both_orders(tmp_path: Path, order: tu
     assert done.returncode == 0, done.stderr
 
 
-WITHOUT_COLLIDERS = EXPERIMENT[: EXPERIMENT.index("[[colliders]]")] + """
+WITHOUT_COLLIDERS = (
+    EXPERIMENT[: EXPERIMENT.index("[[colliders]]")]
+    + """
 [dynamics]
 time_step = 0.02
 gravity = [0.0, 0.0]
@@ -376,6 +378,7 @@ keyframes = [{time = 0.0, position = [0.0, 0.0]}, {time = 0.3, position = [0.01,
 handle = 0
 keyframes = [{time = 0.0, position = [0.0, 0.0]}, {time = 0.3, position = [0.01, 0.01]}]
 """
+)
 
 
 @pytest.mark.parametrize("record", ["condensed", "full"])

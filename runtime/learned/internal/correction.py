@@ -86,9 +86,9 @@ class MappedField:
         jacobian = np.zeros((*u.shape, *rows.shape))
         if derivative is not None:
             F = deformation(self._gradient, rows)
-            jacobian += np.einsum("nab,nbrc->narc", F, derivative, optimize=True)
+            jacobian += (F @ derivative.reshape(*u.shape, -1)).reshape(jacobian.shape)
         if self._jacobian == "full":
-            along = np.einsum("nrj,nj->nr", self._gradient, r)
+            along = (self._gradient @ r[:, :, None])[:, :, 0]
             for axis in range(rows.shape[1]):
                 jacobian[:, axis, :, axis] += along
         return CorrectionField(np.arange(len(u)), u, jacobian)
@@ -117,12 +117,12 @@ class _ModelField:
 
 def deformation(gradient: Array, rows: Array) -> Array:
     """F (n, dim, dim) at nodes with basis gradients (n, n_rows, dim)."""
-    return np.asarray(np.einsum("ra,nrj->naj", rows, gradient, optimize=True))
+    return np.asarray(rows.T @ gradient)
 
 
 def mapped(gradient: Array, rows: Array, r: Array) -> Array:
     """F r (n, dim) [m]."""
-    return np.asarray(np.einsum("naj,nj->na", deformation(gradient, rows), r))
+    return np.asarray((deformation(gradient, rows) @ r[:, :, None])[:, :, 0])
 
 
 def unmapped(gradient: Array, rows: Array, displacement: Array) -> Array:

@@ -56,17 +56,18 @@ class InternalModel(LearnedModel):
     def forward(self, z: Tensor) -> Tensor:
         """Coefficients of the components (..., components) of inputs z (..., n_rows*dim)."""
         scaled = z / self.input_scale
-        none = z.new_zeros(*z.shape[:-1], 0)
-        at_rest = self.network(z.new_zeros(1, z.shape[-1]), none[:0])
-        value = scaled @ self.linear.T + self.network(scaled, none) - at_rest[0]
-        return self.coefficient_scale * value
+        value = self.network(scaled, z.new_zeros(*z.shape[:-1], 0))
+        return self._coefficients(scaled, value)
 
     @torch.no_grad()
     def linearise(self, z: Tensor) -> tuple[Tensor, Tensor]:
         """Coefficients (components,) of one z (n_rows*dim,), and their derivatives (components, n_rows*dim)."""
-        count = self.options.components
-        found = self.network.derivatives(
-            (z / self.input_scale)[None], z.new_zeros(0), torch.eye(count, dtype=z.dtype)
-        )
+        scaled, count = z / self.input_scale, self.options.components
+        found = self.network.derivatives(scaled[None], z.new_zeros(0), torch.eye(count, dtype=z.dtype))
         slope = self.coefficient_scale[:, None] * (self.linear + found.local[0]) / self.input_scale
-        return self.forward(z), slope
+        return self._coefficients(scaled, found.value[0]), slope
+
+    def _coefficients(self, scaled: Tensor, value: Tensor) -> Tensor:
+        """Of scaled inputs and the network's value there."""
+        at_rest = self.network(scaled.new_zeros(1, scaled.shape[-1]), scaled.new_zeros(0))[0]
+        return self.coefficient_scale * (scaled @ self.linear.T + value - at_rest)
