@@ -52,6 +52,7 @@ from softprint.runtime.scenes.scene import scene_parts, scene_steps
 from softprint.runtime.truth.truth_file import load_truth
 from softprint.surrogate.internal.entry import train_internal
 
+TABLES = ("statics", "motion", "jacobians")
 STEPS = 4  # from rest to the largest stretch
 # Of the corrections; the thesis's as in its table 4.1.
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -88,11 +89,16 @@ class Run:
     seconds: float
 
 
+def internal_path(context: Context, name: str) -> Path:
+    """The file of an internal correction in the run directory."""
+    return context.out_dir / f"internal_{name}.safetensors"
+
+
 def trained(
     context: Context, body: ReducedBody, condensation: StaticCondensation, name: str
 ) -> InternalModel:
     """The internal correction of that name in the run directory, trained if it is not there."""
-    path = context.out_dir / f"internal_{name}.safetensors"
+    path = internal_path(context, name)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         if path.is_file():
             header, model = load_internal(path, body)
@@ -265,7 +271,10 @@ def main() -> None:
     )
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="run directory (default: runs/NAME)")
-    parser.add_argument("--no-motion", action="store_true", help="statics alone")
+    parser.add_argument(
+        "--tables", nargs="+", choices=TABLES, default=TABLES, help="which tables (default: all)"
+    )
+    parser.add_argument("--steps", type=int, help="of the motion (default: the whole scene)")
     parser.add_argument(
         "--all-cells", action="store_true", help="integrate over all cells, without a cubature"
     )
@@ -276,33 +285,31 @@ def main() -> None:
     if options.all_cells:
         cells = elastic_cells(body.mesh, body.handles)
         body = replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
-    # As far as the scenes that states are recorded in.
-    led = [entry for entry in experiment.scenes[0].kinematic if not isinstance(entry, int | str)]
-    largest = max(frame.position[0] for entry in led for frame in entry.keyframes)
-    print(
-        "\n" + "\n".join(statics(body, models, stretched(experiment, body, models, largest), largest)),
-        flush=True,
-    )
-    if options.no_motion:
-        return
-    count = scene_steps(experiment, experiment.scenes_of_role("test")[0])
-    runs = {"full": played(motion_simulator(experiment, FullSpaceSimulator, body), count)}
-    for name, own in models.items():
-        simulator = motion_simulator(
-            experiment, Simulator, body, mechanics=own.mechanics, internal=own.internal
-        )
-        runs[name] = played(simulator, count)
-    print("\n" + "\n".join(motions(runs)), flush=True)
-    by_jacobian = {name: runs[name] for name in ("full", "bare")}
-    for name in ("thesis", "ours"):
-        model = load_internal(context.out_dir / f"internal_{name}.safetensors", body)[1]
-        for jacobian in JACOBIANS:
-            internal = InternalCorrection(model, body, jacobian)
-            simulator = motion_simulator(
-                experiment, Simulator, body, mechanics=models[name].mechanics, internal=internal
-            )
-            by_jacobian[f"{name}, {jacobian}"] = played(simulator, count)
-    print("\n" + "\n".join(motions(by_jacobian)))
+    if "statics" in options.tables:
+        # As far as the scenes that states are recorded in.
+        led = [entry for entry in experiment.scenes[0].kinematic if not isinstance(entry, int | str)]
+        largest = max(frame.position[0] for entry in led for frame in entry.keyframes)
+        found = stretched(experiment, body, models, largest)
+        print("\n" + "\n".join(statics(body, models, found, largest)), flush=True)
+    count = options.steps or scene_steps(experiment, experiment.scenes_of_role("test")[0])
+
+    def moved(own: Kinematics) -> Run:
+        more = own._asdict()
+        return played(motion_simulator(experiment, Simulator, body, **more), count)
+
+    if {"motion", "jacobians"} & set(options.tables):
+        full = played(motion_simulator(experiment, FullSpaceSimulator, body), count)
+        runs = {"full": full, "bare": moved(models["bare"])}
+    if "motion" in options.tables:
+        others = {name: moved(own) for name, own in models.items() if name != "bare"}
+        print("\n" + "\n".join(motions(runs | others)), flush=True)
+    if "jacobians" in options.tables:
+        for name in SETTINGS:
+            model = load_internal(internal_path(context, name), body)[1]
+            for jacobian in JACOBIANS:
+                own = models[name]._replace(internal=InternalCorrection(model, body, jacobian))
+                runs[f"{name}, {jacobian}"] = moved(own)
+        print("\n" + "\n".join(motions(runs)))
 
 
 if __name__ == "__main__":
