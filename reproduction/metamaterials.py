@@ -265,6 +265,26 @@ def motions(runs: Mapping[str, Run]) -> list[str]:
     return lines
 
 
+def picture(path: Path, body: ReducedBody, here: Mapping[str, Array]) -> None:
+    """Every model beside the outline of full space, in dots: one above the other where the bar is long."""
+    import matplotlib.pyplot as plt
+
+    young = np.broadcast_to(np.asarray(body.material.young), body.mesh.n_cells)
+    outline = here["full"][body.mesh.surface_nodes]
+    across, up = np.ptp(outline, axis=0)
+    shape = (len(here), 1) if across > 3.0 * up else (1, len(here))
+    figure, axes = plt.subplots(*shape, figsize=(4.0 * shape[1], 4.0), layout="constrained")
+    for axis, (name, x) in zip(axes, sorted(here.items(), key=lambda own: own[0] != "full"), strict=True):
+        axis.tripcolor(
+            *x.T, body.mesh.cells, facecolors=young, cmap="coolwarm", vmin=0.0, vmax=1.5 * young.max()
+        )
+        axis.plot(*outline.T, "k.", markersize=0.8)
+        axis.set_title(name, fontsize=9)
+        axis.set_aspect("equal")
+        axis.axis("off")
+    figure.savefig(path, dpi=160)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -278,6 +298,7 @@ def main() -> None:
     parser.add_argument(
         "--all-cells", action="store_true", help="integrate over all cells, without a cubature"
     )
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="of the largest stretch")
     options = parser.parse_args()
     context = Context(experiment_path=options.experiment, out=options.out, quiet=True)
     experiment, body = context.experiment, body_of_run(context)
@@ -291,6 +312,8 @@ def main() -> None:
         largest = max(frame.position[0] for entry in led for frame in entry.keyframes)
         found = stretched(experiment, body, models, largest)
         print("\n" + "\n".join(statics(body, models, found, largest)), flush=True)
+        if options.picture:
+            picture(options.picture, body, found[-1])
     count = options.steps or scene_steps(experiment, experiment.scenes_of_role("test")[0])
 
     def moved(own: Kinematics) -> Run:
