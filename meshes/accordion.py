@@ -45,7 +45,10 @@ def main() -> None:
     parser.add_argument("--edge-length", type=float, required=True, help="sides of the squares [m]")
     parser.add_argument("--out", type=Path, required=True, help="mesh file to write (.vtu, .msh, ...)")
     arguments = parser.parse_args()
-    mesh = mesh_accordion(arguments.edge_length)
+    try:
+        mesh = mesh_accordion(arguments.edge_length)
+    except SoftprintError as error:
+        parser.error(str(error))
     write_mesh(arguments.out, mesh)
     print(f"{arguments.out}: {mesh.n_nodes} nodes, {mesh.n_cells} cells")
 

@@ -41,6 +41,7 @@ from softprint.runtime.colliders import KeyframedPath
 from softprint.runtime.dynamics import KinematicHandle, NewtonSettings, Simulator
 from softprint.runtime.dynamics.kinematic import place_kinematic
 from softprint.runtime.elasticity.elastic_energy import elastic_energy
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment
 from softprint.runtime.learned.internal.correction import JACOBIANS, InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal, save_internal
@@ -302,7 +303,10 @@ def main() -> None:
     options = parser.parse_args()
     context = Context(experiment_path=options.experiment, out=options.out, quiet=True)
     experiment, body = context.experiment, body_of_run(context)
-    models = kinematics(context, body)
+    try:
+        models = kinematics(context, body)
+    except SoftprintError as error:
+        parser.error(str(error))
     if options.all_cells:
         cells = elastic_cells(body.mesh, body.handles)
         body = replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
