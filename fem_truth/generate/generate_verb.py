@@ -95,6 +95,13 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
     from softprint.runtime.truth.truth_schema import CONVERGED
 
     with load_truth(done.truth) as truth:
+        if not truth.header.colliders:
+            return (
+                f"{done.truth}: {len(truth.states)} states without contact ({len(truth.refused)} refused)\n"
+                f"  {truth.states['seconds'].sum() / max(1, len(truth.states)):.3f} core-seconds a state\n"
+                f"  this run: {done.seconds:.1f} s on {ranks} rank(s), at most "
+                f"{done.peak_memory / 2**20:.0f} MiB a rank"
+            )
         samples, n_contacts = truth.samples, len(truth.contacts)
         n = max(1, truth.n_samples)
         converged = np.count_nonzero(samples["status"] == CONVERGED)

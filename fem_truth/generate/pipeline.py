@@ -100,8 +100,14 @@ def generate(
         # first.
         with options.stage("preparing full space"):
             problem = _problem(groups, experiment, body)
-            size = on_first_rank(comm, lambda: colliders[0]().size)
+            size = on_first_rank(comm, lambda: colliders[0]().size if colliders else 0.0)
         states, refused = find_states(groups, folder, experiment, problem, options.progress)
+        if not colliders:
+            on_first_rank(
+                comm,
+                lambda: _write_truth(truth, folder, body, None, (), states, refused, made_from, experiment),
+            )
+            return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         with options.stage("planning contacts"):
             work = _contact_work(comm, experiment, problem, states, colliders, size)
 
@@ -125,9 +131,7 @@ def generate(
 
         def finish() -> int:
             return (
-                _write_truth(
-                    truth, folder, body, work.plan, names, states, refused, made_from, experiment.text
-                )
+                _write_truth(truth, folder, body, work.plan, names, states, refused, made_from, experiment)
                 - n_before
             )
 
@@ -140,25 +144,27 @@ def _write_truth(
     truth: Path,
     folder: Path,
     body: ReducedBody,
-    plan: ContactPlan,
+    plan: ContactPlan | None,
     colliders: tuple[str, ...],
     states: Columns,
     refused: Columns,
     made_from: dict[str, str],
-    text: str,
+    experiment: Experiment,
 ) -> int:
-    """Merge all finished contacts and return their number; the shards are removed when none is missing."""
-    finished = [unit for unit in range(len(plan)) if _shard(folder, unit).exists()]
+    """Merge all finished contacts and return their number; the shards are removed when none is missing. plan: None for
+    a truth of states alone."""
+    planned = 0 if plan is None else len(plan)
+    finished = [unit for unit in range(planned) if _shard(folder, unit).exists()]
     header = TruthHeader(
         body_hash=body.content_hash,
-        experiment=text,
-        seed=plan.seed,
+        experiment=experiment.text,
+        seed=experiment.seed,
         colliders=colliders,
-        planned_contacts=len(plan),
+        planned_contacts=planned,
         made_from=made_from,
     )
     merge_shards(truth, header, body, states, refused, (_shard(folder, unit) for unit in finished))
-    if len(finished) == len(plan):
+    if len(finished) == planned:
         shutil.rmtree(folder)
     return len(finished)
 

@@ -12,7 +12,12 @@ import numpy as np
 
 from softprint.fem_truth.generate.farm import Groups, on_first_rank, share_units
 from softprint.fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
-from softprint.fem_truth.sampling.recorded_states import n_frames, record_scenes, spread_states
+from softprint.fem_truth.sampling.recorded_states import (
+    disturbed_states,
+    n_frames,
+    record_scenes,
+    spread_states,
+)
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.progress import Progress
@@ -25,6 +30,8 @@ log = logging.getLogger(__name__)
 
 # Number of candidates tried per requested state before the experiment is refused.
 _TRIES = 4
+# Spread of disturbed states, in sizes of the body, if the experiment gives none; and the stream of their numbers.
+_DISTURBANCE, _DISTURBANCE_STREAM = 0.01, 23
 
 Columns = dict[str, Column]
 
@@ -76,15 +83,20 @@ def _record(
     body: ReducedBody,
     progress: Callable[[int, str, str], Progress],
 ) -> None:
-    """Save the candidate frames for states, in farthest-point order."""
+    """Save the candidates for states: recorded frames in farthest-point order, each followed by its disturbed ones."""
     if is_whole(path):
         return
     with progress(n_frames(experiment), "frames", "recording scenes") as bar:
         recording = record_scenes(experiment, body, bar.update)
-    order = spread_states(body, recording.rows, _TRIES * experiment.sampling.states)
+    sampling = experiment.sampling
+    order = spread_states(body, recording.rows, _TRIES * sampling.states)
     log.info("recorded %d frames, %d of them candidates for states", len(recording.rows), len(order))
+    rows, rng = recording.rows[order], np.random.default_rng([experiment.seed, _DISTURBANCE_STREAM])
+    if sampling.disturbed:
+        rows = disturbed_states(body, rows, sampling.disturbed, sampling.disturbance or _DISTURBANCE, rng)
+        order = np.repeat(order, 1 + sampling.disturbed)
     columns = {
-        "rows": recording.rows[order],
+        "rows": rows,
         "scene": np.array([recording.scene[k] for k in order]),
         "frame": recording.frame[order],
         "time": recording.time[order],

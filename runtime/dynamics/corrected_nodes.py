@@ -12,14 +12,16 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.condensed.drawn_contact import DrawnContact
 from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
-from softprint.runtime.dynamics.drawn_contact import DrawnContact
 from softprint.runtime.learned.correction import (
     BoundContactCorrection,
     BoundField,
+    BoundInternal,
     ContactCorrection,
     FieldCorrection,
+    InternalField,
 )
 from softprint.runtime.linalg.row_products import placed
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
@@ -28,7 +30,7 @@ from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
 
 class Snapshot(NamedTuple):
     """The data from which positions are computed: handle rows and frame rows (n_rows, dim) of a state, its solved
-    contact, and the friction there; displacements (n, dim) [m] by field corrections, None without one."""
+    contact, and the friction there; displacements (n, dim) [m] by field and internal corrections, None without one."""
 
     rows: Array
     frame_rows: Array
@@ -39,12 +41,14 @@ class Snapshot(NamedTuple):
 
 class Corrections(NamedTuple):
     """The corrections of a scene: field corrections and contact corrections by the names of their colliders; contact:
-    solves condensed contact, None without condensed contact; compliance: of the body, likewise."""
+    solves condensed contact, None without condensed contact; compliance: of the body, likewise; internal: of the body,
+    None without one."""
 
     fields: Mapping[str, FieldCorrection]
     of_contact: Mapping[str, ContactCorrection]
     contact: CondensedContact | None
     compliance: SurfaceCompliance | None = None
+    internal: InternalField | None = None
 
 
 class CorrectedNodes:
@@ -62,8 +66,10 @@ class CorrectedNodes:
         self._condensation = condensation
 
     def field_displacement(self, rows: Array, poses: Mapping[str, RigidPose]) -> Array | None:
-        """u (n, dim) [m] by field corrections; None without one."""
+        """u (n, dim) [m] by field and internal corrections; None without one."""
         found = [bound.displacement(rows, poses[name]) for name, bound in self._fields]
+        if self._internal is not None:
+            found.append(self._internal.displacement(rows))
         return sum(found[1:], start=found[0]) if found else None
 
     def positions(self, snapshot: Snapshot) -> Array:
@@ -92,8 +98,14 @@ class CorrectedNodes:
         return [(name, field.bind(points)) for name, field in fields.items()]
 
     @cached_property
+    def _internal(self) -> BoundInternal | None:
+        internal = self._corrections.internal
+        return None if internal is None else internal.bind(self._nodes)
+
+    @cached_property
     def _of_contact(self) -> Sequence[BoundContactCorrection]:
-        _, corrections, contact, compliance = self._corrections
+        corrections, contact = self._corrections.of_contact, self._corrections.contact
+        compliance = self._corrections.compliance
         if contact is None or compliance is None:
             return []
         points = self._body.node_points(self._nodes)

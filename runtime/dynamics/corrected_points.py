@@ -1,7 +1,8 @@
 """The nodes whose positions every step needs: the corners of the cubature cells and the surface samples.
 
 Their positions are x = U rows + u(rows, poses), with u the sum of the corrections. Every correction is evaluated once
-for all of these points together, since the overhead of an evaluation equals the cost of some hundred points.
+for all of these points together, since the overhead of an evaluation equals the cost of some hundred points. An
+internal correction of the body is one of them, which depends on the rows alone.
 """
 
 from __future__ import annotations
@@ -14,7 +15,13 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.dynamics.timings import Phase
-from softprint.runtime.learned.correction import BoundField, CorrectionField, FieldCorrection
+from softprint.runtime.learned.correction import (
+    BoundField,
+    BoundInternal,
+    CorrectionField,
+    FieldCorrection,
+    InternalField,
+)
 
 
 class CorrectedPoints:
@@ -22,11 +29,16 @@ class CorrectedPoints:
     the surface, both as indices of these points.
 
     corrections: (name of the collider, correction); reach [m]: surface samples whose reduced position is
-    farther than that from the collider need no correction, see `FieldCorrection.bind`.
+    farther than that from the collider need no correction, see `FieldCorrection.bind`; internal: of the body, at all
+    points.
     """
 
     def __init__(
-        self, body: ReducedBody, corrections: Sequence[tuple[str, FieldCorrection]], reach: float = np.inf
+        self,
+        body: ReducedBody,
+        corrections: Sequence[tuple[str, FieldCorrection]],
+        reach: float = np.inf,
+        internal: InternalField | None = None,
     ) -> None:
         corners = body.mesh.cells[body.cubature.cells]
         nodes = np.union1d(corners, body.surface.nodes)
@@ -41,26 +53,31 @@ class CorrectedPoints:
             if points is None
             else [(name, correction.bind(points, reaches)) for name, correction in corrections]
         )
+        self._internal: BoundInternal | None = None if internal is None else internal.bind(nodes)
 
     @property
     def corrected(self) -> bool:
         """Whether there is any correction."""
-        return bool(self._corrections)
+        return bool(self._corrections) or self._internal is not None
 
     def displacement(self, rows: Array, poses: Poses, phase: Phase) -> Array | None:
         """u (n, dim) [m]; None without corrections."""
-        if not self._corrections:
+        if not self.corrected:
             return None
         with phase:
             fields = [bound.displacement(rows, poses[collider]) for collider, bound in self._corrections]
+            if self._internal is not None:
+                fields.append(self._internal.displacement(rows))
             return sum(fields[1:], start=fields[0])
 
     def linearise(self, rows: Array, poses: Poses, phase: Phase) -> CorrectionField | None:
         """u and du/drows of the points where any correction is active; None if there are none."""
-        if not self._corrections:
+        if not self.corrected:
             return None
         with phase:
             fields = [bound.linearise(rows, poses[collider]) for collider, bound in self._corrections]
+            if self._internal is not None:
+                fields.append(self._internal.linearise(rows))
             active = [field for field in fields if len(field.index)]
             return _sum_of(active) if active else None
 

@@ -22,6 +22,7 @@ from softprint.runtime.contact.condensed.contact_evaluation import ContactEvalua
 from softprint.runtime.contact.contact_force import ContactForce
 from softprint.runtime.contact.lagged_friction import SlipStart
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.dynamics.body_checks import check_internal, check_mechanics
 from softprint.runtime.dynamics.corrected_nodes import CorrectedNodes, Corrections, Snapshot
 from softprint.runtime.dynamics.deformed_surface import reduced_search
 from softprint.runtime.dynamics.free_bodies import FreeBodies, FreeStep
@@ -48,7 +49,7 @@ from softprint.runtime.dynamics.step.step_start import kept_factorisation
 from softprint.runtime.dynamics.terms.springs import HandleSpring, PointSpring, QuadraticForm
 from softprint.runtime.dynamics.terms.weight import acceleration
 from softprint.runtime.dynamics.timings import Timings
-from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.correction import InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.optimise import Minimum, Newton, NewtonSettings, Status
 
@@ -66,7 +67,8 @@ class Simulator:
     contact: the penalty law; gravity (dim,) [m/s^2]; kinematic: handles that are fixed or moved along a path and not
     solved for. Corrections belong to their colliders. mechanics: linear mechanics of the body outside the subspace:
     with its static condensation u the reduced positions are U rows + u everywhere, and with its surface compliance
-    contact is condensed. Raises SoftprintError where body, mechanics, colliders, corrections, paths and handles do not
+    contact is condensed. internal: a learned correction of the body itself, on the subspace or on static condensation.
+    Raises SoftprintError where body, mechanics, colliders, corrections, paths and handles do not
     fit together.
     """
 
@@ -77,6 +79,7 @@ class Simulator:
         *,
         contact: PenaltyContact,
         mechanics: BodyMechanics | None = None,
+        internal: InternalField | None = None,
         friction: CoulombFriction | None = None,
         gravity: Sequence[float] | Array | None = None,
         springs: Sequence[HandleSpring | PointSpring] = (),
@@ -86,12 +89,13 @@ class Simulator:
         self.body, self.colliders, self.contact = body, tuple(colliders), contact
         self.settings = settings or DynamicsSettings()
         self._gravity = acceleration(body, gravity)
-        _check_mechanics(body, mechanics)
+        check_mechanics(body, mechanics)
+        check_internal(internal, mechanics, self._gravity)
         check_colliders(self.colliders, body, mechanics, contact)
         self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
         self.hold = Hold.of(body, springs, kinematic, self.settings.time_step)
         self._friction = friction
-        self._corrections = find_corrections(body, self.colliders, self.mechanics, contact)
+        self._corrections = find_corrections(body, self.colliders, self.mechanics, contact, internal)
         self._terms = build_terms(
             body, self.colliders, self._corrections, self.mechanics, contact, friction, self._gravity
         )
@@ -387,13 +391,3 @@ class Simulator:
 def _solved_contact(body: BodyEvaluation) -> SolvedContact | None:
     """The warm start of the next contact solve."""
     return None if body.contact is None else body.contact.solved
-
-
-def _check_mechanics(body: ReducedBody, mechanics: BodyMechanics | None) -> None:
-    """Raises SoftprintError for mechanics of another body."""
-    condensation = None if mechanics is None else mechanics.condensation
-    if condensation is not None and len(condensation) != body.n_nodes:
-        raise SoftprintError(
-            f"the static condensation is of {len(condensation)} nodes, but the body has {body.n_nodes}: "
-            "give that of all of them"
-        )

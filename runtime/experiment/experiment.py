@@ -116,12 +116,13 @@ class Experiment(Section):
 
     @property
     def sampled_colliders(self) -> tuple[str, ...]:
-        """The colliders that the truth is made with: one, or the shapes of the library and one's own."""
+        """The colliders that the truth is made with: one, or the shapes of the library and one's own. None, for a truth
+        of states alone, if the experiment has no collider."""
         chosen = self.sampling.collider
         if chosen == LIBRARY and self.library is not None:
             own = tuple(self.own_shapes)
             return (*own, *(self.library.shapes or (() if own else SHAPES)))
-        return (chosen,)
+        return (chosen,) if chosen or self.colliders else ()
 
     def contact_places(self, name: str) -> int:
         """Number of contact places of a sampled collider in each state."""

@@ -6,6 +6,9 @@ state and the collider's pose; contact then acts at the corrected points. A *con
 condensed contact (`runtime/contact/condensed/`), and computes the displacement of nodes from a solved contact. Both
 belong to one body and one collider, are frozen, and are *bound* to the points at which they are evaluated. They are
 quasi-static: they depend neither on velocity nor on history.
+
+An *internal* correction is of a body without contact (thesis 4.3.1). It belongs to the body alone, and is a function of
+the reduced state.
 """
 
 from __future__ import annotations
@@ -81,6 +84,29 @@ class FieldCorrection(Protocol):
         """The correction at these points, prepared once. Points whose *reduced* position is farther than `reach` [m]
         from the collider (one number, or (n,), one per point) count as inactive: contact points need the correction
         only where they could touch."""
+        ...
+
+
+class BoundInternal(Protocol):
+    """An internal correction at n fixed nodes."""
+
+    def displacement(self, rows: Array) -> Array:
+        """u (n, dim) [m] in the world frame at handle rows (n_rows, dim)."""
+        ...
+
+    def linearise(self, rows: Array) -> CorrectionField:
+        """u and du/drows of all n nodes."""
+        ...
+
+
+class InternalField(Protocol):
+    """An internal correction of a body. on_condensation: whether it adds to the body's static condensation, or to the
+    subspace alone."""
+
+    on_condensation: bool
+
+    def bind(self, nodes: IntArray | None = None) -> BoundInternal:
+        """The correction at some nodes (n,) of the body, all by default, prepared once."""
         ...
 
 

@@ -19,6 +19,9 @@ from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.dynamics.state import ReducedState, StepResult
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction import ContactCorrection
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.scenes.scene import find_scene, scene_parts, scene_simulator, scene_steps
 
 if TYPE_CHECKING:
@@ -119,6 +122,14 @@ def bare_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> R
     """The subspace alone."""
     parts = scene_parts(experiment, scene)
     return ReducedModel(scene_simulator(body, parts), parts.held)
+
+
+def condensed_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> ReducedModel:
+    """The subspace with static condensation, computed here; contact is penalty contact."""
+    parts = scene_parts(experiment, scene)
+    condensation = compute_static_condensation(body, parts.gravity, NullSpaceCompliance(body))
+    mechanics = BodyMechanics(None, condensation)
+    return ReducedModel(scene_simulator(body, parts, mechanics=mechanics), parts.held)
 
 
 def correction_path(out: Path, name: str) -> Path:

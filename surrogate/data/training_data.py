@@ -40,6 +40,11 @@ class TrainingData:
         self.truth, self.body, self.context = truth, body, context
         self.mechanics = mechanics or RunMechanics(context, body)
         self.spec = spec = context.experiment.training
+        if not truth.header.colliders:
+            raise SoftprintError(
+                f"{truth.path}: has states without contact alone, and [[training.models]] are corrections of contact; "
+                "`surrogate.internal.entry.train_internal` learns internal corrections from them"
+            )
         if spec.collider == LIBRARY:
             self.split: Split = split_by_shape(
                 truth, spec.validation_states, context.experiment.library_roles

@@ -354,3 +354,53 @@ def test_h5py_and_dolfinx_live_together_in_both_orders(tmp_path: Path, order: tu
         [sys.executable, "-c", script], env=environment(), capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+WITHOUT_COLLIDERS = (
+    EXPERIMENT[: EXPERIMENT.index("[[colliders]]")]
+    + """
+[dynamics]
+time_step = 0.02
+gravity = [0.0, 0.0]
+[sampling]
+states = 5
+record_with = "RECORD"
+disturbed = 1
+disturbance = 0.01
+[[scenes]]
+name = "shear"
+role = "record"
+duration = 0.4
+[[scenes.kinematic]]
+handle = "base"
+keyframes = [{time = 0.0, position = [0.0, 0.0]}, {time = 0.3, position = [0.01, 0.0], rotation = 0.3}]
+[[scenes.kinematic]]
+handle = 0
+keyframes = [{time = 0.0, position = [0.0, 0.0]}, {time = 0.3, position = [0.01, 0.01]}]
+"""
+)
+
+
+@pytest.mark.parametrize("record", ["condensed", "full"])
+def test_without_colliders_the_truth_is_of_states_alone(experiment, record, tmp_path):
+    """Each recorded state is followed by its disturbed one, which is near it but another one."""
+    path = experiment.parent / f"states_{record}.toml"
+    path.write_text(WITHOUT_COLLIDERS.replace("RECORD", record))
+    out = tmp_path / "states"
+    finished = generate(path, "--out", out, ranks=2)
+    assert finished.returncode == 0, finished.stderr
+    assert "5 states without contact" in finished.stdout
+    with load_truth(out / "truth.h5") as truth:
+        assert truth.complete
+        assert (len(truth.contacts), len(truth.samples), truth.header.colliders) == (0, 0, ())
+        rows, frame = truth.states["rows"], truth.states["frame"]
+        assert truth.states["stable"].all()
+        others = np.flatnonzero(frame[1:] == frame[:-1])
+        assert len(others) >= 1
+        moved = np.abs(rows[others + 1] - rows[others]).max(axis=(1, 2))
+        assert (moved > 1e-4).all()  # m, of 0.1 m
+        assert (moved < 0.02).all()
+    before = content(out)
+    again = generate(path, "--out", out)
+    assert again.returncode == 0, again.stderr
+    assert content(out) == before

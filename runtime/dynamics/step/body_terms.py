@@ -25,7 +25,7 @@ from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticEnergy
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import HessianReuse
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
 from softprint.runtime.dynamics.terms.weight import Weight
-from softprint.runtime.learned.correction import ContactCorrection, FieldCorrection
+from softprint.runtime.learned.correction import ContactCorrection, FieldCorrection, InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 
 # A correction is assumed to displace surface samples by less than this fraction of the collider's size: samples farther
@@ -38,8 +38,9 @@ def find_corrections(
     colliders: Sequence[PlacedCollider],
     mechanics: BodyMechanics | None,
     contact: PenaltyContact,
+    internal: InternalField | None = None,
 ) -> Corrections:
-    """The corrections of a scene, and its condensed contact."""
+    """The corrections of a scene, and its condensed contact. internal: of the body."""
     fields: dict[str, FieldCorrection] = {}
     of_contact: dict[str, ContactCorrection] = {}
     for placed in colliders:
@@ -51,12 +52,12 @@ def find_corrections(
             fields[placed.name] = placed.correction
     condensed = {placed.name: placed.collider for placed in colliders if placed.name not in fields}
     if mechanics is None or mechanics.compliance is None or not condensed:
-        return Corrections(fields, of_contact, None)
+        return Corrections(fields, of_contact, None, internal=internal)
     band = max((correction.band for correction in of_contact.values()), default=0.0)
     # Of the body: `check_colliders` has made sure that all are the same.
     learned = next((correction.learned for correction in of_contact.values()), None)
     solver = CondensedContact.of(body, mechanics, condensed, contact, band, learned)
-    return Corrections(fields, of_contact, solver, mechanics.compliance)
+    return Corrections(fields, of_contact, solver, mechanics.compliance, internal)
 
 
 def build_terms(
@@ -72,7 +73,8 @@ def build_terms(
     condensation = None if mechanics is None else mechanics.condensation
     shapes = {placed.name: placed.collider for placed in colliders}
     sizes = [shapes[name].size for name in corrections.fields if np.isfinite(shapes[name].size)]
-    points = CorrectedPoints(body, list(corrections.fields.items()), _REACH * max(sizes, default=np.inf))
+    reach = _REACH * max(sizes, default=np.inf)
+    points = CorrectedPoints(body, list(corrections.fields.items()), reach, corrections.internal)
     elastic: Elastic = (
         ElasticEnergy(body, points)
         if condensation is None

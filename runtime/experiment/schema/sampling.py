@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -18,7 +18,8 @@ class SolverSpec(Section):
 
 
 class SamplingSpec(Section):
-    """`[sampling]`: states x places x rotations contacts, each solved at `depths` depths."""
+    """`[sampling]`: states x places x rotations contacts, each solved at `depths` depths. Without colliders, states
+    alone."""
 
     collider: str = Field(
         "",
@@ -26,6 +27,18 @@ class SamplingSpec(Section):
         "optional if there is only one choice",
     )
     states: Count = Field(5, description="states of the body, chosen from the scenes of role `record`")
+    record_with: Literal["bare", "condensed", "full"] | None = Field(
+        None,
+        description="model that plays the scenes of role `record`: the bare subspace, which is the default, with "
+        "static condensation, or full space",
+    )
+    disturbed: Count | None = Field(
+        None, description="states with handles moved at random, after each recorded one; none if absent"
+    )
+    disturbance: Positive | None = Field(
+        None,
+        description="of disturbed states: standard deviation of the moves, in sizes of the body; 0.01 if absent",
+    )
     places: Count = Field(64, description="contact places, spread over the surface")
     test_places: Count | None = Field(
         None, description="library: contact places of the testing shapes; that of `places` if absent"

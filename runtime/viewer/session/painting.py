@@ -126,7 +126,8 @@ class Painter:
 
     @cached_property
     def _with_confidence(self) -> dict[str, BoundForceCorrection]:
-        _, of_contact, contact = self._simulator.corrections
+        corrections = self._simulator.corrections
+        contact = corrections.contact
         if contact is None:
             return {}
         # Imported here, because torch takes a second to load and the bare model does not need it.
@@ -135,7 +136,7 @@ class Painter:
         nowhere = self._body.node_points(np.empty(0, dtype=np.int64))
         return {
             name: correction.bind(nowhere, contact, name)
-            for name, correction in of_contact.items()
+            for name, correction in corrections.of_contact.items()
             if isinstance(correction, ForceCorrection)
         }
 

@@ -1,0 +1,45 @@
+"""Refuses mechanics and internal corrections that do not fit a body or each other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.correction import InternalField
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+
+
+def check_mechanics(body: ReducedBody, mechanics: BodyMechanics | None) -> None:
+    """Raises SoftprintError for mechanics of another body."""
+    condensation = None if mechanics is None else mechanics.condensation
+    if condensation is not None and len(condensation) != body.n_nodes:
+        raise SoftprintError(
+            f"the static condensation is of {len(condensation)} nodes, but the body has {body.n_nodes}: "
+            "give that of all of them"
+        )
+
+
+def check_internal(internal: InternalField | None, mechanics: BodyMechanics | None, gravity: Array) -> None:
+    """Raises SoftprintError for an internal correction with other mechanics than it was trained on, with condensed
+    contact, which does not see it, and with gravity, of which it would miss the work."""
+    if internal is None:
+        return
+    condensed = mechanics is not None and mechanics.condensation is not None
+    if internal.on_condensation and not condensed:
+        raise SoftprintError(
+            "the internal correction was trained on static condensation: give the mechanics of the body"
+        )
+    if condensed and not internal.on_condensation:
+        raise SoftprintError(
+            "the internal correction was trained on the subspace alone: leave static condensation out"
+        )
+    if mechanics is not None and mechanics.compliance is not None:
+        raise SoftprintError(
+            "condensed contact does not see an internal correction: give mechanics without a surface compliance"
+        )
+    if np.any(gravity):
+        raise SoftprintError(
+            f"an internal correction does no work against gravity: set gravity to zero, not {gravity.tolist()}"
+        )

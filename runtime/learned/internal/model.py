@@ -1,0 +1,73 @@
+"""The network of an internal correction (thesis 4.3.3): a few principal components, as functions of the reduced state.
+
+    r(q) = sum_k s_k (L_k z / s_z + N_k(z / s_z) - N_k(0)) m_k
+
+with z the rigid-free rows (`inputs.py`), N a network of tanh layers, m_k the principal components, orthonormal in the
+volumes of the nodes, and s their spreads. L, where there is one, is the linear part, fitted before N is trained: with
+it the network learns what is nonlinear. Without gravity the correction at rest is zero, and so it is here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from softprint.runtime.learned.form import LearnedModel, ModelOptions
+from softprint.runtime.learned.network import Mlp
+
+
+@dataclass(frozen=True)
+class InternalOptions(ModelOptions):
+    """Architecture of an internal correction. widths: neurons of each hidden layer; components: number of principal
+    components; linear: whether there is a linear part; on_condensation: whether it adds to the static condensation of
+    the body, or to U q alone."""
+
+    widths: tuple[int, ...]
+    components: int
+    linear: bool
+    on_condensation: bool
+
+
+class InternalModel(LearnedModel):
+    """r(z) of a body with n_nodes nodes and n_rows handle rows in dim dimensions. Buffers: modes m (components,
+    n_nodes, dim) [m^(-dim/2)], coefficient_scale s (components,) [m m^(dim/2)], input_scale s_z (n_rows*dim,), linear
+    L (components, n_rows*dim), zero where there is none."""
+
+    form: ClassVar[str] = "internal"
+    options: InternalOptions
+    modes: Tensor
+    coefficient_scale: Tensor
+    input_scale: Tensor
+    linear: Tensor
+
+    def __init__(self, options: InternalOptions, dim: int, n_rows: int, n_nodes: int) -> None:
+        super().__init__()
+        self.options, self.dim, self.n_rows = options, dim, n_rows
+        count = options.components
+        self.network = Mlp(n_rows * dim, 0, options.widths, count, "tanh")
+        self.register_buffer("modes", torch.zeros(count, n_nodes, dim))
+        self.register_buffer("coefficient_scale", torch.ones(count))
+        self.register_buffer("input_scale", torch.ones(n_rows * dim))
+        self.register_buffer("linear", torch.zeros(count, n_rows * dim))
+
+    def forward(self, z: Tensor) -> Tensor:
+        """Coefficients of the components (..., components) of inputs z (..., n_rows*dim)."""
+        scaled = z / self.input_scale
+        value = self.network(scaled, z.new_zeros(*z.shape[:-1], 0))
+        return self._coefficients(scaled, value)
+
+    @torch.no_grad()
+    def linearise(self, z: Tensor) -> tuple[Tensor, Tensor]:
+        """Coefficients (components,) of one z (n_rows*dim,), and their derivatives (components, n_rows*dim)."""
+        scaled, count = z / self.input_scale, self.options.components
+        found = self.network.derivatives(scaled[None], z.new_zeros(0), torch.eye(count, dtype=z.dtype))
+        slope = self.coefficient_scale[:, None] * (self.linear + found.local[0]) / self.input_scale
+        return self._coefficients(scaled, found.value[0]), slope
+
+    def _coefficients(self, scaled: Tensor, value: Tensor) -> Tensor:
+        """Of scaled inputs and the network's value there."""
+        at_rest = self.network(scaled.new_zeros(1, scaled.shape[-1]), scaled.new_zeros(0))[0]
+        return self.coefficient_scale * (scaled @ self.linear.T + value - at_rest)

@@ -1,0 +1,1 @@
+"""Training of internal corrections on the internal equilibria of a truth file."""

@@ -1,0 +1,229 @@
+"""Internal corrections: the mapping and its Jacobians against finite differences, invariance, and their forces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.body.node_gradients import basis_gradient_at_nodes, least_squares_weights
+from softprint.runtime.body.rotations import rotation_dofs, rotation_exponential
+from softprint.runtime.colliders import KeyframedPath
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import KinematicHandle, Simulator
+from softprint.runtime.dynamics.corrected_points import CorrectedPoints
+from softprint.runtime.dynamics.terms.elastic import ElasticEnergy
+from softprint.runtime.dynamics.timings import Phase, Timings
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.internal.correction import (
+    JACOBIANS,
+    InternalCorrection,
+    deformation,
+    mapped,
+    unmapped,
+)
+from softprint.runtime.learned.internal.inputs import RigidFreeRows
+from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
+
+# Central differences in float64 with a step of 1e-6 leave about (1e-6)^2 of curvature over millimetres and
+# 1e-16 / 1e-6 of round-off: 1e-6 relative covers both.
+DIFFERENCES = 1e-6
+STEP = 1e-6
+CONTACT = PenaltyContact(1e9)
+
+
+def made_model(body: ReducedBody, on_condensation: bool = False, size: float = 1e-3) -> InternalModel:
+    """Random weights, smooth components, and corrections of about this size [m]; none in the frames."""
+    options = InternalOptions((12, 12), 4, True, on_condensation)
+    model = InternalModel(options, body.dim, body.n_rows, body.n_nodes)
+    generator = torch.Generator().manual_seed(2)
+    for parameter in model.parameters():
+        parameter.data = 0.4 * torch.randn(parameter.shape, generator=generator)
+    waves = np.array([np.sin((40.0 + 10.0 * k) * body.mesh.points) for k in range(4)])
+    waves[:, body.handles.frame_nodes] = 0.0
+    model.modes.copy_(torch.from_numpy(waves))
+    model.coefficient_scale.fill_(size)
+    model.input_scale.fill_(0.01)
+    model.linear.copy_(0.1 * torch.randn(model.linear.shape, generator=generator))
+    return model
+
+
+def bent(body: ReducedBody, seed: int = 5) -> Array:
+    """Handle rows of a body that is moved, turned and strained."""
+    handles, rng = body.handles, np.random.default_rng(seed)
+    rows = handles.retract(body.rest_rows, 0.004 * handles.units(0.02) * rng.normal(size=handles.n_dofs))
+    return moved(body, rows, 0.7, np.linspace(0.2, -0.1, body.dim))
+
+
+def rotation(dim: int, angle: float) -> Array:
+    return rotation_exponential(angle * np.linspace(1.0, 0.4, rotation_dofs(dim)))
+
+
+def moved(body: ReducedBody, rows: Array, angle: float, by: Array) -> Array:
+    """The rows after the rigid motion x -> Q x + by."""
+    return rows @ rotation(body.dim, angle).T + np.outer(body.handles.affine_part, by)
+
+
+def differences(value, rows: Array) -> Array:
+    """Derivative of value(rows) by the rows, with the shape of both after each other."""
+    columns = []
+    for index in np.ndindex(rows.shape):
+        step = np.zeros_like(rows)
+        step[index] = STEP
+        columns.append((value(rows + step) - value(rows - step)) / (2 * STEP))
+    return np.moveaxis(np.array(columns), 0, -1).reshape(*columns[0].shape, *rows.shape)
+
+
+def close(found: Array, expected: Array) -> None:
+    np.testing.assert_allclose(found, expected, atol=DIFFERENCES * np.abs(expected).max())
+
+
+def test_least_squares_are_exact_for_affine_fields(jelly_body, dim):
+    """Boundary nodes included, where the mean of the cells is not."""
+    mesh = jelly_body.mesh
+    weights = least_squares_weights(mesh)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
+    slope = np.arange(1.0, 1.0 + dim)
+    # A corner with one cell, or with cells in a plane, cannot know the slope across.
+    around = np.bincount(mesh.cells.ravel(), minlength=mesh.n_nodes)
+    known = around >= 2 * dim + 2
+    assert known.mean() > 0.7
+    at_nodes = weights @ (mesh.cell_centroids @ slope)
+    np.testing.assert_allclose(at_nodes[known], (mesh.points @ slope)[known], atol=1e-12)
+
+
+def test_gradients_at_nodes_reproduce_affine_motions(jelly_body, dim):
+    gradient = basis_gradient_at_nodes(jelly_body)
+    rows = moved(jelly_body, jelly_body.rest_rows, 0.9, np.ones(dim))
+    expected = np.broadcast_to(rotation(dim, 0.9), (jelly_body.n_nodes, dim, dim))
+    np.testing.assert_allclose(deformation(gradient, rows), expected, atol=1e-10)
+
+
+def test_inputs_do_not_see_rigid_motion_and_know_their_derivative(jelly_body, dim):
+    encode, rows = RigidFreeRows.of(jelly_body), bent(jelly_body)
+    np.testing.assert_allclose(encode(jelly_body.rest_rows), 0.0, atol=1e-15)
+    again = encode(moved(jelly_body, rows, -1.2, np.full(dim, 3.0)))
+    np.testing.assert_allclose(again, encode(rows), atol=1e-13)
+    close(encode.derivative(rows), differences(encode, rows).reshape(rows.size, rows.size))
+
+
+@pytest.mark.parametrize("jacobian", JACOBIANS)
+def test_jacobians_are_the_derivatives_they_say(jelly_body, jacobian):
+    """The full one of the positions, the second with F held, the last none: J = U."""
+    body, rows = jelly_body, bent(jelly_body)
+    bound = InternalCorrection(made_model(body), body, jacobian).bind()
+    field = bound.linearise(rows)
+    np.testing.assert_allclose(field.displacement, bound.displacement(rows), atol=1e-15)
+    assert np.abs(field.displacement).max() > 1e-4  # m: there is something to differentiate
+    if jacobian == "linear":
+        assert not field.jacobian.any()
+        return
+    gradient = basis_gradient_at_nodes(body)
+    held = deformation(gradient, rows)
+
+    def displacement(at: Array) -> Array:
+        if jacobian == "full":
+            return bound.displacement(at)
+        return np.einsum("naj,nj->na", held, unmapped(gradient, at, bound.displacement(at)))
+
+    close(field.jacobian, differences(displacement, rows))
+    full = InternalCorrection(made_model(body), body, "full").bind().linearise(rows)
+    if jacobian != "full":  # and they differ
+        assert np.abs(full.jacobian - field.jacobian).max() > 1e-3 * np.abs(full.jacobian).max()
+
+
+def test_some_nodes_are_corrected_like_all(jelly_body):
+    nodes, rows = np.array([3, 40, 7]), bent(jelly_body)
+    correction = InternalCorrection(made_model(jelly_body), jelly_body)
+    some, every = correction.bind(nodes).linearise(rows), correction.bind().linearise(rows)
+    np.testing.assert_allclose(some.displacement, every.displacement[nodes], atol=1e-17)
+    np.testing.assert_allclose(some.jacobian, every.jacobian[nodes], atol=1e-15)
+
+
+def test_undoing_the_mapping_and_mapping_is_the_identity(jelly_body, dim):
+    """To round-off of a solve with a well-conditioned F."""
+    gradient, rows = basis_gradient_at_nodes(jelly_body), bent(jelly_body)
+    u = np.random.default_rng(1).normal(size=(jelly_body.n_nodes, dim))
+    np.testing.assert_allclose(mapped(gradient, rows, unmapped(gradient, rows, u)), u, atol=1e-13)
+    mirrored = jelly_body.rest_rows * np.append(np.ones(dim - 1), -1.0)
+    with pytest.raises(SoftprintError, match="inverts the body"):
+        unmapped(gradient, mirrored, u)
+
+
+def test_a_rigid_motion_of_everything_moves_everything(jelly_body, dim):
+    rows, by = bent(jelly_body), np.full(dim, 0.3)
+    bound, Q = InternalCorrection(made_model(jelly_body), jelly_body).bind(), rotation(dim, -1.1)
+    turned = bound.displacement(moved(jelly_body, rows, -1.1, by))
+    np.testing.assert_allclose(turned, bound.displacement(rows) @ Q.T, atol=1e-14)
+
+
+def test_it_is_zero_at_rest(jelly_body):
+    bound = InternalCorrection(made_model(jelly_body), jelly_body).bind()
+    np.testing.assert_allclose(bound.displacement(jelly_body.rest_rows), 0.0, atol=1e-15)
+
+
+def test_elastic_forces_are_the_gradient_of_the_energy(jelly_body):
+    """J^T f with the full Jacobian, on the cubature cells."""
+    body, rows = jelly_body, bent(jelly_body)
+    points = CorrectedPoints(body, [], internal=InternalCorrection(made_model(body), body))
+    assert points.corrected
+    term, phase = ElasticEnergy(body, points), Timings().correction
+    assert isinstance(phase, Phase)
+
+    def energy(at: Array) -> Array:
+        return np.array(term.evaluate(at, points.displacement(at, {}, phase)).energy)
+
+    gradient, _ = term.evaluate(rows, points.displacement(rows, {}, phase)).linearise(
+        points.linearise(rows, {}, phase)
+    )
+    close(gradient, differences(energy, rows))
+    assert energy(rows) != pytest.approx(term.evaluate(rows, None).energy, rel=0.01)
+
+
+@pytest.mark.parametrize("condensed", [False, True])
+def test_a_simulation_runs_on_corrected_positions(jelly_body, dim, condensed):
+    """It settles where the energy of the corrected body is least, and all positions have the correction in them."""
+    body = jelly_body
+    mechanics = BodyMechanics(None, compute_mechanics(body, 50, True).condensation) if condensed else None
+    # Small enough that Newton's method converges without the second derivative of a network of random weights.
+    correction = InternalCorrection(made_model(body, condensed, 2e-4), body)
+    shifted = np.zeros(dim)
+    shifted[0] = 0.004
+    led = KinematicHandle("base", KeyframedPath([0.0], [shifted], np.full((1, rotation_dofs(dim)), 0.2)))
+    arguments = {"contact": CONTACT, "kinematic": [led, KinematicHandle(0)], "mechanics": mechanics}
+    simulator = Simulator(body, internal=correction, **arguments)
+    result = simulator.settle()
+    assert result.converged
+    rows = result.state.rows
+    plain = Simulator(body, **arguments)
+    expected = plain.positions(result.state) + correction.bind().displacement(rows)
+    np.testing.assert_allclose(simulator.positions(result.state), expected, atol=1e-14)
+    # At least as low as from where the uncorrected body settles.
+    other = simulator.settle(plain.settle().state)
+    assert other.converged
+    assert other.energies["elastic"] == pytest.approx(result.energies["elastic"], rel=1e-5)
+    stepped = simulator.step(result.state)
+    assert stepped.converged
+    np.testing.assert_allclose(stepped.state.rows, rows, atol=1e-6)  # m: an equilibrium stays
+
+
+def test_what_does_not_fit_is_refused(jelly2d_body, jelly3d_body):
+    flat, solid = jelly2d_body, jelly3d_body
+    with pytest.raises(SoftprintError, match="train it for this body"):
+        InternalCorrection(made_model(flat), solid)
+    with pytest.raises(SoftprintError, match="is not known"):
+        InternalCorrection(made_model(flat), flat, "some")  # type: ignore[arg-type]
+    mechanics = compute_mechanics(flat, 50, True)
+    alone = BodyMechanics(None, mechanics.condensation)
+    plain, condensed = (InternalCorrection(made_model(flat, on), flat) for on in (False, True))
+    for internal, given, gravity, message in (
+        (plain, alone, None, "subspace alone"),
+        (condensed, None, None, "give the mechanics"),
+        (condensed, mechanics, None, "condensed contact does not see"),
+        (plain, None, [0.0, -9.81], "gravity"),
+    ):
+        with pytest.raises(SoftprintError, match=message):
+            Simulator(flat, contact=CONTACT, mechanics=given, internal=internal, gravity=gravity)

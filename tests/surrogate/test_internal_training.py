@@ -1,0 +1,198 @@
+"""Internal corrections from a truth of states: targets, principal components, training, and their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("dolfinx")
+
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.sampling.recorded_states import disturbed_states
+from softprint.fem_truth.statics.constrained import ConstrainedProblem
+from softprint.runtime.arrays import Array
+from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
+from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.internal.correction import InternalCorrection, mapped
+from softprint.runtime.learned.internal.file import load_internal, save_internal
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.mesh import box_mesh
+from softprint.runtime.truth.truth_file import TruthHeader, create_truth, load_truth
+from softprint.surrogate.internal.components import principal_components
+from softprint.surrogate.internal.data import read_internal_data
+from softprint.surrogate.internal.entry import train_internal
+from softprint.surrogate.train import TrainingSettings
+
+FRAMES, DISTURBED = 12, 4
+SETTINGS = TrainingSettings(steps=400, batch=32, learning_rate=3e-3, weight_decay=1e-4, validations=4, seed=0)
+
+
+@pytest.fixture(scope="module")
+def body() -> ReducedBody:
+    """A bar of a few hundred triangles between two frames, with 3 points."""
+    mesh = box_mesh([0.0, 0.0], [0.08, 0.02], [24, 6])
+    ends = [
+        frame_in_box(mesh, "left", [[-1, -1], [0.004, 1]]),
+        frame_in_box(mesh, "right", [[0.076, -1], [1, 1]]),
+    ]
+    return assemble_body(
+        mesh, place_handles(mesh, 3, ends), make_material("stable_neo_hookean", 2e4, 0.4), 1e3
+    )
+
+
+@pytest.fixture(scope="module")
+def condensation(body: ReducedBody) -> StaticCondensation:
+    found = compute_mechanics(body, 20, True).condensation
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def truth_path(body: ReducedBody, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Internal equilibria of a bar that is stretched, and of disturbed states."""
+    problem = ConstrainedProblem(FullSpaceElasticity(body), None, PenaltyContact(1e9), body)
+    states = []
+    for step in range(FRAMES):
+        rows = body.rest_rows.copy()
+        pull = 0.02 * (step + 1) / FRAMES
+        rows[:3, 0] += pull * body.rest_rows[:3, 0] / 0.08
+        rows[body.handles.rows_of("right")][-1, 0] += pull
+        states.append(rows)
+    rows = disturbed_states(body, np.array(states), DISTURBED, 0.004, np.random.default_rng(3))
+    columns: dict[str, list[object]] = {}
+    for number, own in enumerate(rows):
+        solved = problem.internal_equilibrium(own)
+        assert solved.converged
+        row = {
+            "rows": own,
+            "internal": solved.x - body.reduced_positions(own),
+            "scene": "stretch",
+            "frame": number // (1 + DISTURBED),
+            "time": 0.0,
+        }
+        measures = "residual decrement min_det_F min_eigenvalue energy handle_force stable seconds"
+        row |= {name: getattr(solved, name) for name in measures.split()}
+        for name, value in row.items():
+            columns.setdefault(name, []).append(value)
+    path = tmp_path_factory.mktemp("truth") / "truth.h5"
+    header = TruthHeader(body.content_hash, "", 0, (), 0, {"dynamics.gravity": "[0.0, 0.0]"})
+    with create_truth(path, header, body) as truth:
+        truth.append("states", columns)
+    return path
+
+
+def test_disturbed_states_follow_their_own(body):
+    rows = np.array([body.rest_rows, 2.0 * body.rest_rows])
+    found = disturbed_states(body, rows, 3, 0.01, np.random.default_rng(0))
+    assert found.shape == (8, *body.rest_rows.shape)
+    np.testing.assert_array_equal(found[[0, 4]], rows)
+    moved = np.linalg.norm(found[1:4, :3] - body.rest_rows[:3], axis=2)
+    assert 0.1 < moved.mean() / (0.01 * body.mesh.size) < 2.0  # of a normal distribution
+    body.handles.check_rows(found[1])  # frames are rigid
+
+
+@pytest.mark.parametrize("condensed", [False, True])
+def test_exact_targets_give_the_full_space_equilibrium(body, condensation, truth_path, condensed):
+    """To round-off of the mapping and its inverse."""
+    gradient = basis_gradient_at_nodes(body)
+    with load_truth(truth_path, body) as truth:
+        data = read_internal_data(truth, body, condensation if condensed else None)
+        assert len(data.fields) == len(truth.states) == FRAMES * (1 + DISTURBED)
+        for state in (0, 7, len(truth.states) - 1):
+            rows = truth.states["rows"][state]
+            x = body.reduced_positions(rows) + mapped(gradient, rows, data.fields[state])
+            if condensed:
+                x += condensation.corotated(rows).displacement(rows)
+            np.testing.assert_allclose(x, body.reduced_positions(rows) + truth.internal(state), atol=1e-15)
+    # A recorded state and its disturbed ones are held out together, and nothing is on both sides.
+    assert not set(data.train) & set(data.held_out)
+    assert len(set(data.held_out // (1 + DISTURBED))) * (1 + DISTURBED) == len(data.held_out) > 0
+
+
+def energy(fields: Array, volumes: Array) -> float:
+    return float(np.einsum("snd,n->", fields**2, volumes))
+
+
+def test_the_truncation_error_of_components_is_the_discarded_energy():
+    rng = np.random.default_rng(4)
+    fields = np.einsum(
+        "sk,knd->snd", rng.normal(size=(30, 8)) * 0.5 ** np.arange(8), rng.normal(size=(8, 50, 2))
+    )
+    volumes = rng.uniform(0.5, 2.0, 50)
+    for count in (3, 8):
+        found = principal_components(fields, volumes, count)
+        gram = np.einsum("knd,lnd,n->kl", found.modes, found.modes, volumes)
+        np.testing.assert_allclose(gram, np.eye(count), atol=1e-10)
+        left = fields - np.einsum("sk,knd->snd", found.coefficients, found.modes)
+        # Of 8 components, the rest is round-off of the squares.
+        expected = energy(left, volumes) / energy(fields, volumes)
+        assert found.discarded == pytest.approx(expected, rel=1e-8, abs=1e-14)
+    with pytest.raises(SoftprintError, match="have 8"):
+        principal_components(fields, volumes, 9)
+
+
+@pytest.mark.parametrize("condensed", [False, True])
+def test_a_trained_correction_brings_the_body_nearer_to_full_space(
+    body, condensation, truth_path, condensed, tmp_path
+):
+    """Better than nothing on states that were held out, and the same after a file."""
+    with load_truth(truth_path, body) as truth:
+        own = condensation if condensed else None
+        result = train_internal(truth, body, own, (16, 16), 10, settings=SETTINGS)
+        again = train_internal(truth, body, own, (16, 16), 10, settings=SETTINGS)
+        assert result.held_out == again.held_out
+        assert result.held_out.rms < 0.9
+        state = int(read_internal_data(truth, body, own).held_out[0])
+        rows, exact = truth.states["rows"][state], truth.internal(state)
+        truth_hash = truth.content_hash
+    path = tmp_path / "internal.safetensors"
+    save_internal(path, result.model, body, truth_hash, result.held_out.rms)
+    header, model = load_internal(path, body)
+    assert header.truth_hash == truth_hash
+    assert model.options == result.model.options
+    before, after = (
+        InternalCorrection(each, body).bind().displacement(rows) for each in (result.model, model)
+    )
+    np.testing.assert_array_equal(before, after)
+    start = own.corotated(rows).displacement(rows) if own is not None else np.zeros_like(exact)
+    assert np.linalg.norm(start + after - exact) < np.linalg.norm(start - exact)
+    with pytest.raises(SoftprintError, match="another body"):
+        load_internal(path, other_body())
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(SoftprintError, match="train it again"):
+        load_internal(path, body)
+
+
+def other_body() -> ReducedBody:
+    mesh = box_mesh([0.0, 0.0], [0.08, 0.02], [12, 3])
+    return assemble_body(mesh, place_handles(mesh, 3, []), make_material("stable_neo_hookean", 2e4, 0.4), 1e3)
+
+
+def test_a_linear_part_is_fitted_before_training(body, truth_path):
+    """On the subspace most of a correction is linear mechanics: regression alone leaves less than training does in a
+    few steps without it."""
+    few = TrainingSettings(steps=1, batch=32, learning_rate=1e-6, weight_decay=0.0, validations=1, seed=0)
+    with load_truth(truth_path, body) as truth:
+        with_linear, without = (
+            train_internal(truth, body, None, (8, 8), 10, linear, few) for linear in (True, False)
+        )
+    assert with_linear.held_out.rms < 0.5 < without.held_out.rms
+    assert not torch.any(without.model.linear)
+
+
+def test_a_truth_under_gravity_is_refused(body, truth_path, tmp_path):
+    header = TruthHeader(body.content_hash, "", 0, (), 0, {"dynamics.gravity": "[0.0, -9.81]"})
+    with create_truth(tmp_path / "truth.h5", header, body):
+        pass
+    with (
+        load_truth(tmp_path / "truth.h5", body) as truth,
+        pytest.raises(SoftprintError, match="without gravity"),
+    ):
+        read_internal_data(truth, body, None)
