@@ -20,6 +20,8 @@ from scipy.sparse.linalg import splu
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.mesh import Mesh
 
 # A diagonal shift, relative to the mean diagonal of K, that keeps K invertible for a body without rigid frames. The
 # constraint then removes rigid motions, and iterative refinement the effect of the shift on the rest. With a smaller
@@ -76,10 +78,15 @@ class NullSpaceCompliance:
 
 def rest_stiffness(body: ReducedBody, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
     """(n_nodes dim, n_nodes dim) K = d2W_elastic/dx2 at rest [N/m], of all cells or of some."""
-    mesh, dim = body.mesh, body.dim
+    return elastic_stiffness(body.mesh, body.material, among)
+
+
+def elastic_stiffness(mesh: Mesh, material: Material, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
+    """`rest_stiffness` of a mesh and its material."""
+    dim = mesh.dim
     corners, gradients, volumes = mesh.cells[among], mesh.cell_gradients[among], mesh.cell_volumes[among]
     rest = np.broadcast_to(np.eye(dim), (len(corners), dim, dim)).copy()
-    tangent = body.material.at(among).tangent(rest)
+    tangent = material.at(among).tangent(rest)
     cells = np.einsum("c,caj,cijkl,cbl->caibk", volumes, gradients, tangent, gradients, optimize=True)
     size = (dim + 1) * dim
     dofs = (corners[:, :, None] * dim + np.arange(dim)).reshape(-1, size)
