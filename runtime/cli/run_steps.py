@@ -58,7 +58,7 @@ def steps_of(context: Context, ranks: int) -> list[Step]:
             0.25,
             counted="step",
             bars=sum(model.learned for model in trained),
-            threads=os.cpu_count() or 1,
+            threads=len(os.sched_getaffinity(0)),
         ),
         Step("simulate", 0.15, models, counted="steps", bars=scenes * len(names)),
         Step("report", 0.12, counted="frames", bars=scenes),
@@ -75,7 +75,7 @@ def usable_ranks(wanted: int | None) -> int:
                 f"--ranks {wanted} needs mpirun, which is not installed (Debian: openmpi-bin)"
             )
         return 1
-    return wanted or os.cpu_count() or 1
+    return wanted or len(os.sched_getaffinity(0))
 
 
 def run_steps(context: Context, steps: Sequence[Step]) -> None:
