@@ -37,7 +37,7 @@ class Step:
     verb: str
     share: float
     options: Sequence[str] = ()
-    counted: str = ""
+    counted: tuple[str, ...] = ()
     bars: int = 1
     ranks: int = 1
     threads: int = 1
@@ -50,18 +50,19 @@ def steps_of(context: Context, ranks: int) -> list[Step]:
     names = ["full", "bare", *(model.name for model in trained)]
     scenes = len(experiment.scenes_of_role("test"))
     models = [word for name in names for word in ("--model", name)]
+    judged = len(trained) if len(experiment.sampled_colliders) > 1 else 0  # by shape, too
     return [
         Step("body", 0.03),
-        Step("generate", 0.45, counted="contacts", ranks=ranks),
+        Step("generate", 0.45, counted=("contacts",), ranks=ranks),
         Step(
             "train",
             0.25,
-            counted="step",
+            counted=("step",),
             bars=sum(model.learned for model in trained),
             threads=len(os.sched_getaffinity(0)),
         ),
-        Step("simulate", 0.15, models, counted="steps", bars=scenes * len(names)),
-        Step("report", 0.12, counted="frames", bars=scenes),
+        Step("simulate", 0.15, models, counted=("steps",), bars=scenes * len(names)),
+        Step("report", 0.12, counted=("frames", "sample"), bars=scenes + judged),
     ]
 
 
@@ -161,7 +162,7 @@ def how_far(told: str, step: Step) -> tuple[float, str]:
     lines = [fields for line in told.splitlines() if len(fields := line.split("\t")) == 4]
     if not lines:
         return 0.0, ""
-    long = [fields for fields in lines if fields[2] == step.counted and int(fields[1])]
+    long = [fields for fields in lines if fields[2] in step.counted and int(fields[1])]
     begun = len({fields[3] for fields in long})
     share = (begun - 1 + int(long[-1][0]) / int(long[-1][1])) / max(step.bars, begun) if long else 0.0
     count, total, unit, desc = lines[-1]

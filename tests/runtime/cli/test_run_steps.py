@@ -13,7 +13,7 @@ from softprint.runtime.errors import SoftprintError
 def test_a_process_tells_how_far_it_is(tmp_path, monkeypatch):
     told = tmp_path / "told"
     monkeypatch.setenv(FOLLOWED, str(told))
-    step = Step("simulate", 0.2, counted="steps", bars=2)
+    step = Step("simulate", 0.2, counted=("steps",), bars=2)
     assert how_far("", step) == (0.0, "")
     with Progress(10, "files", "reading", quiet=True):
         pass
