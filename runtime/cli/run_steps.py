@@ -173,7 +173,7 @@ def errors_left(run: Path) -> list[str]:
     """A line for each model, from report.json: what it leaves of the error of the reduced model alone, in motions that
     training has not seen."""
     report = json.loads((run / "report.json").read_text(encoding="utf-8"))
-    rows = {name: row for name, row in report.get("errors", {}).items() if row}
+    rows = {name: row for name, row in report.get("errors", {}).items() if row and name != "full"}
     if not rows:
         return ["No held-out scene could be judged; the report says why."]
     frames = max(int(row["n_frames"]) for row in rows.values())
