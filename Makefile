@@ -11,18 +11,14 @@ SOFTPRINT := .venv/bin/softprint
 RANKS ?= 2
 EXPERIMENT ?= examples/jelly3d_small.toml
 OUT ?= runs/$(basename $(notdir $(EXPERIMENT)))
-# Options for every verb of the demo, such as: make demo OPTIONS="--set sampling.places=8"
+# Options of the demo, such as: make demo OPTIONS="--set sampling.places=8"
 OPTIONS ?=
-VERB_OPTIONS = $(EXPERIMENT) --out $(OUT) $(OPTIONS)
 # Of `make figures`: names (see tools/figures.py --list), all where none is given.
 FIGURES ?=
-MODELS := full bare thesis5 mechanics ours
 
-# One thread for each rank and for simulations: small matrices do not gain from more. Training does.
+# One thread: small matrices do not gain from more. `softprint run` gives training all cores.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
-# Open MPI runs as root, for instance in a container, only with both of these variables set.
-MPIRUN := $(if $(filter 0,$(shell id -u)),OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1) mpirun --oversubscribe
 
 help:
 	@echo "make demo      mesh, truth on $(RANKS) ranks, training, simulation and report of $(EXPERIMENT)"
@@ -39,13 +35,9 @@ install:
 docs-tools:
 	@tools/install.sh --docs
 
-# Every verb keeps finished results of an earlier run, so an interrupted demo continues where it stopped.
+# All steps; finished results of an earlier run are kept, so an interrupted demo continues where it stopped.
 demo: install
-	$(SOFTPRINT) body $(VERB_OPTIONS)
-	$(MPIRUN) -n $(RANKS) $(SOFTPRINT) generate $(VERB_OPTIONS)
-	OMP_NUM_THREADS=$(shell nproc) $(SOFTPRINT) train $(VERB_OPTIONS)
-	$(SOFTPRINT) simulate $(VERB_OPTIONS) $(foreach model,$(MODELS),--model $(model))
-	$(SOFTPRINT) report $(VERB_OPTIONS)
+	$(SOFTPRINT) run $(EXPERIMENT) --out $(OUT) --ranks $(RANKS) $(OPTIONS)
 
 # Two workers, each with its own cache of compiled forms, see tests/conftest.py.
 test: install docs-tools

@@ -26,11 +26,11 @@ from benchmarks.stopwatch import Stopwatch
 from softprint.fem_truth.dynamics.full_space_model import scene_simulator
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.linalg.null_space import NullSpace
-from softprint.fem_truth.sampling.approach import Approach
 from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
 from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.build import build_body
+from softprint.runtime.colliders.approach import Approach
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.experiment import load_experiment

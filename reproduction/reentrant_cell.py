@@ -16,26 +16,18 @@ finite elements approach each other as the walls become thinner.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from meshes.auxetic import FULL, Cells, mesh_cell
-from softprint.runtime.elasticity.materials import Material, make_material
-from softprint.runtime.mechanics.null_space_compliance import rest_stiffness
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.mechanics.null_space_compliance import elastic_stiffness
 from softprint.runtime.mesh import Mesh
 
 POISSON = 0.4
-
-
-@dataclass(frozen=True, eq=False)
-class Solid:
-    """A mesh of one material."""
-
-    mesh: Mesh
-    material: Material
 
 
 def formula(cells: Cells, poisson: float = POISSON, slender: bool = False) -> float:
@@ -52,7 +44,7 @@ def homogenised(cells: Cells, walls: int, poisson: float = POISSON) -> float:
     """nu_12 by finite elements, with this many triangles across a wall."""
     mesh = mesh_cell(cells, cells.wall / walls)
     material = make_material("linear", np.full(mesh.n_cells, 1.0), np.full(mesh.n_cells, poisson))
-    K = rest_stiffness(Solid(mesh, material))
+    K = elastic_stiffness(mesh, material)
     x, y = mesh.points.T
     width, height, tiny = cells.half_width, cells.pitch, 1e-9
     # u = T v + pulled: no normal motion at x = 0 and y = 0, one at x = width, and a common one at y = height.

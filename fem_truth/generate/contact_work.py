@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softprint.fem_truth.generate.shards import Tables
-from softprint.fem_truth.sampling.approach import Approach, OutOfReach
 from softprint.fem_truth.sampling.contact_path import JUMP_SPEED, ContactPath, PathSample, node_speeds
 from softprint.fem_truth.sampling.contact_plan import (
     DEPTHS_STREAM,
@@ -23,6 +22,7 @@ from softprint.fem_truth.sampling.rotations import random_rotation
 from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
 from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.approach import Approach, OutOfReach
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion

@@ -20,10 +20,10 @@ from functools import cached_property
 
 import numpy as np
 
-from softprint.fem_truth.sampling.approach import Approach
 from softprint.fem_truth.statics.constrained import ConstrainedProblem, Press, Solution
 from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array
+from softprint.runtime.colliders.approach import Approach
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 

@@ -1,11 +1,14 @@
 """Progress of long work: a bar on a terminal, or log lines at intervals.
 
-A thread keeps the clock of the bar going, and writes the lines of the log, while one unit of work takes long.
+A thread keeps the clock of the bar going, and writes the lines of the log, while one unit of work takes long. A
+process that started this one, `softprint run`, may follow it by a file that the environment variable FOLLOWED names:
+lines of count, total, unit and description.
 """
 
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import threading
 import time
@@ -19,6 +22,8 @@ log = logging.getLogger(__name__)
 LOG_AFTER = 10.0  # s until the first line in a log
 LOG_INTERVAL = 30.0  # s between two lines
 _TICK = 1.0  # s between two looks at the clock
+FOLLOWED = "SOFTPRINT_PROGRESS"
+_TELL_INTERVAL = 0.5  # s between two lines for the process that follows
 
 
 class Progress:
@@ -41,8 +46,10 @@ class Progress:
         self._bar: Any = None
         self._lock, self._closed = threading.RLock(), threading.Event()
         self._clock: threading.Thread | None = None
+        self._told = 0.0
         if silent:
             return
+        self._tell()
         if not quiet and sys.stderr.isatty():
             from tqdm import tqdm
 
@@ -73,12 +80,24 @@ class Progress:
                 self._bar.update(n)
             else:
                 self._log_if_due()
+            if time.monotonic() - self._told > _TELL_INTERVAL:
+                self._tell()
+
+    def _tell(self) -> None:
+        """A line for the process that follows this one, if there is one."""
+        path = os.environ.get(FOLLOWED)
+        if self.silent or not path:
+            return
+        self._told = time.monotonic()
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(f"{self.count}\t{self.total or 0}\t{self.unit}\t{self.desc}\n")
 
     def close(self) -> None:
         """Keep the finished bar on screen, or log the last line."""
         self._closed.set()
         if self._clock is not None:
             self._clock.join()
+        self._tell()
         if self._bar is not None:
             self._bar.close()
         elif not self.silent and self._is_worth_a_last_line():

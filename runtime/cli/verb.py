@@ -21,6 +21,8 @@ INSTALL = {
     "h5py": "h5py (Debian: apt-get install python3-h5py)",
     "torch": "PyTorch (pip install 'softprint[train]')",
     "igl": "libigl (pip install 'softprint[body]')",
+    "pytetwild": "fTetWild (pip install 'softprint[new]')",
+    "gmsh": "gmsh (pip install 'softprint[new]')",
     "pyvista": "PyVista (pip install 'softprint[report]')",
     "viser": "viser (pip install 'softprint[view]')",
 }

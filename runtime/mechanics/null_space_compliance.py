@@ -14,16 +14,14 @@ and, above all, wide supernodes, so that factorisation and solves are three to f
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.elasticity.material import Material
-from softprint.runtime.mesh.mesh import Mesh
+from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.mesh import Mesh
 
 # A diagonal shift, relative to the mean diagonal of K, that keeps K invertible for a body without rigid frames. The
 # constraint then removes rigid motions, and iterative refinement the effect of the shift on the rest. With a smaller
@@ -78,21 +76,17 @@ class NullSpaceCompliance:
         return response
 
 
-class Solid(Protocol):
-    """A mesh and the material of its cells, such as those of a body."""
-
-    @property
-    def mesh(self) -> Mesh: ...
-    @property
-    def material(self) -> Material: ...
-
-
-def rest_stiffness(solid: Solid, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
+def rest_stiffness(body: ReducedBody, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
     """(n_nodes dim, n_nodes dim) K = d2W_elastic/dx2 at rest [N/m], of all cells or of some."""
-    mesh, dim = solid.mesh, solid.mesh.dim
+    return elastic_stiffness(body.mesh, body.material, among)
+
+
+def elastic_stiffness(mesh: Mesh, material: Material, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
+    """`rest_stiffness` of a mesh and its material."""
+    dim = mesh.dim
     corners, gradients, volumes = mesh.cells[among], mesh.cell_gradients[among], mesh.cell_volumes[among]
     rest = np.broadcast_to(np.eye(dim), (len(corners), dim, dim)).copy()
-    tangent = solid.material.at(among).tangent(rest)
+    tangent = material.at(among).tangent(rest)
     cells = np.einsum("c,caj,cijkl,cbl->caibk", volumes, gradients, tangent, gradients, optimize=True)
     size = (dim + 1) * dim
     dofs = (corners[:, :, None] * dim + np.arange(dim)).reshape(-1, size)

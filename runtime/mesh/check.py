@@ -104,11 +104,19 @@ def _check_facets(cells: IntArray, dim: int, source: str) -> None:
         raise SoftprintError(
             f"{source}: not a manifold: neighbouring cells overlap (the mesh is folded): mesh the body again"
         )
-    owner = np.repeat(np.arange(len(cells)), dim + 1)
-    touches = sp.csr_matrix((np.ones(len(owner)), (owner, facet)), shape=(len(cells), len(count)))
-    pieces, _ = connected_components(touches @ touches.T, directed=False)
+    pieces = int(facet_pieces(cells).max()) + 1
     if pieces > 1:
         raise SoftprintError(
             f"{source}: is in {pieces} pieces that share no facet; a body must be one piece: keep one, or "
             f"join them"
         )
+
+
+def facet_pieces(cells: IntArray) -> IntArray:
+    """(n_cells,) the number of the piece that a cell (n_cells, dim+1) belongs to: cells that share a facet are one."""
+    dim = cells.shape[1] - 1
+    every = np.sort(cells[:, FACETS[dim]].reshape(-1, dim), axis=1)
+    _, facet = np.unique(every, axis=0, return_inverse=True)
+    owner = np.repeat(np.arange(len(cells)), dim + 1)
+    touches = sp.csr_matrix((np.ones(len(owner)), (owner, facet.reshape(-1))))
+    return np.asarray(connected_components(touches @ touches.T, directed=False)[1], dtype=np.int64)

@@ -19,9 +19,7 @@ from softprint.runtime.mesh.mesh import Mesh
 log = logging.getLogger(__name__)
 
 _LOWER = {"vertex", "line"}  # that gmsh writes in addition to the cells of the body
-_HINT_SURFACE = (
-    "a body needs its inside meshed too: fill the surface with tetrahedra (gmsh, fTetWild, TetGen)"
-)
+_HINT_SURFACE = "a body needs its inside meshed too: `softprint new` fills a surface with tetrahedra"
 
 
 def read_mesh(path: Path | str) -> Mesh:
@@ -32,7 +30,21 @@ def read_mesh(path: Path | str) -> Mesh:
     triangle surface in 3D, and for every defect that :func:`runtime.mesh.oriented_mesh` refuses.
     """
     source = Path(path)
-    points, blocks = _read(source)
+    points, cells = simplices(source, *read_cells(source))
+    mesh = oriented_mesh(points, cells, str(source))
+    log.info(
+        "%s: %d nodes, %d %s",
+        source,
+        mesh.n_nodes,
+        mesh.n_cells,
+        "triangles" if mesh.dim == 2 else "tetrahedra",
+    )
+    return mesh
+
+
+def simplices(source: Path, points: Array, blocks: dict[str, IntArray]) -> tuple[Array, IntArray]:
+    """Points (n, dim) [m] and the cells (m, dim+1) that make a body, of the content of a file. Raises SoftprintError
+    for other or mixed kinds of cells, and for a triangle surface in 3D."""
     if "tetra" in blocks:
         cells, foreign = blocks["tetra"], set(blocks) - _LOWER - {"tetra", "triangle"}
         if points.shape[1] != 3:
@@ -52,23 +64,23 @@ def read_mesh(path: Path | str) -> Mesh:
             "export linear triangles or tetrahedra only"
         )
     if cells.shape[1] == 3 and points.shape[1] == 3:
-        used = points[np.unique(cells)]
-        if np.ptp(used[:, 2]) > 1e-9 * max(np.ptp(used, axis=0).max(), np.finfo(float).tiny):
+        if not lies_in_plane(points, cells):
             raise SoftprintError(f"{source}: is a triangle surface in 3D, not a solid; {_HINT_SURFACE}")
         points = points[:, :2]
-    mesh = oriented_mesh(points, cells, str(source))
-    log.info(
-        "%s: %d nodes, %d %s",
-        source,
-        mesh.n_nodes,
-        mesh.n_cells,
-        "triangles" if mesh.dim == 2 else "tetrahedra",
-    )
-    return mesh
+    return points, cells
 
 
-def _read(source: Path) -> tuple[Array, dict[str, IntArray]]:
-    """Points and the cells of each kind."""
+def lies_in_plane(points: Array, cells: IntArray) -> bool:
+    """Whether all corners of the cells (m, k) at points (n, 2 or 3) have the same z, so that they are a 2D mesh."""
+    if points.shape[1] == 2:
+        return True
+    used = points[np.unique(cells)]
+    return bool(np.ptp(used[:, 2]) <= 1e-9 * max(np.ptp(used, axis=0).max(), np.finfo(float).tiny))
+
+
+def read_cells(source: Path) -> tuple[Array, dict[str, IntArray]]:
+    """The points (n, 2 or 3) of a file and its cells of each kind. Raises SoftprintError for a missing or unreadable
+    file, and for cells of nodes that are not there."""
     import meshio
 
     if not source.is_file():
@@ -92,7 +104,12 @@ def _read(source: Path) -> tuple[Array, dict[str, IntArray]]:
     blocks: dict[str, list[IntArray]] = {}
     for block in raw.cells:
         if len(block.data):
-            blocks.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))
+            data = np.asarray(block.data, dtype=np.int64)
+            if data.max() >= len(raw.points) or data.min() < 0:
+                raise SoftprintError(
+                    f"{source}: a cell names node {data.max()}, but there are only {len(raw.points)} nodes"
+                )
+            blocks.setdefault(block.type, []).append(data)
     return np.asarray(raw.points, dtype=np.float64), {
         kind: np.concatenate(parts) for kind, parts in blocks.items()
     }

@@ -22,9 +22,12 @@ MEMORY = 2 << 30  # bytes that reading may map beyond what the process has mappe
 
 
 def _readers() -> dict[str, Callable[[Path], object]]:
+    from softprint.runtime.authoring.fill_outline import nested_loops
+    from softprint.runtime.authoring.outline import read_outline
+    from softprint.runtime.authoring.solid_surface import solid_surface
     from softprint.runtime.body import load_body
     from softprint.runtime.colliders.sampled.polygon import load_polygon, polygon_collider
-    from softprint.runtime.colliders.surface_mesh.mesh_collider import load_mesh_collider
+    from softprint.runtime.colliders.surface_mesh.mesh_collider import load_mesh_collider, read_triangles
     from softprint.runtime.learned.correction_file import read_header
     from softprint.runtime.mechanics.mechanics_file import read_mechanics_header
     from softprint.runtime.mesh import read_mesh
@@ -50,6 +53,8 @@ def _readers() -> dict[str, Callable[[Path], object]]:
     return {
         "mesh": read_mesh,
         "surface": lambda path: load_mesh_collider(path, resolution=8),
+        "solid": lambda path: solid_surface(*read_triangles(path), str(path), 100),
+        "outline": lambda path: nested_loops(read_outline(path), str(path)),
         "polygon": lambda path: polygon_collider(load_polygon(path), resolution=8),
         "body": load_body,
         "truth": truth,

@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from softprint.surrogate.checkpoints import Checkpoint, save_checkpoint
-from tests.bad_input import hostile_data, hostile_meshes
+from tests.bad_input import hostile_data, hostile_drawings, hostile_meshes
 from tests.bad_input.hostile_meshes import Variant
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -64,6 +64,10 @@ def check(variants: list[Variant], folder: Path, least: int) -> None:
 
 def test_geometry(tmp_path: Path) -> None:
     check([variant for kind in hostile_meshes.GEOMETRY for variant in kind()], tmp_path, least=300)
+
+
+def test_scenes_and_drawings(tmp_path: Path) -> None:
+    check([variant for kind in hostile_drawings.DRAWINGS for variant in kind()], tmp_path, least=120)
 
 
 def test_files_of_our_own_kinds(finished_run: Path, tmp_path: Path) -> None:

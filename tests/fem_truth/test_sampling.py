@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softprint.fem_truth.sampling.approach import Approach, OutOfReach
 from softprint.fem_truth.sampling.contact_path import node_speeds
 from softprint.fem_truth.sampling.contact_places import (
     candidate_places,
@@ -23,6 +22,7 @@ from softprint.fem_truth.sampling.rotations import random_rotation, spread_rotat
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders import Box, Sphere
+from softprint.runtime.colliders.approach import Approach, OutOfReach
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError

@@ -27,7 +27,7 @@ def polygon_collider(
     Raises SoftprintError for fewer than three vertices, a polygon that crosses itself, or a rounding that
     does not fit its sides.
     """
-    corners = _checked(np.array(vertices, dtype=float), name)
+    corners = simple_polygon(np.array(vertices, dtype=float), f"collider '{name}'")
     outline = _fillet(corners, rounding, name) if rounding > 0 else corners
     segments = np.column_stack([np.arange(len(outline)), np.roll(np.arange(len(outline)), -1)])
     return GridCollider(lambda points: polygon_distance(points, outline), outline, segments, resolution, name)
@@ -69,17 +69,18 @@ def polygon_distance(points: Array, outline: Array) -> Array:
     return result
 
 
-def _checked(vertices: Array, name: str) -> Array:
-    """Anticlockwise corners without repeats; SoftprintError if the polygon is not simple."""
+def simple_polygon(vertices: Array, source: str) -> Array:
+    """Anticlockwise corners (n, 2) without repeats; SoftprintError, which begins with the source, if the polygon is not
+    simple."""
     if vertices.ndim != 2 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
-        raise SoftprintError(f"collider '{name}': polygon vertices are pairs of finite numbers")
+        raise SoftprintError(f"{source}: polygon vertices are pairs of finite numbers")
     keep = (vertices != np.roll(vertices, 1, axis=0)).any(axis=1)
     corners: Array = vertices[keep]
     if len(corners) < 3:
-        raise SoftprintError(f"collider '{name}': a polygon needs at least three different vertices")
+        raise SoftprintError(f"{source}: a polygon needs at least three different vertices")
     if len(corners) > MOST_CORNERS:
         raise SoftprintError(
-            f"collider '{name}': the polygon has {len(corners)} vertices, but at most {MOST_CORNERS} are allowed; "
+            f"{source}: the polygon has {len(corners)} vertices, but at most {MOST_CORNERS} are allowed; "
             "use fewer"
         )
     after = np.roll(corners, -1, axis=0)
@@ -88,7 +89,7 @@ def _checked(vertices: Array, name: str) -> Array:
         meets = _segments_meet(corners[i], after[i], corners[others], after[others])
         if meets.any():
             raise SoftprintError(
-                f"collider '{name}': sides {i} and {others[meets][0]} of the polygon cross each other"
+                f"{source}: sides {i} and {others[meets][0]} of the polygon cross each other"
             )
     area = 0.5 * np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0])
     return corners if area > 0 else np.flip(corners, axis=0)

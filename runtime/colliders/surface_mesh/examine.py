@@ -14,7 +14,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.surface_mesh import repair
-from softprint.runtime.colliders.surface_mesh.rebuild import deviation, misplaced, rebuilt_surface
+from softprint.runtime.colliders.surface_mesh.rebuild import CELLS, deviation, misplaced, rebuilt_surface
 from softprint.runtime.errors import SoftprintError
 
 # At most this share of the faces, or this many, are removed and their holes closed; else the surface is rebuilt.
@@ -26,7 +26,8 @@ class Examined:
     """The content of a mesh file and its repaired surface.
 
     found: label -> number; done: a sentence for each repair; refusal: why an experiment should not use the mesh as it
-    is, empty if it may; vertices (v, 3), triangles (t, 3): the repaired surface.
+    is, empty if it may; vertices (v, 3), triangles (t, 3): the repaired surface; rebuilt: whether it is a new
+    surface, by winding numbers.
     """
 
     found: dict[str, Any]
@@ -34,9 +35,10 @@ class Examined:
     refusal: str
     vertices: Array
     triangles: IntArray
+    rebuilt: bool = False
 
 
-def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
+def examine(vertices: Array, triangles: IntArray, source: str, cells: int = CELLS) -> Examined:
     """Repair a mesh as for a collider (`repair.py`). If that is refused or leaves overlaps, remove the faces at fault
     where they are few; otherwise rebuild the surface (`rebuild.py`).
 
@@ -59,7 +61,7 @@ def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
     mended = _mended(vertices, triangles, source)
     if mended is not None:
         return Examined(found, [mended.done], refusal, mended.vertices, mended.triangles)
-    new = rebuilt_surface(*_merged(vertices, triangles, source), source)
+    new = rebuilt_surface(*merged_triangles(vertices, triangles, source), source, cells)
     closed = repair.closed_surface(new.vertices, new.triangles, source)
     apart = deviation(vertices, triangles, closed)
     middle, most = np.quantile(apart, [0.5, 0.95])
@@ -67,7 +69,7 @@ def examine(vertices: Array, triangles: IntArray, source: str) -> Examined:
         f"rebuilt the surface from winding numbers on a grid of {new.spacing:.3g}: half of the file's triangles lie "
         f"within {middle:.2g} of it, 95 % within {most:.2g}"
     )
-    return Examined(found, [rebuilt], refusal, *closed)
+    return Examined(found, [rebuilt], refusal, *closed, rebuilt=True)
 
 
 class _Mended(NamedTuple):
@@ -84,7 +86,7 @@ def _mended(vertices: Array, triangles: IntArray, source: str) -> _Mended | None
     most = max(_FEW_FACES, int(_FEW * len(triangles)))
     with _collected_log(source):
         try:
-            vertices, triangles = _merged(vertices, triangles, source)
+            vertices, triangles = merged_triangles(vertices, triangles, source)
             before = len(triangles)
             good = triangles[~repair.at_shared_edges(triangles)]
             removed = before - len(good)
@@ -110,8 +112,8 @@ def _counted(sentences: list[str]) -> list[str]:
     ]
 
 
-def _merged(vertices: Array, triangles: IntArray, source: str) -> tuple[Array, IntArray]:
-    """The input of the winding numbers: each triangle once, neighbours consistently oriented."""
+def merged_triangles(vertices: Array, triangles: IntArray, source: str) -> tuple[Array, IntArray]:
+    """Each vertex and each triangle once, neighbours consistently oriented: the input of winding numbers."""
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     with _collected_log(source):  # the log is not needed: the surface is rebuilt anyway
         vertices, triangles = repair.merge(vertices, triangles, diagonal, source)

@@ -22,17 +22,23 @@ log = logging.getLogger(__name__)
 # Plausible sizes of colliders [m]: one that is larger or smaller is more likely in another unit.
 SMALLEST, LARGEST = 1e-4, 10.0
 SUFFIXES = (".stl", ".obj", ".ply")
-_OPTIONS: dict[str, dict[str, bool]] = {".obj": {"skip_materials": True}}
+_OPTIONS: dict[str, dict[str, bool]] = {".obj": {"skip_materials": True}, ".glb": {"skip_materials": True}}
 
 
 def read_surface(path: Path) -> tuple[Array, IntArray]:
-    """Vertices (v, 3) and triangles (t, 3) of a mesh file, unchanged."""
-    import trimesh  # slow to load, and few runs need it
-
+    """Vertices (v, 3) and triangles (t, 3) of a collider's mesh file, unchanged."""
     if path.suffix.lower() not in SUFFIXES:
         raise SoftprintError(f"{path}: a mesh collider is an STL, OBJ or PLY file")
     if not path.is_file():
         raise SoftprintError(f"{path}: there is no such collider mesh")
+    return read_triangles(path)
+
+
+def read_triangles(path: Path) -> tuple[Array, IntArray]:
+    """Vertices (v, 3) and triangles (t, 3) of a file of any format that trimesh reads, unchanged. Several meshes of a
+    scene are one."""
+    import trimesh  # slow to load, and few runs need it
+
     try:
         with memory_bound(path):
             # Without materials: an OBJ file may name any file of the machine as one.

@@ -81,17 +81,24 @@ def rebuilt_surface(vertices: Array, triangles: IntArray, source: str, cells: in
     distance = np.full(len(points), spacing)
     distance[crossed] = np.sqrt(igl.point_mesh_squared_distance(points[crossed], vertices, triangles)[0])
     signed = distance * (1.0 - 2.0 * winding)
-    border = signed.reshape(nodes[::-1])
-    for axis in range(3):  # the grid's border is outside
-        for end in (0, -1):
-            side = np.moveaxis(border, axis, 0)
-            side[end] = np.maximum(side[end], spacing)
-    signed = border.ravel()
-    near = np.abs(signed) < 0.02 * spacing  # moved off the surface, so that no triangle degenerates
-    signed[near] = np.where(signed[near] < 0, -0.02, 0.02) * spacing
-    surface, facets, _ = igl.marching_cubes(signed, points, *(int(n) for n in nodes), 0.0)
-    surface, facets = _outward(surface, facets)
+    surface, facets = closed_level(signed.reshape(nodes[::-1]), points, spacing)
     return Rebuilt(origin + unit * surface, facets, unit * spacing, doubt)
+
+
+def closed_level(signed: Array, points: Array, spacing: float) -> tuple[Array, IntArray]:
+    """The zero level of a field as a closed surface that faces outward, by marching cubes. signed: (n_z, n_y, n_x)
+    values at the nodes of a grid, negative inside, whose border is outside; points: (n, 3) of the nodes, x
+    fastest."""
+    signed = signed.copy()
+    for axis in range(3):
+        for end in (0, -1):
+            side = np.moveaxis(signed, axis, 0)
+            side[end] = np.maximum(side[end], spacing)
+    nodes, values = signed.shape[::-1], signed.ravel()
+    near = np.abs(values) < 0.02 * spacing  # moved off the surface, so that no triangle degenerates
+    values[near] = np.where(values[near] < 0, -0.02, 0.02) * spacing
+    surface, facets, _ = igl.marching_cubes(values, points, *(int(n) for n in nodes), 0.0)
+    return _outward(surface, facets)
 
 
 def _scaled(vertices: Array) -> tuple[Array, Array, float]:

@@ -42,7 +42,7 @@ def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[A
         raise SoftprintError(f"{source}: {bad} vertices are not finite numbers; export the mesh again")
     if len(triangles) == 0:
         raise SoftprintError(
-            f"{source}: the mesh has no triangles; a collider needs a closed triangle surface"
+            f"{source}: the mesh has no triangles; a closed triangle surface is needed"
         )
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     vertices, triangles = merge(vertices, triangles, diagonal, source)
@@ -83,7 +83,7 @@ def drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, sourc
         log.warning("%s: dropped %d repeated triangle(s)", source, len(kept) - len(first))
     if len(first) == 0:
         raise SoftprintError(
-            f"{source}: every triangle is degenerate; a collider needs a closed triangle surface"
+            f"{source}: every triangle is degenerate; a closed triangle surface is needed"
         )
     unrepeated: IntArray = kept[np.sort(first)]
     return unrepeated
@@ -122,7 +122,7 @@ def refuse_flat(vertices: Array, source: str) -> None:
     _, width, thickness = np.linalg.svd(offsets, compute_uv=False)
     if thickness <= least < width:
         raise SoftprintError(
-            f"{source}: the drawing is flat, all its vertices lie in a plane; a collider is a solid: give it a "
+            f"{source}: the drawing is flat, all its vertices lie in a plane; a solid has a thickness: give it a "
             "thickness in a modeller"
         )
 
@@ -205,7 +205,7 @@ def _face_outward(vertices: Array, triangles: IntArray, source: str) -> IntArray
     count = int(component.max()) + 1
     if count > MOST_PIECES:
         raise SoftprintError(
-            f"{source}: the surface is in {count} separate pieces, and a collider has at most {MOST_PIECES}; "
+            f"{source}: the surface is in {count} separate pieces, and at most {MOST_PIECES} are taken; "
             f"join them in a modeller, {OR_REBUILD}"
         )
     pieces = [triangles[component == c] for c in range(count)]

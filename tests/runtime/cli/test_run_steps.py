@@ -1,0 +1,38 @@
+"""`softprint run`: how far its steps are, from what their processes tell, and on how many ranks."""
+
+from __future__ import annotations
+
+import pytest
+
+from softprint.runtime.cli import run_steps
+from softprint.runtime.cli.progress import FOLLOWED, Progress
+from softprint.runtime.cli.run_steps import Step, how_far, usable_ranks
+from softprint.runtime.errors import SoftprintError
+
+
+def test_a_process_tells_how_far_it_is(tmp_path, monkeypatch):
+    told = tmp_path / "told"
+    monkeypatch.setenv(FOLLOWED, str(told))
+    step = Step("simulate", 0.2, counted=("steps",), bars=2)
+    assert how_far("", step) == (0.0, "")
+    with Progress(10, "files", "reading", quiet=True):
+        pass
+    assert how_far(told.read_text(), step) == (0.0, "(reading, 0/10 files)")
+    for scene, share in (("a", 0.5), ("b", 1.0)):
+        with Progress(4, "steps", scene, quiet=True) as bar:
+            bar.update(4)
+        assert how_far(told.read_text(), step) == (share, f"({scene}, 4/4 steps)")
+    with Progress(4, "steps", "silent", quiet=True, silent=True) as bar:
+        bar.update(1)
+    assert "silent" not in told.read_text()
+
+
+def test_ranks(monkeypatch):
+    monkeypatch.setattr(run_steps.shutil, "which", lambda name: None)
+    assert usable_ranks(None) == 1
+    with pytest.raises(SoftprintError, match="needs mpirun"):
+        usable_ranks(2)
+    monkeypatch.setattr(run_steps.shutil, "which", lambda name: "/usr/bin/mpirun")
+    assert usable_ranks(3) == 3
+    with pytest.raises(SoftprintError, match="at least 1"):
+        usable_ranks(0)
