@@ -25,7 +25,6 @@ from scipy.sparse.linalg import spsolve
 from meshes.auxetic import FULL, Cells, mesh_cell
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mechanics.null_space_compliance import elastic_stiffness
-from softprint.runtime.mesh import Mesh
 
 POISSON = 0.4
 
