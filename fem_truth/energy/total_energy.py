@@ -16,6 +16,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from softprint.fem_truth.energy.potentials import Potential
 from softprint.fem_truth.linalg.block_matrix import BlockMatrix
 from softprint.fem_truth.linalg.null_space import NullSpace
@@ -123,8 +125,8 @@ class TotalEnergy:
         return x + length * step
 
     def longest(self, x: Array, step: Array) -> float:
-        """The length of a step to try first."""
-        return 1.0
+        """The largest length of a step: nothing limits it."""
+        return np.inf
 
     def allows(self, x: Array) -> bool:
         """Whether the line search may go to x."""
