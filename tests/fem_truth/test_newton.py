@@ -1,11 +1,17 @@
-"""Newton's method of full space, on an energy of two unknowns with a saddle."""
+"""Newton's method of full space where the energy is not convex."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
+from softprint.fem_truth.energy.total_energy import TotalEnergy
+from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.fem_truth.statics.newton import FullSpaceSettings, minimise
+from softprint.runtime.body import assemble_body, place_handles
+from softprint.runtime.elasticity import make_material
+from softprint.runtime.mesh import box_mesh
 from softprint.runtime.optimise import NewtonSettings, Status
 
 # E = x^2/2 + c (y^4/4 - y^2/2): a saddle at zero, minima at y = -1 and y = 1.
@@ -81,3 +87,20 @@ def test_the_line_search_leaves_a_saddle(longest, fewest, most):
     assert result.status is Status.CONVERGED
     np.testing.assert_allclose(result.x, [[0.0, 1.0]], atol=1e-5)
     assert fewest <= result.newton_iterations <= most
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_convex_step_of_a_crushed_body_goes_down(dim):
+    """Where cells are inverted, elasticity itself has negative curvature: conjugate gradients stop at it at once."""
+    mesh = box_mesh([0.0] * dim, [0.05] * dim, [4] * dim)
+    body = assemble_body(mesh, place_handles(mesh, 4), make_material("stable_neo_hookean", 3e4, 0.4), 1e3)
+    base = np.flatnonzero(mesh.points[:, -1] < 1e-9)
+    energy = TotalEnergy(FullSpaceElasticity(body), [], NullSpace(np.zeros((body.n_nodes, 0)), base))
+    x = mesh.points.copy()
+    x[:, -1] *= 1.0 - 1.6 * x[:, 0] / 0.05  # folded over at the far side
+    _, gradient = energy.evaluate(x)
+    assert energy.direction(x, gradient, 1e-3, 500).negative_curvature
+    found = energy.direction(x, gradient, 1e-3, 500, convex=True)
+    assert not found.negative_curvature
+    assert found.slope < 0.0
+    assert energy.evaluate(x + found.step)[0] < energy.evaluate(x)[0]
