@@ -8,7 +8,7 @@ from full space; RMS distance of the free colliders' origins in the first 0.1 s 
 body, in all frames, and at the end; the largest force of the body on a free collider; Newton iterations; the steps that
 failed to converge, and those that ended as PIERCED; milliseconds of processor time of a step. `full space, beside` is
 full space once more with the free colliders 10 um aside at the start: how far two motions can be apart that no model
-could tell from each other. `25 updates`: of the normal forces of friction in a step, in place of 4.
+could tell from each other. `25 updates`: of the normal forces of friction in a step, in place of 3.
 
 Needs `softprint body EXPERIMENT`; mechanics are computed where `softprint train` has not left them.
 """

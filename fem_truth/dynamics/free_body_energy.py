@@ -34,15 +34,13 @@ from softprint.fem_truth.linalg.block_matrix import Eliminated
 from softprint.fem_truth.linalg.projected_cg import projected_cg
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.lagged_friction import LaggedFriction, SlipStart
+from softprint.runtime.contact.lagged_friction import NEARLY_BALANCED, LaggedFriction, SlipStart
 from softprint.runtime.dynamics.free_bodies import FreeStep
 from softprint.runtime.dynamics.pierced_colliders import FreeColliderLimit
 from softprint.runtime.dynamics.state import Configuration
 
 # Of a convex matrix of the free colliders alone: its smallest eigenvalue, as a share of the largest.
 _LEAST_CURVATURE = 1e-9
-# The relative residual below which forces nearly balance.
-_NEARLY = 0.05
 
 
 class JointStep(NamedTuple):
@@ -235,7 +233,7 @@ class FreeBodyEnergy:
         """See `TotalEnergy.stepped`. Normal forces between rigid surfaces change by multiples of themselves before
         forces balance: friction is updated where they nearly do."""
         self._body.stepped(at.rows, step.nodes, length, before.body, after.body)
-        if self._updates_left == 0 or after.norm > _NEARLY * self.force_scale(at, after):
+        if self._updates_left == 0 or after.norm > NEARLY_BALANCED * self.force_scale(at, after):
             return False
         self._updates_left -= 1
         self.lag_friction(at)

@@ -16,6 +16,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from softprint.fem_truth.energy.potentials import Potential
 from softprint.fem_truth.linalg.block_matrix import BlockMatrix
 from softprint.fem_truth.linalg.null_space import NullSpace
@@ -23,6 +25,8 @@ from softprint.fem_truth.linalg.projected_cg import CgResult, projected_cg
 from softprint.runtime.arrays import Array
 
 REUSE_RATE = 0.1
+# At most so many shifts of a Hessian that is to be convex; each is at least as large as those before together.
+_SHIFTS = 12
 
 
 class Gradient(NamedTuple):
@@ -114,17 +118,37 @@ class TotalEnergy:
     def direction(
         self, x: Array, gradient: Gradient, tolerance: float, max_iterations: int, convex: bool = False
     ) -> CgResult:
-        """Newton's step at x, where the gradient is this; the residual of the linear system is within the tolerance."""
-        hessian = self.hessian(x, convex)
-        return projected_cg(hessian, gradient.projected, self.null_space, tolerance, max_iterations)
+        """Newton's step at x, where the gradient is this; the residual of the linear system is within the tolerance.
+
+        convex: the Hessian is shifted, in proportion to the stiffness of each node, until no negative curvature is
+        met: what is left of it is of crushed cells.
+        """
+        hessian, share = self.hessian(x, convex), self.null_space.share
+
+        def solved() -> CgResult:
+            return projected_cg(hessian, gradient.projected, self.null_space, tolerance, max_iterations)
+
+        found, shift = solved(), 0.0
+        stiffness = np.abs(np.trace(hessian.diagonal, axis1=1, axis2=2)) / hessian.dim
+        for _ in range(_SHIFTS if convex else 0):
+            way = found.direction
+            if way is None:
+                break
+            curvature = share.total(float(np.vdot(way, hessian.apply(way))))
+            relative = curvature / share.total(float(stiffness @ (way**2).sum(axis=1)))
+            more = max(shift, 2.0 * abs(relative))
+            shift += more
+            hessian.diagonal += more * stiffness[:, None, None] * np.eye(hessian.dim)
+            found = solved()
+        return found
 
     def moved(self, x: Array, step: Array, length: float) -> Array:
         """x + length step."""
         return x + length * step
 
     def longest(self, x: Array, step: Array) -> float:
-        """The length of a step to try first."""
-        return 1.0
+        """The largest length of a step: nothing limits it."""
+        return np.inf
 
     def allows(self, x: Array) -> bool:
         """Whether the line search may go to x."""

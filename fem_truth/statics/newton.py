@@ -80,7 +80,7 @@ class Problem(Protocol[Point, Slope, Step]):
     ) -> DirectionOf[Step]: ...
     def moved(self, x: Point, step: Step, length: float, /) -> Point: ...
     def longest(self, x: Point, step: Step, /) -> float:
-        """The length of a step to try first: 1 or less."""
+        """The largest length of a step; infinite where nothing limits it."""
         ...
 
     def allows(self, x: Point, /) -> bool:
@@ -203,7 +203,8 @@ def _line_search(
     instead (the approximate Wolfe condition of Hager and Zhang 2005).
     """
     noise, step, slope = _round_off(problem, energy), direction.step, direction.slope
-    length = problem.longest(x, step)
+    longest = problem.longest(x, step)
+    length = min(1.0, longest)
     for _ in range(halvings + 1):
         trial = problem.moved(x, step, length)
         if not problem.allows(trial):
@@ -213,9 +214,35 @@ def _line_search(
         value, gradient = problem.evaluate(trial)
         if np.isfinite(value):
             if value <= energy + 1e-4 * length * slope:
-                return length, trial, value, gradient
+                return _extended(problem, x, energy, direction, (length, trial, value, gradient), longest)
             end = abs(problem.slope(gradient, step))
             if value <= energy + noise and end <= 0.9 * abs(slope):
                 return length, trial, value, gradient
         length *= 0.5
     return None
+
+
+def _extended(
+    problem: Problem[Point, Slope, Step],
+    x: Point,
+    energy: float,
+    direction: DirectionOf[Step],
+    found: tuple[float, Point, float, Slope],
+    longest: float,
+) -> tuple[float, Point, float, Slope]:
+    """Twice as far, and so on, while the energy falls more and more steeply.
+
+    Beside a saddle the step is that of a convex model, and away from the saddle as short as the body is close to it:
+    without this, some tens of iterations creep away, each a little longer than the last.
+    """
+    step, slope = direction.step, direction.slope
+    while problem.slope(found[3], step) <= slope and 2.0 * found[0] <= longest:
+        length = 2.0 * found[0]
+        trial = problem.moved(x, step, length)
+        if not problem.allows(trial):
+            break
+        value, gradient = problem.evaluate(trial)
+        if not (np.isfinite(value) and value <= energy + 1e-4 * length * slope and value < found[2]):
+            break
+        found = length, trial, value, gradient
+    return found

@@ -1,7 +1,8 @@
 """The lagged quantities of friction, which stay fixed while the energy of a step is minimised.
 
 Coulomb friction has no potential, so its normal forces, normals and anchors come from an earlier evaluation of contact.
-The step updates them in an outer loop around its minimisation (`runtime/dynamics/step/step_solve.py`).
+The step updates them in an outer loop around its minimisation (`runtime/dynamics/step/step_solve.py`), where its forces
+nearly balance: before that, the normal forces between rigid surfaces are multiples of what they come to.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from softprint.runtime.contact.surface_quadrature import FacetPoints
 if TYPE_CHECKING:
     from softprint.runtime.contact.condensed.compliant_friction import TangentCompliance
     from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+
+# Normal forces are updated where the relative residual of a step is below this.
+NEARLY_BALANCED = 0.05
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,6 +93,8 @@ class GridCollider(ColliderBase):
         self.lower, self.upper = vertices.min(axis=0), vertices.max(axis=0)
         longest = float((self.upper - self.lower).max())
         self.spacing = longest / resolution
+        # The spline rounds off edges and thin walls: there it is negative outside the bounds, within a cell.
+        self._outermost = self.lower - self.spacing, self.upper + self.spacing
         self._fine_margin = FINE_MARGIN * longest
         self.fine = self._sample(self._fine_margin, self.spacing)
         self.coarse = self._sample(COARSE_MARGIN * longest, COARSENING * self.spacing)
@@ -134,7 +136,8 @@ class GridCollider(ColliderBase):
     def closer(self, z: Array, distance: float) -> tuple[IntArray, Array]:
         """See `Collider`. The distance is only evaluated at points where the lower bound from the spline's coefficients
         does not exclude contact."""
-        index = self.about(z, distance)
+        lower, upper = self._outermost
+        index = np.flatnonzero(((z > lower - distance) & (z < upper + distance)).all(axis=1))
         # The core of the fine grid reaches farther than the rest of its margin beyond the bounds.
         if distance < (1.0 - BLEND_BAND) * self._fine_margin:
             index = index[self.fine.grid.at_least(z[index]) < distance]
@@ -146,7 +149,7 @@ class GridCollider(ColliderBase):
         """See `Collider`."""
         if distance >= (1.0 - BLEND_BAND) * self._fine_margin:
             return super().closer_to(x, pose, distance)
-        return self.fine.grid.closer_to(x, pose, self.lower, self.upper, distance)
+        return self.fine.grid.closer_to(x, pose, *self._outermost, distance)
 
     def sdf_derivatives_at(self, x: Array, pose: RigidPose) -> SdfDerivatives:
         """See `Collider`."""

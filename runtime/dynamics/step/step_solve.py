@@ -1,17 +1,22 @@
 """The minimisation of a step, and the outer loop that updates the normal forces of friction.
 
 Coulomb friction has no potential, so each minimisation keeps its normal forces fixed (lagged friction, Li et al. 2020).
-They are updated at the start and after each of the first iterations, `updates` times in all; then they stay fixed until
-the forces balance.
+They are updated at the start, and after iterations that began where forces nearly balance, `updates` times in all; then
+they stay fixed until the forces balance. Before forces nearly balance they are updated as well, since friction by the
+normal forces of a start deep in a collider holds a step back, but only in the first iterations, and without counting:
+between rigid surfaces such normal forces are far from the result, and would be held.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from softprint.runtime.contact.lagged_friction import SlipStart
+from softprint.runtime.contact.lagged_friction import NEARLY_BALANCED, SlipStart
 from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint
 from softprint.runtime.optimise import Minimum, Optimiser, Status
+
+# Updates of normal forces in a step before its forces nearly balance.
+_EARLY_UPDATES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,19 +33,25 @@ def solve_step(
     """Minimises the energy of a step; sliding: None without friction."""
     if sliding is None:
         return optimiser.minimise(problem, start, problem.timings.solve)
-    body, left = start.body, optimiser.max_iterations
-    earlier: Minimum[StepPoint] | None = None
-    for update in range(1, sliding.updates + 1):
-        lagged = replace(problem, lagged=problem.lag(problem.point(body), sliding.slip))
-        method = optimiser.limited(left if update == sliding.updates else 1)
-        point = lagged.point(body)
+    updates, early, left = sliding.updates - 1, _EARLY_UPDATES, optimiser.max_iterations
+    lagged = replace(problem, lagged=problem.lag(start, sliding.slip))
+    point, earlier = lagged.point(start.body), None
+    while True:
+        method = optimiser.limited(1 if updates else left)
         earlier = solved = method.minimise(lagged, point, problem.timings.solve, earlier)
-        body, left = solved.x.body, left - solved.iterations
+        point, left = solved.x, left - solved.iterations
         # A minimum that took a step to reach is one for the normal forces of before that step.
-        renew = solved.status is Status.MAX_ITERATIONS or (solved.converged and solved.iterations > 0)
-        if left == 0 or not renew:
-            break
-    return replace(solved, iterations=optimiser.max_iterations - left)
+        moved = solved.status is Status.MAX_ITERATIONS or (solved.converged and solved.iterations > 0)
+        if not (updates and left and moved):
+            return replace(solved, iterations=optimiser.max_iterations - left)
+        if solved.residual <= NEARLY_BALANCED:
+            updates -= 1
+        elif early:
+            early -= 1
+        else:
+            continue
+        lagged = replace(problem, lagged=problem.lag(point, sliding.slip))
+        point = lagged.point(point.body)
 
 
 def with_contact_checked(solved: Minimum[StepPoint]) -> Minimum[StepPoint]:

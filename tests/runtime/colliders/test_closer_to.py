@@ -20,13 +20,38 @@ def test_distances_of_a_grid_agree_with_its_sdf(distance):
     pose = RigidPose.from_rotation_vector([0.3, -0.5, 0.9], [0.01, -0.02, 0.03])
     z = rng.uniform(-1.5 * SIZE, 1.5 * SIZE, size=(400, 3))
     index, near, value = collider.closer_to(pose.apply(z), pose, distance)
-    within = np.all((z > collider.lower - distance) & (z < collider.upper + distance), axis=1)
+    reach = distance + collider.spacing
+    within = np.all((z > collider.lower - reach) & (z < collider.upper + reach), axis=1)
     expected = np.flatnonzero(within & (collider.sdf(z) < distance))
     assert len(expected) > 10
     np.testing.assert_array_equal(index, expected)
     # Round-off of a rotation and its inverse.
     np.testing.assert_allclose(near, z[index], atol=1e-15)
     np.testing.assert_allclose(value, collider.sdf(z[index]), atol=1e-15)
+
+
+def plate():
+    """Thinner than a cell, so that its spline bulges."""
+    outline = SIZE * np.array([[-1.0, -0.05], [1.0, -0.05], [1.0, 0.05], [-1.0, 0.05]])
+    return polygon_collider(outline, resolution=24)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: library_collider("mug", SIZE, resolution=16), plate], ids=["3D", "2D"]
+)
+def test_no_point_inside_is_left_out(make):
+    """A spline rounds off edges and thin walls, and so is negative outside the bounds of the solid. A contact that left
+    out such points would begin with a jump of the force where they enter the bounds."""
+    rng = np.random.default_rng(2)
+    collider = make()
+    z = rng.uniform(1.2 * collider.lower, 1.2 * collider.upper, size=(200_000, collider.dim))
+    inside = np.flatnonzero(collider.sdf(z) < 0.0)
+    beyond = np.any((z[inside] < collider.lower) | (z[inside] > collider.upper), axis=1)
+    assert beyond.any()
+    index, value = collider.closer(z, 0.0)
+    np.testing.assert_array_equal(index, inside)
+    np.testing.assert_array_equal(value, collider.sdf(z[inside]))
+    np.testing.assert_array_equal(collider.closer_to(z, RigidPose.identity(collider.dim), 0.0)[0], inside)
 
 
 def torus():
