@@ -54,6 +54,7 @@ class Panel:
                 "Newton, at most", experiment.dynamics.max_iterations, min=1, max=200, step=1
             )
             self.record = gui.add_button("record", color="red")
+            self.film = gui.add_checkbox("and a GIF", False)
         with gui.add_folder("Collider"):
             self.held = gui.add_dropdown("held", ["-"], initial_value="-")
             shapes = choices(experiment)
@@ -88,6 +89,10 @@ class Panel:
         free = () if self.setting is None else self.setting.free
         self.fall.label = "hold it" if self.held.value in free else "let it fall"
 
+    def _record(self) -> None:
+        on = self.setting is None or self.setting.recording is None
+        self._send(ask.Record(on, self.film.value))
+
     def _connect(self) -> None:
         send = self._send
         _on(self.model, self._set_models)
@@ -96,7 +101,7 @@ class Panel:
         _on(self.speed, self._set_pace)
         _on(self.newton, self._set_pace)
         _click(self.run, self._run)
-        _click(self.record, lambda: send(ask.Record(self.setting is None or self.setting.recording is None)))
+        _click(self.record, self._record)
         _on(self.held, lambda: self._hold(self.held.value))
         _click(self.swap, self._swap)
         _click(self.fall, self._fall)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import signal
+import subprocess
+import sys
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -43,15 +46,39 @@ def _write(recording: Recording, workshop: Workshop, folder: Path, name: str, to
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         *motions, scene = recording.write(workshop, folder, name)
-        first = motions[0]
-        notice = Notice(
-            f"{recording.seconds:.1f} s recorded: {', '.join(map(str, motions))}, and the scene {scene}; "
-            f"as a short film: softprint convert {first} {first.with_suffix('.gif')}",
-            "good",
-        )
+        done = f"{recording.seconds:.1f} s recorded: {', '.join(map(str, motions))}, and the scene {scene}"
+        if recording.film:
+            notice = Notice(f"{done}; {', '.join(_films(motions))}", "good")
+        else:
+            first = motions[0]
+            film = f"softprint convert {first} {first.with_suffix('.gif')}"
+            notice = Notice(f"{done}; as a short film: {film}", "good")
     except SoftprintError as error:
         notice = Notice(f"the recording could not be written: {error}", "bad")
     except Exception as error:
         log.exception("writing a recording has failed")
         notice = Notice(f"the recording could not be written: {type(error).__name__}: {error}", "bad")
     told.send(notice)
+
+
+def _films(motions: Sequence[Path]) -> list[str]:
+    """A GIF of each motion, by `softprint convert` in a process that was not forked from one with windows and threads;
+    the paths. Raises SoftprintError with what it says where it fails."""
+    films = []
+    for motion in motions:
+        film = str(motion.with_suffix(".gif"))
+        command = [
+            sys.executable,
+            "-m",
+            "softprint.runtime.cli.main",
+            "convert",
+            str(motion),
+            film,
+            "--quiet",
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            said = done.stderr.strip().splitlines() or ["no reason given"]
+            raise SoftprintError(f"{motion} is there, but not as a GIF: {said[-1]}")
+        films.append(film)
+    return films

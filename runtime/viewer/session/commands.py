@@ -100,9 +100,10 @@ class Reset:
 
 @dataclass(frozen=True)
 class Record:
-    """Begin to record (`on`), or end it and write the files."""
+    """Begin to record (`on`), or end it and write the files; film: with a GIF of each motion."""
 
     on: bool
+    film: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """A recording: the steps of a session in memory, and how they become motion files and a scene.
 
 RUN/recordings/hand_001_MODEL.h5 and .xdmf    a motion, as `softprint simulate` writes it
+RUN/recordings/hand_001_MODEL.gif             a short film of it, if it is wanted (`processes/writing_process.py`)
 RUN/recordings/hand_001.toml                  the scene: paste it into the experiment file
 """
 
@@ -41,11 +42,13 @@ class Frame:
 
 @dataclass
 class Recording:
-    """The frames so far of these models, with these colliders, of which some move freely with a density."""
+    """The frames so far of these models, with these colliders, of which some move freely with a density; film: whether
+    a GIF of each motion is wanted, too."""
 
     models: tuple[Model, ...]
     tables: tuple[ColliderTable, ...]
     free: Mapping[str, float]
+    film: bool = False
     frames: list[Frame] = field(default_factory=list)
 
     @property

@@ -175,7 +175,7 @@ class Session:
             case ask.Reset():
                 self._reset()
             case ask.Record():
-                self._record(command.on)
+                self._record(command.on, command.film)
             case ask.Tell():
                 self._tell()
             case ask.Quit():
@@ -235,12 +235,14 @@ class Session:
         if changed:
             self._hold()
 
-    def _record(self, on: bool) -> None:
+    def _record(self, on: bool, film: bool) -> None:
         if not on:
+            if self.recording is not None:
+                self.recording.film = film
             self._end_recording("")
         elif self.recording is None:
             models = tuple(player.model for player in self.players)
-            self.recording = Recording(models, self.tables, dict(self.free))
+            self.recording = Recording(models, self.tables, dict(self.free), film)
         self._tell()
 
     # ---- what follows from them -------------------------------------------------------------------------------

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from softprint.runtime.colliders import KeyframedPath, RigidPose
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.inspect.kind import Part, inspect_file
 from softprint.runtime.scenes.motion_file import load_motion
 from softprint.runtime.scenes.playing import simulate
+from softprint.runtime.viewer.processes.writing_process import WritingProcess
 from softprint.runtime.viewer.session import commands as ask
 from softprint.runtime.viewer.session.keyframes import ANGLE, keyframes, path_of
 from softprint.runtime.viewer.session.recording import free_name
@@ -26,6 +28,18 @@ def recorded(session: Session, *targets, steps: int = 12):
             session.advance()
     session.handle(ask.Record(False))
     return session.finished_recordings.pop()
+
+
+def test_a_recording_has_a_film_if_one_is_wanted(toy, tmp_path):
+    session = Session(toy.workshop())
+    recording = recorded(session, *targets(session.workshop.body.dim))
+    recording.film = True
+    notice = WritingProcess(recording, session.workshop, tmp_path, "hand_001").outcome(wait=True)
+    assert notice.kind == "good", notice.text
+    film = tmp_path / "hand_001_bare.gif"
+    assert str(film) in notice.text
+    with Image.open(film) as pictures:
+        assert pictures.n_frames > 5  # 24 steps of 1/60 s or more, at 30 pictures a second
 
 
 def targets(dim: int):
