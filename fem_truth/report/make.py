@@ -38,7 +38,7 @@ from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.intrusion import pierced_from
-from softprint.runtime.contact.penalty import FACETS_VERSION
+from softprint.runtime.contact.penalty import CONTACT_VERSION
 from softprint.runtime.io.files import content_hash
 from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.learned.static_correction import StaticCorrection
@@ -162,7 +162,7 @@ def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider
         "gravity": experiment.dynamics.gravity,
         "stiffness": experiment.contact.stiffness,
         "refinement": experiment.contact.refinement,
-        "facets": FACETS_VERSION if experiment.contact.refinement else 0,
+        "version": CONTACT_VERSION,
         "collider": experiment.collider(collider.name).model_dump(mode="json"),
     }
     return content_hash(

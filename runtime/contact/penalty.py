@@ -68,10 +68,8 @@ class ContactTable(Protocol):
     def reduced_refinement(self) -> int: ...
 
 
-# The version of contact on facets: motions and solves of another version are made again.
-FACETS_VERSION = 2
-# The same for motions with friction on facets.
-FACETS_FRICTION_VERSION = 2
+# The version of contact and friction: motions and solves of another version are made again.
+CONTACT_VERSION = 3
 
 
 @dataclass(frozen=True)

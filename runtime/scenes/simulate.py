@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion, pierced_from
-from softprint.runtime.contact.penalty import FACETS_FRICTION_VERSION, FACETS_VERSION
+from softprint.runtime.contact.penalty import CONTACT_VERSION
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.sources import scene_files
 from softprint.runtime.io.files import content_hash, file_hash
@@ -58,12 +58,9 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         "surface": body.surface.nodes,
         "scene": scene.model_dump_json(exclude_none=True),
         "contact": experiment.contact.model_dump_json(),
+        "contact_version": CONTACT_VERSION,
         "dynamics": experiment.dynamics.model_dump_json(),
     }
-    if experiment.contact.refinement:
-        content["facets"] = FACETS_VERSION
-        if experiment.contact.friction:
-            content["friction_on_facets"] = FACETS_FRICTION_VERSION
     for entry in scene.colliders:
         content[f"collider_{entry.name}"] = experiment.collider(entry.name).model_dump_json()
     content |= scene_files(experiment, scene)

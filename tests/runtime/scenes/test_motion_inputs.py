@@ -47,26 +47,12 @@ def test_motions_depend_on_the_files_of_their_scene(tmp_path):
     assert digest(other) != untracked
 
 
-def test_contact_on_facets_has_a_version(tmp_path, monkeypatch):
-    """Motions with it are made again when it has changed, and those with contact at nodes are kept."""
-    for refinement in (0, 2):
-        experiment = load_experiment(write_experiment(tmp_path, 3), [f"contact.refinement={refinement}"])
-        scene = find_scene(experiment, "held_out")
-        digests = []
-        for version in (1, 2):
-            monkeypatch.setattr(simulate, "FACETS_VERSION", version)
-            digests.append(inputs_hash(experiment, BODY, scene, tmp_path, "bare"))
-        assert (digests[0] != digests[1]) == (refinement > 0)
-
-
-def test_friction_on_facets_has_a_version(tmp_path, monkeypatch):
-    """Motions without friction, or with contact at nodes, are kept when it has changed."""
-    for refinement, friction in ((0, 0.3), (2, 0.0), (2, 0.3)):
-        changes = [f"contact.refinement={refinement}", f"contact.friction={friction}"]
-        experiment = load_experiment(write_experiment(tmp_path, 3), changes)
-        scene = find_scene(experiment, "held_out")
-        digests = []
-        for version in (1, 2):
-            monkeypatch.setattr(simulate, "FACETS_FRICTION_VERSION", version)
-            digests.append(inputs_hash(experiment, BODY, scene, tmp_path, "bare"))
-        assert (digests[0] != digests[1]) == (refinement > 0 and friction > 0.0)
+def test_contact_has_a_version(tmp_path, monkeypatch):
+    """Motions are made again when it has changed."""
+    experiment = load_experiment(write_experiment(tmp_path, 3))
+    scene = find_scene(experiment, "held_out")
+    digests = []
+    for version in (1, 2):
+        monkeypatch.setattr(simulate, "CONTACT_VERSION", version)
+        digests.append(inputs_hash(experiment, BODY, scene, tmp_path, "bare"))
+    assert digests[0] != digests[1]
