@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
+from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES
+from softprint.runtime.drawing.scale import error_map
 from softprint.runtime.drawing.scene import Scene
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
@@ -54,7 +55,6 @@ def draw_flat(path: Path, scene: Scene) -> None:
 def _fill(figure: Figure, axes: Axes, scene: Scene) -> None:
     """The inside: coloured by the values, or plain with the mesh's edges."""
     from matplotlib.collections import PolyCollection
-    from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.tri import Triangulation
 
     if scene.cells is None:
@@ -65,7 +65,7 @@ def _fill(figure: Figure, axes: Axes, scene: Scene) -> None:
         axes.add_collection(PolyCollection(corners, facecolors=BODY, edgecolors=EDGES, linewidths=width))
         return
     triangles = Triangulation(scene.points[:, 0], scene.points[:, 1], scene.cells)
-    colours = LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
+    colours = error_map()
     top = max(float(np.max(scene.values)), np.finfo(float).tiny)
     filled = axes.tripcolor(triangles, scene.values, shading="gouraud", cmap=colours, vmin=0.0, vmax=top)
     bar = figure.colorbar(filled, ax=axes, shrink=0.8, label=scene.label)

@@ -6,14 +6,15 @@ import os
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.doctor.finding import Level
 from softprint.runtime.doctor.graphics import check_rendering
-from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS
+from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES
+from softprint.runtime.drawing.scale import add_scale, error_map
 from softprint.runtime.drawing.scene import Scene
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
@@ -41,9 +42,15 @@ def draw_solid(path: Path, scene: Scene) -> None:
     seen = np.concatenate([scene.points, *(vertices for vertices, _ in scene.solids)])
     look_at(plotter, seen.min(axis=0), seen.max(axis=0), direction, has_scale=scene.values is not None)
     plotter.enable_anti_aliasing("ssaa")
-    with atomic_path(path) as temporary:
-        plotter.screenshot(str(temporary))
+    pixels = np.asarray(plotter.screenshot(return_img=True))[..., :3]
     plotter.close()
+    if scene.values is not None:
+        pixels = add_scale(pixels, scene.label, _top(scene))
+    # Imported here, because PyVista brings it, which may be missing.
+    from PIL import Image
+
+    with atomic_path(path) as temporary:
+        Image.fromarray(pixels).save(temporary, format="PNG")
 
 
 def lit_plotter(size: tuple[int, int], direction: Array) -> pv.Plotter:
@@ -73,26 +80,10 @@ def lit_plotter(size: tuple[int, int], direction: Array) -> pv.Plotter:
 _rendering = cache(check_rendering)
 
 
-def error_map() -> Any:
-    """The colour map of values on surfaces, for PyVista."""
-    from matplotlib.colors import LinearSegmentedColormap
-
-    return LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
-
-
-def scale_bar(label: str, height: int = _SIZE[1]) -> dict[str, Any]:
-    """The scale below a picture of that height [pixels], for PyVista."""
-    return {
-        "title": f"{label}\n",  # the line break separates it from the numbers
-        "color": "#1b1b1f",
-        "fmt": "%.2g",
-        "n_labels": 5,
-        "title_font_size": max(12, round(0.0225 * height)),
-        "label_font_size": max(11, round(0.02 * height)),
-        "position_x": 0.25,
-        "width": 0.5,
-        "position_y": 0.03,
-    }
+def _top(scene: Scene) -> float:
+    """The largest value on the surface of a scene that has values."""
+    assert scene.values is not None
+    return max(float(scene.values[np.unique(scene.facets)].max()), float(np.finfo(float).tiny))
 
 
 def _add_body(plotter: pv.Plotter, scene: Scene) -> None:
@@ -106,11 +97,11 @@ def _add_body(plotter: pv.Plotter, scene: Scene) -> None:
             skin,
             scalars="values",
             cmap=error_map(),
-            clim=(0.0, max(float(scene.values[np.unique(scene.facets)].max()), np.finfo(float).tiny)),
+            clim=(0.0, _top(scene)),
             smooth_shading=True,
             ambient=0.45,
             diffuse=0.6,
-            scalar_bar_args=scale_bar(scene.label),
+            show_scalar_bar=False,
         )
     if scene.edges:
         wire = _surface(scene.points, scene.facets).extract_all_edges()

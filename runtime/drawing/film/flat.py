@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.pose import RigidPose
-from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, ERROR_COLOURS, rgb
+from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES, rgb
 from softprint.runtime.drawing.film.subject import Subject
+from softprint.runtime.drawing.scale import error_map
 from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class FlatStage:
             from matplotlib.backends.backend_agg import FigureCanvasAgg
             from matplotlib.cm import ScalarMappable
             from matplotlib.collections import LineCollection, PolyCollection
-            from matplotlib.colors import LinearSegmentedColormap, Normalize
+            from matplotlib.colors import Normalize
             from matplotlib.figure import Figure
         except ImportError as error:
             raise SoftprintError("a picture needs matplotlib: pip install 'softprint[report]'") from error
@@ -41,7 +42,7 @@ class FlatStage:
         self._axes = axes
         self._fill: Collection | None = None
         if subject.label is not None:
-            self._shades = LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
+            self._shades = error_map()
             self._scale = Normalize(0.0, max(subject.top, _TINY))
             bar = figure.colorbar(
                 ScalarMappable(self._scale, self._shades), ax=axes, shrink=0.8, label=subject.label

@@ -14,8 +14,9 @@ from softprint.runtime.drawing.colours import BODY, COLLIDER, EDGES
 from softprint.runtime.drawing.film.rest_grid import RestGrid
 from softprint.runtime.drawing.film.section import Section
 from softprint.runtime.drawing.film.subject import Subject
+from softprint.runtime.drawing.scale import add_scale, error_map
 from softprint.runtime.drawing.shading import Shading
-from softprint.runtime.drawing.solid import error_map, frame_all, lit_plotter, scale_bar, view_direction
+from softprint.runtime.drawing.solid import frame_all, lit_plotter, view_direction
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -34,6 +35,7 @@ class SolidStage:
         direction = view_direction(rest, [middle for middle, _, _ in subject.solids.values()])
         self._towards = _LIFT * subject.mesh.size * direction
         self._plotter = lit_plotter(size, direction)
+        self._scale = None if subject.label is None else (subject.label, subject.top)
         self._skin = _surface(rest[self._shading.vertex], self._shading.triangles)
         skin = self._add_skin(subject)
         self._lines = _segments(self._grid.points(rest))
@@ -83,7 +85,7 @@ class SolidStage:
             smooth_shading=True,
             ambient=0.45,
             diffuse=0.6,
-            scalar_bar_args=scale_bar(subject.label, self._plotter.window_size[1]),
+            show_scalar_bar=False,
         )
 
     def draw(
@@ -101,7 +103,8 @@ class SolidStage:
         if self._section is not None:
             self._section.move(positions)
         self._plotter.render()
-        return np.asarray(self._plotter.screenshot(return_img=True))[..., :3]
+        pixels = np.asarray(self._plotter.screenshot(return_img=True))[..., :3]
+        return pixels if self._scale is None else add_scale(pixels, *self._scale)
 
     def __enter__(self) -> SolidStage:
         return self
