@@ -103,8 +103,8 @@ def read_cells(source: Path) -> tuple[Array, dict[str, IntArray]]:
         ) from error
     blocks: dict[str, list[IntArray]] = {}
     for block in raw.cells:
-        if len(block.data):
-            data = np.asarray(block.data, dtype=np.int64)
+        data = np.asarray(block.data, dtype=np.int64)
+        if data.size:
             if data.max() >= len(raw.points) or data.min() < 0:
                 raise SoftprintError(
                     f"{source}: a cell names node {data.max()}, but there are only {len(raw.points)} nodes"

@@ -7,8 +7,8 @@ copies again if the writer has come round to it meanwhile. Frames that nobody to
 from __future__ import annotations
 
 import mmap
-import pickle
 from dataclasses import dataclass
+from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,8 @@ class FrameBoard:
 
     def publish(self, vertices: Floats, values: Floats, meta: Any) -> None:
         """Pin a frame. One process at a time may do so."""
-        packed = pickle.dumps(meta, pickle.HIGHEST_PROTOCOL)
+        # As a pipe between processes does it: this memory has no name, and nobody else can write to it.
+        packed = bytes(ForkingPickler.dumps(meta))
         if len(packed) > _ROOM - 8:
             raise ValueError(f"{len(packed)} bytes go with a frame, but there is room for {_ROOM}")
         number = int(self._heads[0]) + 1
@@ -65,7 +66,7 @@ class FrameBoard:
             picture = (vertices.copy(), values.copy())
             # The place is overwritten by the frame three after it, which is begun when the one before that is pinned.
             if int(self._heads[0]) < number + _PLACES - 1:
-                return Picture(number, *picture, pickle.loads(packed))
+                return Picture(number, *picture, ForkingPickler.loads(packed))
         return None
 
     @property
