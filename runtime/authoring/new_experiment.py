@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,14 +38,14 @@ _RESOLUTION = 24  # of colliders while scenes are made: right within some hundre
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What is asked for. mesh: the file; out: the experiment file; cells; placing; hold: a side or a box; young [Pa],
-    chosen if None; seed; force: overwrite; sampling: chosen if None."""
+    """What is asked for. mesh: the file; out: the experiment file; cells; placing; hold: a side, a box, or what chooses
+    a box for the body; young [Pa], chosen if None; seed; force: overwrite; sampling: chosen if None."""
 
     mesh: Path
     out: Path
     cells: int
     placing: Placing
-    hold: str | Array
+    hold: str | Array | Callable[[Mesh], Array]
     young: float | None = None
     seed: int = 7
     force: bool = False
@@ -74,8 +75,9 @@ def new_experiment(wanted: Wanted, stage: Stage) -> New:
         draft = Path(folder) / mesh_file.name
         write_mesh(draft, made.mesh)
         mesh = read_mesh(draft)  # as everything else will read it: rounded
+        hold = wanted.hold(mesh) if callable(wanted.hold) else wanted.hold
         with stage("choosing settings"):
-            settings = choose_settings(mesh, wanted.hold, wanted.young)
+            settings = choose_settings(mesh, hold, wanted.young)
         with stage("making scenes"):
             probes, outline = _probes(mesh, settings, np.random.default_rng(wanted.seed))
         text = experiment_text(

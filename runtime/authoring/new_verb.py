@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from softprint.runtime.cli.verb import Verb
 
 if TYPE_CHECKING:
     from softprint.runtime.arrays import Array
+    from softprint.runtime.mesh import Mesh
 
 CELLS = 15_000
 _UNITS = ("m", "cm", "mm", "in")
@@ -54,7 +56,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--hold",
         default="bottom",
         metavar="WHERE",
-        help="what holds the body: bottom, top, left, right, front, back, or a box X,Y,Z:X,Y,Z [m] (default: bottom)",
+        help="what holds the body: bottom, top, left, right, front, back, a box X,Y,Z:X,Y,Z [m], or pick, to choose a "
+        "box in a window (default: bottom)",
     )
     parser.add_argument(
         "--young",
@@ -98,7 +101,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
             out=out,
             cells=args.cells,
             placing=Placing(scale, args.size, args.up),
-            hold=_hold(args.hold),
+            hold=_picked(context) if args.hold == "pick" else _hold(args.hold),
             young=args.young,
             seed=args.seed,
             force=args.force,
@@ -117,6 +120,14 @@ def run(args: argparse.Namespace, context: Context) -> int:
     )
     context.say(f"{made.mesh} and {made.experiment} written. Next: softprint run {made.experiment}")
     return 0
+
+
+def _picked(context: Context) -> Callable[[Mesh], Array]:
+    """Opens a window that begins with the bottom of the body."""
+    from softprint.runtime.authoring.choose_settings import hold_box
+    from softprint.runtime.viewer.hold_picker import pick_hold
+
+    return lambda mesh: pick_hold(mesh, hold_box(mesh, "bottom"), 0, True, context.say)
 
 
 def _hold(text: str) -> str | Array:
