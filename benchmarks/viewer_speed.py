@@ -159,9 +159,12 @@ def _seen_in_the_browser(workshop: Workshop, simulation: SimulationProcess, coun
         x, y = window.evaluate(PLACE, f"/colliders/{name}_0")
         window.mouse.move(x - 4, y + 3)
         window.mouse.down()
+        for taken in range(1, 6):  # a drag begins with the first few pixels
+            window.mouse.move(x - 4, y + 3 + taken)
+            time.sleep(0.1)
         times = []
         for number in range(count):
-            down = 12 if number % 2 == 0 else 0
+            down = 17 if number % 2 == 0 else 5
             window.evaluate(_WATCH, ["/body_0", 0.002 * workshop.body.mesh.size])
             window.mouse.move(x - 4, y + 3 + down)
             window.wait_for_function("() => window.__dent !== null")
