@@ -44,7 +44,8 @@ def status_html(
         lines.append(f'<span style="color:{PLAIN}">paused at {infos[0].time:.2f} s</span>')
     else:
         lines.append(
-            f'<span style="color:{PLAIN}">{infos[0].time:.1f} s · {pace.steps:.0f} steps/s of {1e3 * pace.cost:.1f} ms '
+            f'<span style="color:{PLAIN}">{infos[0].time:.1f} s · '
+            f"{pace.steps:.{0 if pace.steps >= 10 else 1}f} steps/s of {1e3 * pace.cost:.1f} ms "
             f"· {pace.real:.2f} × real time · {drawn:.0f} pictures/s</span>"
         )
     if building:

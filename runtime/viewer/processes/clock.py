@@ -30,7 +30,8 @@ class Clock:
         now = time.monotonic()
         self._due = max(self._due + self.step / speed, now - _LATE)
         self._taken.append((now, cost))
-        while self._taken[0][0] < now - _WINDOW:
+        # Two steps are left however long they took: slow ones have a pace, too.
+        while len(self._taken) > 2 and self._taken[0][0] < now - _WINDOW:
             self._taken.popleft()
 
     def rest(self) -> None:
@@ -40,7 +41,7 @@ class Clock:
 
     @property
     def pace(self) -> Pace:
-        """Over the last second."""
+        """Over the last second, or the last two steps where they took longer."""
         if len(self._taken) < 2:
             return Pace()
         span = self._taken[-1][0] - self._taken[0][0]
