@@ -91,18 +91,26 @@ def _of_surface(
             f"{path}: filled, it is in {pieces}: parts of it are thinner than {cells:,} cells can fill; ask "
             "for more --cells"
         )
-    least = "; its thin parts and fine features need that many" if len(kept) > (1.0 + RIGHT) * cells else ""
     mesh = in_morton_order(oriented_mesh(found.points, kept, str(path)))
     said = [
         how,
         *solid.done,
-        f"filled with {mesh.n_cells:,} tetrahedra by fTetWild; {cells:,} were wanted{least}",
+        f"filled with {mesh.n_cells:,} tetrahedra by fTetWild; {cells:,} were wanted{_how_far_off(mesh.n_cells, cells)}",
     ]
     if pieces.count > 1:
         said.append(f"it is in {pieces}: the largest is kept")
     with stage("comparing the surfaces"):
         apart = fidelity((vertices, triangles), (mesh.points, mesh.facets), found.edge)
     return MadeBody(_standing(mesh), said, apart)
+
+
+def _how_far_off(got: int, wanted: int) -> str:
+    """Why the number of cells is not about the one wanted; empty where it is."""
+    if got > (1.0 + RIGHT) * wanted:
+        return "; its thin parts and fine features need that many"
+    if got < (1.0 - RIGHT) * wanted:
+        return "; no edge length that was tried came nearer"
+    return ""
 
 
 def _of_cells(path: Path, points: Array, cells: IntArray, placing: Placing) -> MadeBody:

@@ -35,8 +35,11 @@ def test_it_becomes_a_body_or_one_sentence(own: OwnMesh, tmp_path, capsys, monke
     experiment = load_experiment(folder / f"{path.stem}.toml")
     mesh = read_mesh(experiment.base_dir / experiment.body.mesh)
     if "kept as they are" not in said.out:
-        # Thin parts may need more cells than wanted, and say so.
-        assert 0.75 * CELLS < mesh.n_cells < 1.25 * CELLS or "need that many" in said.out
+        # Thin parts may need more cells than wanted, and what is cut off may leave fewer: then it says so. The number
+        # differs from machine to machine (fTetWild rounds), so only its order is asserted beside the sentence.
+        right = 0.75 * CELLS <= mesh.n_cells <= 1.25 * CELLS
+        assert right != ("need that many" in said.out or "came nearer" in said.out), said.out
+        assert 0.5 * CELLS < mesh.n_cells < 5.0 * CELLS
     if own.volume:
         # The envelope is a tenth of an edge, of some eight edges across.
         assert mesh.cell_volumes.sum() == pytest.approx(own.volume, rel=0.08)
