@@ -31,6 +31,13 @@ COLOURS = """name => {
     window.__viserMutable.nodeRefFromName[name].traverse(own => { if (found === null && own.isMesh) found = own; });
     return Array.from(found.geometry.attributes.color.array);
 }"""
+# Leaves the triangles out and everything else in, as a graphics card would at best: what is drawn in software costs
+# the cores on which the simulation runs.
+WITHOUT_TRIANGLES = """for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
+    for (const call of ["drawElements", "drawRangeElements", "drawElementsInstanced", "drawArrays",
+                        "drawArraysInstanced"])
+        if (kind.prototype[call]) kind.prototype[call] = () => {};
+"""
 DRAWN = "() => window.__softprint && window.__softprint.coloured > 0"
 
 
@@ -48,12 +55,20 @@ def browser() -> Iterator[Any]:
 
 
 def open_window(
-    own: Any, address: str, width: int, height: int, patience: float = 60.0, detail: float = 1.0
+    own: Any,
+    address: str,
+    width: int,
+    height: int,
+    patience: float = 60.0,
+    detail: float = 1.0,
+    first: str = "",
 ) -> Any:
     """A tab with the window, drawn, and without the notice that it is drawn in software. detail: pixels drawn for each
-    pixel of its width; fewer cost less."""
+    pixel of its width; fewer cost less. first: a script that runs before those of the page."""
     page = own.new_page(viewport={"width": width, "height": height}, device_scale_factor=detail)
     page.set_default_timeout(1e3 * patience)
+    if first:
+        page.add_init_script(first)
     page.goto(address)
     page.wait_for_function(DRAWN)
     notice = page.locator(".mantine-Notification-closeButton")

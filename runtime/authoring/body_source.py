@@ -92,10 +92,11 @@ def _of_surface(
             "for more --cells"
         )
     mesh = in_morton_order(oriented_mesh(found.points, kept, str(path)))
+    off = _how_far_off(mesh.n_cells, cells)
     said = [
         how,
         *solid.done,
-        f"filled with {mesh.n_cells:,} tetrahedra by fTetWild; {cells:,} were wanted{_how_far_off(mesh.n_cells, cells)}",
+        f"filled with {mesh.n_cells:,} tetrahedra by fTetWild; {cells:,} were wanted{off}",
     ]
     if pieces.count > 1:
         said.append(f"it is in {pieces}: the largest is kept")

@@ -16,6 +16,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.cubature import build_cubature
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.body.placement import frames_of, in_box, place_handles
+from softprint.runtime.body.skinning import skinning_basis
 from softprint.runtime.body.surface_samples import sample_surface
 from softprint.runtime.elasticity.materials import Material, make_material
 from softprint.runtime.errors import SoftprintError
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from softprint.runtime.experiment import BodySpec, MaterialSpec
 
 log = logging.getLogger(__name__)
+
+# The subspaces that [body.handles] may ask for.
+BASES = {"biharmonic_coordinates": biharmonic_basis, "linear_blend_skinning": skinning_basis}
 
 
 def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0, dim: int | None = None) -> ReducedBody:
@@ -51,6 +55,7 @@ def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0, dim: int | N
         surface_samples=spec.surface.samples,
         rng=np.random.default_rng(seed),
         name=path.stem,
+        basis=BASES[spec.handles.subspace](mesh, handles),
     )
 
 

@@ -48,6 +48,11 @@ class HandlesSpec(Section):
     frames: tuple[FrameSpec, ...] = Field(
         (), description="rigid frames, each with a name and a box, or with segments and their radius [m]"
     )
+    subspace: Literal["biharmonic_coordinates", "linear_blend_skinning"] = Field(
+        "biharmonic_coordinates",
+        description="how handles move the nodes: biharmonic generalised barycentric coordinates, or a mean of the "
+        "frames with bounded biharmonic weights, for skeletons without points",
+    )
 
 
 class MaterialRegionSpec(Section):

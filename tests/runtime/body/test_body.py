@@ -173,7 +173,11 @@ def spec(**material):
     given = {"model": "linear", "young": 1e4, "poisson": 0.3, "density": 1000.0, "regions": []}
     return SimpleNamespace(
         mesh="box.vtu",
-        handles=SimpleNamespace(points=3, frames=[SimpleNamespace(name="base", box=[[-1, -1], [0.03, 1]])]),
+        handles=SimpleNamespace(
+            points=3,
+            frames=[SimpleNamespace(name="base", box=[[-1, -1], [0.03, 1]])],
+            subspace="biharmonic_coordinates",
+        ),
         material=SimpleNamespace(**{**given, **material}),
         cubature=SimpleNamespace(points_per_row=10),
         surface=SimpleNamespace(samples=12),
