@@ -36,7 +36,9 @@ STIFFNESS = 1e9
 # 1e-16 / 1e-6 of round-off: 1e-6 relative covers both.
 DIFFERENCES = 1e-6
 
-FIELDS = ("thesis", "geometry", "descriptor")
+# Inputs of the thesis's form, sparse and dense (eqs. 5.4 and 5.3).
+ENCODINGS = {"thesis": "weighted_rows", "dense": "all_rows"}
+FIELDS = (*ENCODINGS, "geometry", "descriptor")
 # Contact forces, without and with static condensation.
 FORCES = ("force", "condensed")
 FORMS = FIELDS + FORCES
@@ -81,9 +83,9 @@ def make_correction(
         descriptor_model.output_scale.fill_(1e-3)
         descriptor_model = descriptor_model.double() if double else descriptor_model
         return DescriptorCorrection(form, descriptor_model, body, collider)
-    thesis = form == "thesis"
+    thesis = form in ENCODINGS
     field_options = ContactCentricOptions(
-        encoding="weighted_rows" if thesis else "local_geometry",
+        encoding=ENCODINGS.get(form, "local_geometry"),
         patch_inputs=not thesis,
         widths=(16, 12),
         activation="tanh" if thesis else "softplus",
