@@ -14,6 +14,7 @@ from softprint import runtime
 from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.measurements.shape_errors import (
     SampleErrors,
+    left_out,
     measure_samples,
     remembered,
     shape_rows,
@@ -44,7 +45,8 @@ WORST = 5
 @dataclass(frozen=True)
 class ShapeSection:
     """summary: sides (model -> side -> row), shapes (model -> shape -> row), worst (rows of the judged model's worst
-    testing shapes), testing (names); views: pictures of each of the worst."""
+    testing shapes), testing (names), all of them of usable samples; answered (model -> side -> row of all samples to
+    which full space has an answer); left_out (side -> counts); views: pictures of each of the worst."""
 
     summary: dict[str, Any]
     views: list[ShapeView]
@@ -53,8 +55,9 @@ class ShapeSection:
 def judge_shapes(
     context: Context, files: RunFiles, body: ReducedBody, truth: TruthData, judged: str | None, pictures: bool
 ) -> ShapeSection | None:
-    """Errors of every correction for any collider, at every usable sample of a library's truth; None if there is no
-    such correction, or if the experiment plays what another has trained and does not know its shapes."""
+    """Errors of every correction for any collider, at every sample of a library's truth that has an answer, apart for
+    usable ones and all; None if there is no such correction, or if the experiment plays what another has trained and
+    does not know its shapes."""
 
     # All colliders are cached for the next model: building one takes a second, and it needs ten megabytes.
     @cache
@@ -110,7 +113,7 @@ class _OnAny:
 def _measured(
     context: Context, truth: TruthData, body: ReducedBody, model: _OnAny, name: str
 ) -> SampleErrors:
-    with context.progress(int(truth.usable.sum()), "sample", f"{name} on the library") as bar:
+    with context.progress(int(truth.answered.sum()), "sample", f"{name} on the library") as bar:
         return measure_samples(truth, body, model, bar.update)
 
 
@@ -119,22 +122,31 @@ def _summary(
 ) -> dict[str, Any]:
     training = {name for name, role in roles.items() if role != "test"}
     validation = {name for name, role in roles.items() if role == "validation"}
-    sides: dict[str, dict[str, Any]] = {}
-    for name, found in errors.items():
+    usable = {name: found.take(truth.usable[found.sample]) for name, found in errors.items()}
+
+    def by_side(found: SampleErrors) -> dict[str, Any]:
         parts = sides_of(truth, found.sample, training, validation).named()
-        sides[name] = {side: found.take(part).row() for side, part in parts if part.any()}
-    shapes = {name: shape_rows(truth, found) for name, found in errors.items()}
+        return {side: found.take(part).row() for side, part in parts if part.any()}
+
+    shapes = {name: shape_rows(truth, found) for name, found in usable.items()}
     testing = [shape for shape in shapes[judged] if shape not in training]
     worst = sorted(testing, key=lambda shape: -shapes[judged][shape]["squared"])[:WORST]
+    every = np.arange(truth.n_samples)
     return {
         "judged": judged,
-        "sides": sides,
+        "sides": {name: by_side(found) for name, found in usable.items()},
+        "answered": {name: by_side(found) for name, found in errors.items()},
+        "left_out": {
+            side: left_out(truth, every[part])
+            for side, part in sides_of(truth, every, training, validation).named()
+            if part.any()
+        },
         "shapes": shapes,
         "testing": testing,
         "worst": [
             {
                 "shape": shape,
-                "sample": worst_sample(truth, errors[judged], shape),
+                "sample": worst_sample(truth, usable[judged], shape),
                 **{
                     key: shapes[judged][shape][key]
                     for key in ("squared", "rms", "whole_squared", "whole_rms", "worst")
@@ -143,8 +155,8 @@ def _summary(
             for shape in worst
         ],
         "contacts": {
-            side: int(np.unique(truth.samples["contact"][errors[judged].sample[part]]).size)
-            for side, part in sides_of(truth, errors[judged].sample, training, validation).named()
+            side: int(np.unique(truth.samples["contact"][usable[judged].sample[part]]).size)
+            for side, part in sides_of(truth, usable[judged].sample, training, validation).named()
         },
     }
 

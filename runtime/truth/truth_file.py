@@ -300,12 +300,22 @@ class TruthData:
     def usable(self) -> BoolArray:
         """(n_samples,) which samples are usable for training: converged, not after a jump to another branch, with no
         collider through the surface and no cell inverted."""
-        flagged = self.samples["branch_flag"]
+        return self.answered & ~self.after_jump & ~self.pierced & ~self.inverted
+
+    @property
+    def answered(self) -> BoolArray:
+        """(n_samples,) which samples have an answer of full space: those that converged."""
+        return np.asarray(self.samples["status"] == CONVERGED)
+
+    @property
+    def after_jump(self) -> BoolArray:
+        """(n_samples,) which samples are on another branch than the first of their contact: one that jumped, and those
+        that are deeper."""
         contact, depth = self.samples["contact"], self.samples["depth_index"]
-        jumped = np.zeros(len(flagged), dtype=bool)
-        for sample in np.flatnonzero(flagged):
+        jumped = np.zeros(len(contact), dtype=bool)
+        for sample in np.flatnonzero(self.samples["branch_flag"]):
             jumped |= (contact == contact[sample]) & (depth >= depth[sample])
-        return (self.samples["status"] == CONVERGED) & ~jumped & ~self.pierced & ~self.inverted
+        return jumped
 
     @property
     def pierced(self) -> BoolArray:

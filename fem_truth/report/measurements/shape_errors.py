@@ -31,7 +31,7 @@ _TELLING = 0.01
 
 @dataclass(frozen=True, eq=False)
 class SampleErrors:
-    """For every usable sample (n,) of a truth file, sums over the nodes in m^5. contact: the squared exact contact
+    """For samples (n,) of a truth file, sums over the nodes in m^5. contact: the squared exact contact
     displacement; missed_contact: the squared error of a model; whole, missed_whole: the same with the internal
     displacement. sample: rows of the truth file."""
 
@@ -68,9 +68,10 @@ def measure_samples(
     corrected: Callable[[str], StaticCorrection],
     progress: Callable[[int], None],
 ) -> SampleErrors:
-    """Errors of one model at all usable samples. corrected: returns the model bound to the collider of that name."""
+    """Errors of one model at all samples to which full space has an answer, usable or not. corrected: returns the model
+    bound to the collider of that name."""
     volumes = body.mesh.node_volumes[:, None]
-    samples = np.flatnonzero(truth.usable)
+    samples = np.flatnonzero(truth.answered)
     number = truth.contacts["collider"][truth.samples["contact"][samples]]
     internal = truth.states["internal"]
     columns = np.zeros((4, len(samples)))
@@ -125,6 +126,20 @@ def sides_of(truth: TruthData, sample: IntArray, training: set[str], validation:
     names = np.array(truth.header.colliders)[truth.contacts["collider"][truth.samples["contact"][sample]]]
     trained, chosen = np.isin(names, sorted(training)), np.isin(names, sorted(validation))
     return Sides(trained & ~chosen, chosen, ~trained)
+
+
+def left_out(truth: TruthData, sample: IntArray) -> dict[str, int]:
+    """How many of these samples no model learns from or is judged by, and why; a sample may count in several columns
+    after the first two."""
+    answered = truth.answered[sample]
+    return {
+        "samples": len(sample),
+        "failed": int((~answered).sum()),
+        "left_out": int((answered & ~truth.usable[sample]).sum()),
+        "after_jump": int((answered & truth.after_jump[sample]).sum()),
+        "pierced": int((answered & truth.pierced[sample]).sum()),
+        "inverted": int((answered & truth.inverted[sample]).sum()),
+    }
 
 
 def shape_rows(truth: TruthData, errors: SampleErrors) -> dict[str, dict[str, float]]:

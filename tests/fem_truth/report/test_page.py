@@ -257,6 +257,8 @@ def test_the_worst_shapes_can_be_extracted(summary, tmp_path):
         ("squared", "rms", "whole_squared", "whole_rms", "median", "worst", "samples", "sample"), 0.5
     )
     shapes = {"judged": "ours", "sides": {"ours": {"testing": row}}, "contacts": {"testing": 3}}
+    counts = dict.fromkeys(("samples", "failed", "left_out", "after_jump", "pierced", "inverted"), 7)
+    shapes |= {"answered": shapes["sides"], "left_out": {"testing": counts}}
     shapes["worst"] = [{"shape": "wood_screw", **row}]
     pictures = {
         name: encode(np.full((60, 400, 4), 200, dtype=np.uint8), name)

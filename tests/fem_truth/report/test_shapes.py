@@ -10,6 +10,7 @@ import pytest
 
 from softprint.fem_truth.report.measurements.shape_errors import (
     SampleErrors,
+    left_out,
     measure_samples,
     remembered,
     sides_of,
@@ -18,6 +19,7 @@ from softprint.fem_truth.report.measurements.shape_errors import (
 from softprint.fem_truth.report.shapes import known
 from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.truth.truth_file import load_truth
+from softprint.runtime.truth.truth_schema import CONVERGED, UNREACHED
 from tests.toy_truth import write_truth
 
 
@@ -56,7 +58,7 @@ def test_a_model_that_returns_a_share_has_the_rest_as_error(truth, jelly2d_body,
     counted = []
     correction = StaticCorrection(Share(truth, share), jelly2d_body)
     errors = measure_samples(truth, jelly2d_body, {"ball": correction}.__getitem__, counted.append)
-    assert errors.sample.tolist() == np.flatnonzero(truth.usable).tolist()
+    assert errors.sample.tolist() == np.flatnonzero(truth.answered).tolist()
     assert sum(counted) == len(errors.sample)
     # Displacements are stored as float32: 6e-8 relative.
     assert errors.row()["rms"] == pytest.approx(1.0 - share, abs=1e-6)
@@ -66,6 +68,27 @@ def test_a_model_that_returns_a_share_has_the_rest_as_error(truth, jelly2d_body,
     volumes, sample = jelly2d_body.mesh.node_volumes, int(errors.sample[2])
     exact = (volumes[:, None] * truth.displacement(sample).astype(float) ** 2).sum()
     assert errors.contact[2] == pytest.approx(exact, rel=1e-6)
+
+
+def test_every_sample_is_usable_left_out_or_failed(truth):
+    """A contact of four depths that jumps at the third, and two others: pierced with inverted cells, and failed."""
+    columns = truth.samples
+    columns["contact"][:] = [0, 0, 0, 0, 1, 2]
+    columns["depth_index"][:] = [0, 1, 2, 3, 0, 0]
+    columns["branch_flag"][:] = [False, False, True, False, False, False]
+    columns["status"][:] = [CONVERGED] * 5 + [UNREACHED]
+    columns["intrusion"][:] = [0.0, 0.0, 0.0, 0.0, 1.0, np.nan]
+    columns["min_det_F"][:] = [0.5, 0.5, 0.5, 0.5, -0.1, np.nan]
+    assert left_out(truth, np.arange(6)) == {
+        "samples": 6,
+        "failed": 1,
+        "left_out": 3,
+        "after_jump": 2,
+        "pierced": 1,
+        "inverted": 1,
+    }
+    assert truth.usable.tolist() == [True, True, False, False, False, False]
+    assert left_out(truth, np.array([0, 5]))["failed"] == 1
 
 
 def errors_of(missed) -> SampleErrors:
