@@ -33,6 +33,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, load_body
 from softprint.runtime.colliders import Collider, KeyframedPath, RigidPose, mesh_collider
 from softprint.runtime.colliders.library import zero_level
+from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.colliders.sampled.grid import GridCollider
 from softprint.runtime.colliders.surface_mesh.mesh_collider import read_surface
 from softprint.runtime.colliders.surface_mesh.rebuild import rebuilt_surface
@@ -154,13 +155,16 @@ class Bench:
         self.law = PenaltyContact.of(experiment.contact)
         self.top = float(self.body.mesh.points[:, 2].max())
 
-    def play(self, shape: Collider, model: str) -> Played:
-        """One motion; model: "full", "bare" or the name of a correction."""
+    def play(self, shape: Collider, model: str, turn: float = 0.0) -> Played:
+        """One motion; model: "full", "bare" or the name of a correction; turn: of shape and path about the axis that
+        points up [rad]."""
         points = surface_points(shape)
         high = self.top - float(points[:, 2].min())
         heights = [high + CLEAR, high - self.depth, high - self.depth, high - self.depth]
         along = [-0.5 * DRAG, -0.5 * DRAG, -0.5 * DRAG, 0.5 * DRAG]
-        path = KeyframedPath(TIMES, [[x, 0.003, z] for x, z in zip(along, heights, strict=True)])
+        way = np.array([[x, 0.003, z] for x, z in zip(along, heights, strict=True)])
+        turns = np.tile([0.0, 0.0, turn], (len(TIMES), 1))
+        path = KeyframedPath(TIMES, way @ about_the_axis(turn).T, turns)
         simulator: Any = self._simulator(shape, path, model)
         state = simulator.rest_state()
         x, poses, force, depth = [], [], [], []
@@ -212,6 +216,11 @@ class Bench:
         law, spec = self.law, ModelSpec(name="mechanics")
         model = ForceModel(options(spec, self.body, law), self.body.dim, self.body.n_rows)
         return ForceCorrection("mechanics", model, self.body, shape, self.mechanics)
+
+
+def about_the_axis(turn: float) -> Array:
+    """(3, 3) the rotation by an angle [rad] about the axis that points up."""
+    return rotation_matrix(np.array([0.0, 0.0, turn]), 3)
 
 
 def rms(vectors: Array) -> float:

@@ -26,14 +26,20 @@ if TYPE_CHECKING:
     from softprint.runtime.colliders.pose import RigidPose
     from softprint.runtime.drawing.picture import Picture
 
+#: How handles move the nodes, and what a body's hash calls it.
+SUBSPACES = {
+    "biharmonic_coordinates": "biharmonic generalised barycentric coordinates",
+    "linear_blend_skinning": "linear blend skinning, bounded biharmonic weights",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
     """A soft body and its subspace: reduced positions are x = U rows (thesis eq. 4.1 without correction).
 
-    basis: U (n_nodes, n_rows); material: parameters for each cell; density: (n_cells,) [kg/m^dim];
-    node_mass: (n_nodes,) lumped [kg]; reduced_mass: (n_rows, n_rows) = U^T diag(node_mass) U [kg]. In 2D
-    the body is one metre thick: masses are kg per metre, energies J per metre.
+    basis: U (n_nodes, n_rows); subspace: its kind, a key of `SUBSPACES`; material: parameters for each cell; density:
+    (n_cells,) [kg/m^dim]; node_mass: (n_nodes,) lumped [kg]; reduced_mass: (n_rows, n_rows) = U^T diag(node_mass) U
+    [kg]. In 2D the body is one metre thick: masses are kg per metre, energies J per metre.
     """
 
     mesh: Mesh
@@ -46,6 +52,7 @@ class ReducedBody:
     cubature: Cubature
     surface: SurfaceSamples
     name: str
+    subspace: str = "biharmonic_coordinates"
 
     @property
     def dim(self) -> int:
@@ -74,7 +81,7 @@ class ReducedBody:
             "points": self.mesh.points,
             "cells": self.mesh.cells,
             "handle_points": self.handles.points,
-            "basis_kind": "biharmonic generalised barycentric coordinates",
+            "basis_kind": SUBSPACES[self.subspace],
             "model": self.material.model,
             "young": self.material.young,
             "poisson": self.material.poisson,

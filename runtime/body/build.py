@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-# The subspaces that [body.handles] may ask for.
-BASES = {"biharmonic_coordinates": biharmonic_basis, "linear_blend_skinning": skinning_basis}
+# Of `SUBSPACES`.
+_BASES = {"biharmonic_coordinates": biharmonic_basis, "linear_blend_skinning": skinning_basis}
 
 
 def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0, dim: int | None = None) -> ReducedBody:
@@ -55,7 +55,7 @@ def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0, dim: int | N
         surface_samples=spec.surface.samples,
         rng=np.random.default_rng(seed),
         name=path.stem,
-        basis=BASES[spec.handles.subspace](mesh, handles),
+        subspace=spec.handles.subspace,
     )
 
 
@@ -101,11 +101,12 @@ def assemble_body(
     rng: np.random.Generator | None = None,
     name: str = "body",
     basis: Array | None = None,
+    subspace: str = "biharmonic_coordinates",
 ) -> ReducedBody:
     """A reduced body from its parts: basis, lumped mass, cubature and surface samples are computed here.
 
-    material and density [kg/m^dim] may be scalars: they are spread over all cells. basis: U (n_nodes, n_rows)
-    if it was computed elsewhere.
+    material and density [kg/m^dim] may be scalars: they are spread over all cells. subspace: a key of `SUBSPACES`;
+    basis: U (n_nodes, n_rows) of that kind if it was computed elsewhere.
     """
     material = make_material(
         material.model, np.full(mesh.n_cells, material.young), np.full(mesh.n_cells, material.poisson)
@@ -114,7 +115,7 @@ def assemble_body(
     if not (np.isfinite(cell_density).all() and (cell_density > 0).all()):
         raise SoftprintError(f"body: density must be positive, it is {cell_density.min()} kg/m^{mesh.dim}")
     if basis is None:
-        basis = biharmonic_basis(mesh, handles)
+        basis = _BASES[subspace](mesh, handles)
     node_mass = mesh.lump(mesh.cell_volumes * cell_density)
     cubature = build_cubature(mesh, basis, handles, material, points_per_row, rng or np.random.default_rng(0))
     log.info(
@@ -132,4 +133,5 @@ def assemble_body(
         cubature=cubature,
         surface=sample_surface(mesh, surface_samples),
         name=name,
+        subspace=subspace,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softprint.runtime.body import build_body, frame_in_box, place_handles
+from softprint.runtime.body import build_body, frame_in_box, load_body, place_handles, save_body
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.body.skinning import skinning_basis, skinning_weights
 from softprint.runtime.colliders import RigidPose
@@ -116,7 +116,14 @@ def test_an_experiment_asks_for_it(tmp_path):
     body = build_body(BodySpec.model_validate(table), tmp_path)
     assert body.basis.min() >= -ROUND_OFF  # this bar lies in x, y >= 0
     biharmonic = table | {"handles": table["handles"] | {"subspace": "biharmonic_coordinates"}}
-    assert build_body(BodySpec.model_validate(biharmonic), tmp_path).basis.min() < -1e-3
+    other = build_body(BodySpec.model_validate(biharmonic), tmp_path)
+    assert other.basis.min() < -1e-3
+    # Truth and corrections of one are refused by the other, and the kind survives the file.
+    assert other.content_hash != body.content_hash
+    save_body(tmp_path / "body.h5", body)
+    again = load_body(tmp_path / "body.h5")
+    assert again.subspace == "linear_blend_skinning"
+    assert again.content_hash == body.content_hash
     moved = body.handles.with_frame(body.rest_rows, "right", np.eye(2), np.array([0.01, 0.0]))
     stretched = body.reduced_positions(moved)
     # The mesh file rounds to single precision.
