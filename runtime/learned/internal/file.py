@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,16 @@ from softprint.runtime.io.files import provenance
 from softprint.runtime.io.tensor_file import load_with_header, save_tensors
 from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
 
-KIND, VERSION = "internal_correction", 1
+KIND, VERSION = "internal_correction", 2
 REMEDY = "train it again"
 
 
 @dataclass(frozen=True)
 class InternalHeader:
     """body_hash, truth_hash: of what it was trained on; options: of the model; held_out_rms: relative error of r on
-    held-out states."""
+    held-out states; training: settings and results of the training, in any form."""
 
+    name: str
     body_hash: str
     truth_hash: str
     dim: int
@@ -30,13 +32,20 @@ class InternalHeader:
     options: dict[str, Any]
     held_out_rms: float
     provenance: dict[str, str]
+    training: dict[str, object] = field(default_factory=dict)
 
 
 def save_internal(
-    path: Path, model: InternalModel, body: ReducedBody, truth_hash: str, held_out_rms: float
+    path: Path,
+    model: InternalModel,
+    body: ReducedBody,
+    truth_hash: str,
+    held_out_rms: float,
+    training: Mapping[str, object] | None = None,
 ) -> None:
-    """Write a trained internal correction of a body; atomic."""
+    """Write a trained internal correction of a body; atomic. Its name is that of the file."""
     header = InternalHeader(
+        name=path.stem,
         body_hash=body.content_hash,
         truth_hash=truth_hash,
         dim=model.dim,
@@ -45,9 +54,15 @@ def save_internal(
         options=model.options.to_json(),
         held_out_rms=held_out_rms,
         provenance=provenance(),
+        training=dict(training or {}),
     )
     tensors = {name: tensor.float() for name, tensor in model.state_dict().items()}
     save_tensors(path, KIND, VERSION, {"header": json.dumps(asdict(header))}, tensors)
+
+
+def read_internal_header(path: Path) -> InternalHeader:
+    """The header alone; the whole file is read and checked against its checksums."""
+    return load_with_header(InternalHeader, path, KIND, VERSION, REMEDY)[0]
 
 
 def load_internal(path: Path, body: ReducedBody) -> tuple[InternalHeader, InternalModel]:
