@@ -274,7 +274,9 @@ class Simulator:
             inertia.constant + springs.constant + height,
         )
         blocks = by_axis(quadratic.matrix, self.body.dim)
-        return StepEnergy(self.hold.unknowns, quadratic, springs, blocks, free, None, self._force_floor, timings)
+        return StepEnergy(
+            self.hold.unknowns, quadratic, springs, blocks, free, None, self._force_floor, timings
+        )
 
     def _reached(
         self, solved: Minimum[StepPoint], time: float, velocity: Array, free: FreeStep | None

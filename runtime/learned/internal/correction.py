@@ -11,35 +11,56 @@ body. Elastic energy and contact are taken at the corrected positions, and force
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, Protocol, get_args
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
-import torch
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import CorrectionField, require_body
-from softprint.runtime.learned.internal.inputs import RigidFreeRows
+from softprint.runtime.learned.internal.inputs import RigidFreePoint, RigidFreeRows
 from softprint.runtime.learned.internal.model import InternalModel
+from softprint.runtime.learned.internal.tanh_network import NetworkPoint, TanhNetwork
 
 Jacobian = Literal["full", "without_gradient_change", "linear"]
 JACOBIANS: tuple[Jacobian, ...] = get_args(Jacobian)
 
 
-class LocalCorrection(NamedTuple):
-    """r (n, dim) [m] of nodes in the undeformed body, and dr/drows (n, dim, n_rows, dim) or None."""
+class LocalPoint(Protocol):
+    """r at n nodes and one state, with its derivatives by the handle rows."""
 
-    value: Array
-    derivative: Array | None
+    @property
+    def value(self) -> Array:
+        """r (n, dim) [m] in the undeformed body."""
+        ...
+
+    def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
+        """dr/drows (n, dim, k) along directions (n_rows*dim, k), by default every row and axis."""
+        ...
+
+    def pulled_back(self, forces: Array) -> Array:
+        """sum_i f_i . dr_i/drows (n_rows*dim,) of forces (n, dim)."""
+        ...
+
+    def curvature(self, forces: Array, directions: Array | None) -> Array:
+        """sum_i f_i . d2r_i/drows2 (k, k) between directions (n_rows*dim, k), by default every row and axis."""
+        ...
 
 
 class LocalField(Protocol):
     """r as a function of the handle rows, at fixed nodes."""
 
-    def __call__(self, rows: Array, derivative: bool) -> LocalCorrection:
-        """r at handle rows (n_rows, dim), with its derivative if that is asked for."""
+    def value(self, rows: Array) -> Array:
+        """r (n, dim) [m] at handle rows (n_rows, dim)."""
+        ...
+
+    def at(self, rows: Array) -> LocalPoint:
+        """r with its derivatives."""
         ...
 
 
@@ -56,13 +77,15 @@ class InternalCorrection:
             )
         self.on_condensation = model.options.on_condensation
         self.jacobian = _known(jacobian)
-        self._model, self._inputs = model.double().eval(), RigidFreeRows.of(body)
+        self._network, self._modes = model.as_arrays(), model.modes.double().numpy()
+        self._inputs = RigidFreeRows.of(body)
         self._gradient = basis_gradient_at_nodes(body)
 
     def bind(self, nodes: IntArray | None = None) -> MappedField:
         """The correction at some nodes of the body, all by default."""
         gradient = self._gradient if nodes is None else self._gradient[nodes]
-        return MappedField(_ModelField(self._model, self._inputs, nodes), gradient, self.jacobian)
+        local = _ModelField(self._network, self._modes, self._inputs, nodes)
+        return MappedField(local, gradient, self.jacobian)
 
 
 class MappedField:
@@ -77,42 +100,160 @@ class MappedField:
 
     def displacement(self, rows: Array) -> Array:
         """u (n, dim) [m] at handle rows (n_rows, dim)."""
-        return mapped(self._gradient, rows, self._local(rows, False).value)
+        return mapped(self._gradient, rows, self._local.value(rows))
 
-    def linearise(self, rows: Array) -> CorrectionField:
+    def linearise(self, rows: Array) -> MappedPoint:
         """u with the Jacobian that was asked for."""
-        r, derivative = self._local(rows, self._jacobian != "linear")
-        u = mapped(self._gradient, rows, r)
-        jacobian = np.zeros((*u.shape, *rows.shape))
-        if derivative is not None:
-            F = deformation(self._gradient, rows)
-            jacobian += (F @ derivative.reshape(*u.shape, -1)).reshape(jacobian.shape)
-        if self._jacobian == "full":
-            along = (self._gradient @ r[:, :, None])[:, :, 0]
-            for axis in range(rows.shape[1]):
-                jacobian[:, axis, :, axis] += along
-        return CorrectionField(np.arange(len(u)), u, jacobian)
+        return MappedPoint(self._local.at(rows), self._gradient, rows, self._jacobian)
+
+
+class MappedPoint(CorrectionField):
+    """u = F r at one state. Its Jacobian and what is made with it are computed when they are needed: the gradient of an
+    energy needs no Jacobian, only `pulled_back`."""
+
+    _local: LocalPoint
+    _gradient: Array
+    _F: Array
+    _mode: Jacobian
+    _n_rows: int
+
+    def __init__(self, local: LocalPoint, gradient: Array, rows: Array, jacobian: Jacobian) -> None:
+        F = deformation(gradient, rows)
+        u = np.asarray((F @ local.value[:, :, None])[:, :, 0])
+        own = {"index": np.arange(len(u)), "displacement": u, "_local": local, "_gradient": gradient, "_F": F}
+        self.__dict__.update(own, _mode=jacobian, _n_rows=len(rows))
+
+    @lazy
+    def jacobian(self) -> Array:  # type: ignore[override]
+        """See `CorrectionField`."""
+        n, dim = self.displacement.shape
+        return self.along(None).astype(np.float64).reshape(n, dim, self._n_rows, dim)
+
+    @lazy
+    def _by_gradient(self) -> Array:
+        """G r (n, n_rows): du_i = (G r) . drows_i, the part of the change of F."""
+        return np.asarray((self._gradient @ self._local.value[:, :, None])[:, :, 0])
+
+    def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
+        """See `CorrectionField`."""
+        n, dim = self.displacement.shape
+        count = self._n_rows * dim if directions is None else directions.shape[1]
+        if self._mode == "linear":
+            return np.zeros((n * dim, count))
+        of_r = self._local.along(directions)
+        J = np.zeros((n, dim, count), dtype=of_r.dtype)
+        F = self._F.astype(of_r.dtype)
+        for i in range(dim):
+            for j in range(dim):
+                J[:, i] += F[:, i, j, None] * of_r[:, j]
+        if self._mode == "full":
+            for axis in range(dim):
+                if directions is None:
+                    J[:, axis, axis::dim] += self._by_gradient
+                else:
+                    J[:, axis] += self._by_gradient @ directions[axis::dim]
+        return J.reshape(n * dim, count)
+
+    def pulled_back(self, forces: Array) -> Array:
+        """See `CorrectionField`."""
+        n_rows, dim = self._n_rows, forces.shape[1]
+        if self._mode == "linear":
+            return np.zeros((n_rows, dim))
+        found = self._local.pulled_back(self._unturned(forces)).reshape(n_rows, dim)
+        return found + self._by_gradient.T @ forces if self._mode == "full" else found
+
+    def curvature(self, forces: Array, directions: Array | None) -> Array | None:
+        """See `CorrectionField`; of the full Jacobian alone."""
+        if self._mode != "full":
+            return None
+        n, dim = forces.shape
+        total = self._local.curvature(self._unturned(forces), directions)
+        # F along one change, and r along the other: f . (dF dr).
+        dr = self._local.along(directions)
+        flat, by_node = dr.reshape(n * dim, -1), self._gradient.transpose(0, 2, 1)  # (n, j, row)
+        for axis in range(dim):
+            turned = (forces[:, axis, None, None] * by_node).reshape(n * dim, -1).astype(dr.dtype)
+            cross = turned.T @ flat
+            if directions is None:
+                total[axis::dim] += cross
+                total[:, axis::dim] += cross.T
+            else:
+                both = directions[axis::dim].T @ cross
+                total += both + both.T
+        return total
+
+    def _unturned(self, forces: Array) -> Array:
+        """F^T f (n, dim)."""
+        return np.asarray((forces[:, None, :] @ self._F)[:, 0])
 
 
 class _ModelField:
     """r of a trained model at some nodes."""
 
-    def __init__(self, model: InternalModel, inputs: RigidFreeRows, nodes: IntArray | None) -> None:
-        modes = model.modes.numpy()
-        self._model, self._inputs = model, inputs
-        self._modes = modes if nodes is None else np.ascontiguousarray(modes[:, nodes])
+    def __init__(
+        self, network: TanhNetwork, modes: Array, inputs: RigidFreeRows, nodes: IntArray | None
+    ) -> None:
+        own = modes if nodes is None else modes[:, nodes]
+        self.network, self.inputs, self.shape = network, inputs, own.shape
+        self.modes = np.ascontiguousarray(own.reshape(len(own), -1))
+        # Only the Hessian multiplies these: it gives Newton's method a direction, for which single precision is enough.
+        self.by_node = np.ascontiguousarray(self.modes.T, dtype=np.float32)
 
-    def __call__(self, rows: Array, derivative: bool) -> LocalCorrection:
-        z = torch.from_numpy(self._inputs(rows))
-        if not derivative:
-            with torch.no_grad():
-                c = self._model(z).numpy()
-            return LocalCorrection(np.tensordot(c, self._modes, 1), None)
-        of_z = self._model.linearise(z)
-        c, slope = of_z[0].numpy(), of_z[1].numpy() @ self._inputs.derivative(rows)
-        by_rows = self._modes.reshape(len(c), -1).T @ slope
-        value = np.tensordot(c, self._modes, 1)
-        return LocalCorrection(value, by_rows.reshape(*value.shape, *rows.shape))
+    def value(self, rows: Array) -> Array:
+        """See `LocalField`."""
+        return np.asarray((self.network.value(self.inputs(rows)) @ self.modes).reshape(self.shape[1:]))
+
+    def at(self, rows: Array) -> _ModelPoint:
+        """See `LocalField`."""
+        of_rows = self.inputs.at(rows)
+        return _ModelPoint(self, of_rows, self.network.at(of_rows.value))
+
+
+@dataclass(frozen=True, eq=False)
+class _ModelPoint:
+    """A `LocalPoint` of a trained model."""
+
+    field: _ModelField
+    inputs: RigidFreePoint
+    network: NetworkPoint
+
+    @lazy
+    def value(self) -> Array:
+        """See `LocalPoint`."""
+        return np.asarray((self.network.value @ self.field.modes).reshape(self.field.shape[1:]))
+
+    @lazy
+    def _slope(self) -> Array:
+        """dc/drows (components, n_rows*dim)."""
+        return self.network.slope @ self.inputs.derivative
+
+    @lazy
+    def _computed(self) -> list[tuple[Array | None, NDArray[np.float32]]]:
+        """What `along` has found, with its directions: it is asked for the same ones again."""
+        return []
+
+    def along(self, directions: Array | None) -> NDArray[np.float32]:
+        """See `LocalPoint`."""
+        for known, found in self._computed:
+            if known is directions:
+                return found
+        slope = self._slope if directions is None else self._slope @ directions
+        by_node = self.field.by_node @ slope.astype(np.float32)
+        found = by_node.reshape(*self.field.shape[1:], slope.shape[1])
+        self._computed[:] = [(directions, found)]
+        return found
+
+    def pulled_back(self, forces: Array) -> Array:
+        """See `LocalPoint`."""
+        return (self.field.modes @ forces.ravel()) @ self._slope
+
+    def curvature(self, forces: Array, directions: Array | None) -> Array:
+        """See `LocalPoint`."""
+        a = self.field.modes @ forces.ravel()
+        Z, of_inputs = self.inputs.derivative, self.inputs.curvature(a @ self.network.slope)
+        if directions is not None:
+            Z, of_inputs = Z @ directions, directions.T @ of_inputs @ directions
+        return Z.T @ self.network.curvature(a) @ Z + of_inputs
 
 
 def deformation(gradient: Array, rows: Array) -> Array:
