@@ -1,11 +1,11 @@
 """Two metamaterials stretched and bent: figure 4.8 of the thesis as numbers.
 
     softprint generate examples/accordion_small.toml
+    softprint train examples/accordion_small.toml
     python -m reproduction.metamaterials examples/accordion_small.toml
 
-Needs the truth of the experiment (its states alone: there is no collider). Trains two internal corrections into the run
-directory, unless they are there: `thesis`, on the subspace, and `ours`, on static condensation. Models: full space, the
-bare subspace, condensation alone, and both corrections. Tables in Markdown:
+Models: full space, the bare subspace, condensation alone, and the internal corrections of the run directory. Tables in
+Markdown:
 
     statics      at each stretch of the bar, settled: effective Poisson's ratio -e_y / e_x of the middle half of the bar
                  (the affine motion nearest to that of its nodes); ripple: how much farther out the surface is in the
@@ -44,22 +44,14 @@ from softprint.runtime.elasticity.elastic_energy import elastic_energy
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment
 from softprint.runtime.learned.internal.correction import JACOBIANS, InternalCorrection
-from softprint.runtime.learned.internal.file import load_internal, save_internal
-from softprint.runtime.learned.internal.model import InternalModel
+from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_static_condensation
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
-from softprint.runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.scenes.playing import internal_models, internal_path
 from softprint.runtime.scenes.scene import scene_parts, scene_steps
-from softprint.runtime.truth.truth_file import load_truth
-from softprint.surrogate.internal.entry import train_internal
 
 TABLES = ("statics", "motion", "jacobians")
 STEPS = 4  # from rest to the largest stretch
-# Of the corrections; the thesis's as in its table 4.1.
-SETTINGS: dict[str, dict[str, Any]] = {
-    "thesis": {"widths": (100, 100), "components": 15, "linear": False},
-    "ours": {"widths": (100, 100), "components": 60, "linear": True},
-}
 # Full space is settled to the round-off of its energy.
 SETTLED = NewtonSettings(max_iterations=100, tolerance=5e-5)
 
@@ -90,43 +82,17 @@ class Run:
     seconds: float
 
 
-def internal_path(context: Context, name: str) -> Path:
-    """The file of an internal correction in the run directory."""
-    return context.out_dir / f"internal_{name}.safetensors"
-
-
-def trained(
-    context: Context, body: ReducedBody, condensation: StaticCondensation, name: str
-) -> InternalModel:
-    """The internal correction of that name in the run directory, trained if it is not there."""
-    path = internal_path(context, name)
-    with load_truth(context.out_dir / "truth.h5", body) as truth:
-        if path.is_file():
-            header, model = load_internal(path, body)
-            if header.truth_hash == truth.content_hash:
-                print(f"{name}: held-out error {header.held_out_rms:.1%}")
-                return model
-        started = time.process_time()
-        result = train_internal(truth, body, condensation if name == "ours" else None, **SETTINGS[name])
-        save_internal(path, result.model, body, truth.content_hash, result.held_out.rms)
-        seconds = time.process_time() - started
-        print(
-            f"{name}: {len(truth.states)} states, held-out error {result.held_out.rms:.1%}, trained in {seconds:.0f} s"
-        )
-    return result.model
-
-
 def kinematics(context: Context, body: ReducedBody) -> dict[str, Kinematics]:
     """The reduced models by name."""
-    condensation = compute_static_condensation(body, None, NullSpaceCompliance(body))
-    condensed = BodyMechanics(None, condensation)
-    thesis, ours = (InternalCorrection(trained(context, body, condensation, name), body) for name in SETTINGS)
-    return {
-        "bare": Kinematics(None, None),
-        "condensation": Kinematics(condensed, None),
-        "thesis": Kinematics(None, thesis),
-        "ours": Kinematics(condensed, ours),
-    }
+    condensed = BodyMechanics(None, compute_static_condensation(body, None, NullSpaceCompliance(body)))
+    found = {"bare": Kinematics(None, None), "condensation": Kinematics(condensed, None)}
+    names = internal_models(context.out_dir)
+    if not names:
+        raise SoftprintError(f"{context.out_dir} has no internal correction: run `softprint train` first")
+    for name in names:
+        internal = InternalCorrection(load_internal(internal_path(context.out_dir, name), body)[1], body)
+        found[name] = Kinematics(condensed if internal.on_condensation else None, internal)
+    return found
 
 
 def poisson_ratio(body: ReducedBody, x: Array) -> float:
@@ -331,8 +297,8 @@ def main() -> None:
         others = {name: moved(own) for name, own in models.items() if name != "bare"}
         print("\n" + "\n".join(motions(runs | others)), flush=True)
     if "jacobians" in options.tables:
-        for name in SETTINGS:
-            model = load_internal(internal_path(context, name), body)[1]
+        for name in internal_models(context.out_dir):
+            model = load_internal(internal_path(context.out_dir, name), body)[1]
             for jacobian in JACOBIANS:
                 own = models[name]._replace(internal=InternalCorrection(model, body, jacobian))
                 runs[f"{name}, {jacobian}"] = moved(own)

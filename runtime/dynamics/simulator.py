@@ -94,10 +94,10 @@ class Simulator:
         check_colliders(self.colliders, body, mechanics, contact)
         self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
         self.hold = Hold.of(body, springs, kinematic, self.settings.time_step)
-        self._friction = friction
+        self._friction = friction if self.colliders else None
         self._corrections = find_corrections(body, self.colliders, self.mechanics, contact, internal)
         self._terms = build_terms(
-            body, self.colliders, self._corrections, self.mechanics, contact, friction, self._gravity
+            body, self.colliders, self._corrections, self.mechanics, contact, self._friction, self._gravity
         )
         stiffness = float(np.mean(body.material.young)) * body.mesh.size ** (body.dim - 1)
         weight = float(body.node_mass.sum() * np.linalg.norm(self._gravity))

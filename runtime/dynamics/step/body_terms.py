@@ -74,7 +74,9 @@ def build_terms(
     shapes = {placed.name: placed.collider for placed in colliders}
     sizes = [shapes[name].size for name in corrections.fields if np.isfinite(shapes[name].size)]
     reach = _REACH * max(sizes, default=np.inf)
-    points = CorrectedPoints(body, list(corrections.fields.items()), reach, corrections.internal)
+    points = CorrectedPoints(
+        body, list(corrections.fields.items()), reach, corrections.internal, surface=bool(colliders)
+    )
     elastic: Elastic = (
         ElasticEnergy(body, points)
         if condensation is None

@@ -51,7 +51,7 @@ class BodyEvaluation:
     def displacement(self) -> Array | None:
         """Displacements by field corrections (n, dim) [m]."""
         points = self.frame.terms.points
-        if "field" in self.__dict__:
+        if "field" in self.__dict__ or points.without_jacobian:
             return points.scatter(self.field)
         return points.displacement(*self.at, self.timings.correction)
 

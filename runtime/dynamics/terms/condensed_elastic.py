@@ -95,7 +95,7 @@ class CorotatedElasticity:
     @lazy
     def dense(self) -> NDArray[np.float32]:
         """B (m*dim*dim, n_rows*dim)."""
-        return self.term.blocks.dense(self.B).astype(np.float32)
+        return self.term.blocks.dense(self.B).astype(np.float32, copy=False)
 
     def evaluate(self, rows: Array, displacement: Array | None) -> StrainedCells:
         """See `ElasticInFrame`."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
+from softprint.runtime.compiled import summing
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import CorrectionField, require_body
@@ -27,6 +28,7 @@ from softprint.runtime.learned.internal.inputs import RigidFreePoint, RigidFreeR
 from softprint.runtime.learned.internal.model import InternalModel
 from softprint.runtime.learned.internal.tanh_network import NetworkPoint, TanhNetwork
 
+Singles = NDArray[np.float32]
 Jacobian = Literal["full", "without_gradient_change", "linear"]
 JACOBIANS: tuple[Jacobian, ...] = get_args(Jacobian)
 
@@ -96,95 +98,126 @@ class MappedField:
     """
 
     def __init__(self, local: LocalField, gradient: Array, jacobian: Jacobian = "full") -> None:
-        self._local, self._gradient, self._jacobian = local, gradient, _known(jacobian)
+        self.local, self.mode = local, _known(jacobian)
+        # By node, axis and row: F is then one product of matrices.
+        self.by_row = np.ascontiguousarray(gradient.transpose(0, 2, 1))
+        self.by_row_single = self.by_row.astype(np.float32)
 
     def displacement(self, rows: Array) -> Array:
         """u (n, dim) [m] at handle rows (n_rows, dim)."""
-        return mapped(self._gradient, rows, self._local.value(rows))
+        return _times_each(self.deformation(rows), self.local.value(rows))
+
+    def deformation(self, rows: Array) -> Array:
+        """F^T (n, dim, dim) at handle rows (n_rows, dim)."""
+        n, dim, n_rows = self.by_row.shape
+        return np.asarray((self.by_row.reshape(-1, n_rows) @ rows).reshape(n, dim, dim))
 
     def linearise(self, rows: Array) -> MappedPoint:
         """u with the Jacobian that was asked for."""
-        return MappedPoint(self._local.at(rows), self._gradient, rows, self._jacobian)
+        return MappedPoint(self, rows)
 
 
 class MappedPoint(CorrectionField):
     """u = F r at one state. Its Jacobian and what is made with it are computed when they are needed: the gradient of an
     energy needs no Jacobian, only `pulled_back`."""
 
-    _local: LocalPoint
-    _gradient: Array
-    _F: Array
-    _mode: Jacobian
-    _n_rows: int
+    def __init__(self, field: MappedField, rows: Array) -> None:
+        self.__dict__["_field"], self.__dict__["_local"] = field, field.local.at(rows)
+        self.__dict__["_F"] = field.deformation(rows)
+        self.__dict__["displacement"] = _times_each(self._F, self._local.value)
+        self.__dict__["index"] = np.arange(len(self.displacement))
 
-    def __init__(self, local: LocalPoint, gradient: Array, rows: Array, jacobian: Jacobian) -> None:
-        F = deformation(gradient, rows)
-        u = np.asarray((F @ local.value[:, :, None])[:, :, 0])
-        own = {"index": np.arange(len(u)), "displacement": u, "_local": local, "_gradient": gradient, "_F": F}
-        self.__dict__.update(own, _mode=jacobian, _n_rows=len(rows))
+    _field: MappedField
+    _local: LocalPoint
+    _F: Array  # transposed, as `MappedField.deformation`
 
     @lazy
-    def jacobian(self) -> Array:  # type: ignore[override]
+    def jacobian(self) -> Array:
         """See `CorrectionField`."""
-        n, dim = self.displacement.shape
-        return self.along(None).astype(np.float64).reshape(n, dim, self._n_rows, dim)
+        n, dim, n_rows = self._field.by_row.shape
+        return self.along(None).astype(np.float64).reshape(n, dim, n_rows, dim)
 
     @lazy
     def _by_gradient(self) -> Array:
         """G r (n, n_rows): du_i = (G r) . drows_i, the part of the change of F."""
-        return np.asarray((self._gradient @ self._local.value[:, :, None])[:, :, 0])
+        return _times_each(self._field.by_row, self._local.value)
 
     def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
         """See `CorrectionField`."""
-        n, dim = self.displacement.shape
-        count = self._n_rows * dim if directions is None else directions.shape[1]
-        if self._mode == "linear":
-            return np.zeros((n * dim, count))
-        of_r = self._local.along(directions)
-        J = np.zeros((n, dim, count), dtype=of_r.dtype)
-        F = self._F.astype(of_r.dtype)
-        for i in range(dim):
-            for j in range(dim):
-                J[:, i] += F[:, i, j, None] * of_r[:, j]
-        if self._mode == "full":
-            for axis in range(dim):
-                if directions is None:
-                    J[:, axis, axis::dim] += self._by_gradient
-                else:
-                    J[:, axis] += self._by_gradient @ directions[axis::dim]
-        return J.reshape(n * dim, count)
+        n, dim, n_rows = self._field.by_row.shape
+        T = np.eye(n_rows * dim) if directions is None else directions
+        if self._field.mode == "linear":
+            return np.zeros((n * dim, T.shape[1]))
+        of_r, F = self._local.along(directions), self._F.astype(np.float32)
+        if self._field.mode == "full":
+            through = self._by_gradient.astype(np.float32) @ T.reshape(n_rows, -1).astype(np.float32)
+        else:
+            through = np.zeros((n, dim * T.shape[1]), dtype=np.float32)
+        return _mapped_jacobian(F, of_r, through.reshape(n, dim, -1)).reshape(n * dim, -1)
 
     def pulled_back(self, forces: Array) -> Array:
         """See `CorrectionField`."""
-        n_rows, dim = self._n_rows, forces.shape[1]
-        if self._mode == "linear":
+        _, dim, n_rows = self._field.by_row.shape
+        if self._field.mode == "linear":
             return np.zeros((n_rows, dim))
         found = self._local.pulled_back(self._unturned(forces)).reshape(n_rows, dim)
-        return found + self._by_gradient.T @ forces if self._mode == "full" else found
+        return found + self._by_gradient.T @ forces if self._field.mode == "full" else found
 
     def curvature(self, forces: Array, directions: Array | None) -> Array | None:
         """See `CorrectionField`; of the full Jacobian alone."""
-        if self._mode != "full":
+        if self._field.mode != "full":
             return None
-        n, dim = forces.shape
+        n, dim, n_rows = self._field.by_row.shape
+        T = np.eye(n_rows * dim) if directions is None else directions
         total = self._local.curvature(self._unturned(forces), directions)
         # F along one change, and r along the other: f . (dF dr).
-        dr = self._local.along(directions)
-        flat, by_node = dr.reshape(n * dim, -1), self._gradient.transpose(0, 2, 1)  # (n, j, row)
-        for axis in range(dim):
-            turned = (forces[:, axis, None, None] * by_node).reshape(n * dim, -1).astype(dr.dtype)
-            cross = turned.T @ flat
-            if directions is None:
-                total[axis::dim] += cross
-                total[:, axis::dim] += cross.T
-            else:
-                both = directions[axis::dim].T @ cross
-                total += both + both.T
-        return total
+        turned = _turned(forces.astype(np.float32), self._field.by_row_single).reshape(n * dim, -1)
+        cross = turned.T @ self._local.along(directions).reshape(n * dim, -1)
+        both = T.T @ cross
+        return np.asarray(total + both + both.T)
 
     def _unturned(self, forces: Array) -> Array:
         """F^T f (n, dim)."""
-        return np.asarray((forces[:, None, :] @ self._F)[:, 0])
+        return _times_each(np.ascontiguousarray(self._F.transpose(0, 2, 1)), forces)
+
+
+@summing(reference=lambda M, v: np.einsum("nij,ni->nj", M, v))
+def _times_each(M: Array, v: Array) -> Array:
+    """M^T v (n, k) of matrices (n, dim, k) and vectors (n, dim)."""
+    n, dim, count = M.shape
+    total = np.zeros((n, count))
+    for node in range(n):
+        for i in range(dim):
+            for k in range(count):
+                total[node, k] += M[node, i, k] * v[node, i]
+    return total
+
+
+@summing(reference=lambda f, G: np.einsum("ni,njs->njsi", f, G).reshape(*G.shape[:2], -1))
+def _turned(f: Singles, G: Singles) -> Singles:
+    """f_i G_js (n, dim, n_rows*dim) over (node, j, (s, i)) of forces (n, dim) and gradients (n, dim, n_rows)."""
+    n, dim, n_rows = G.shape
+    every = np.empty((n, dim, n_rows * dim), G.dtype)
+    for node in range(n):
+        for j in range(dim):
+            for s in range(n_rows):
+                for i in range(dim):
+                    every[node, j, s * dim + i] = f[node, i] * G[node, j, s]
+    return every
+
+
+@summing(reference=lambda F, of_r, through: np.einsum("nji,njk->nik", F, of_r) + through)
+def _mapped_jacobian(F: Singles, of_r: Singles, through: Singles) -> Singles:
+    """F of_r + through (n, dim, k); F: transposed (n, dim, dim)."""
+    n, dim, count = of_r.shape
+    J = through.copy()
+    for node in range(n):
+        for i in range(dim):
+            for j in range(dim):
+                share = F[node, j, i]
+                for k in range(count):
+                    J[node, i, k] += share * of_r[node, j, k]
+    return J
 
 
 class _ModelField:
@@ -245,12 +278,12 @@ class _ModelPoint:
 
     def pulled_back(self, forces: Array) -> Array:
         """See `LocalPoint`."""
-        return (self.field.modes @ forces.ravel()) @ self._slope
+        return self.inputs.pulled_back(self.network.pulled_back(self.field.modes @ forces.ravel()))
 
     def curvature(self, forces: Array, directions: Array | None) -> Array:
         """See `LocalPoint`."""
         a = self.field.modes @ forces.ravel()
-        Z, of_inputs = self.inputs.derivative, self.inputs.curvature(a @ self.network.slope)
+        Z, of_inputs = self.inputs.derivative, self.inputs.curvature(self.network.pulled_back(a))
         if directions is not None:
             Z, of_inputs = Z @ directions, directions.T @ of_inputs @ directions
         return Z.T @ self.network.curvature(a) @ Z + of_inputs

@@ -19,6 +19,10 @@ from softprint.runtime.body.rotations import nearest_rotation, rotation_dofs, sk
 from softprint.runtime.lazy import lazy
 
 
+# Skew matrices of the turns about every axis.
+_GENERATORS = {dim: np.array([skew(axis) for axis in np.eye(rotation_dofs(dim))]) for dim in (2, 3)}
+
+
 @dataclass(frozen=True, eq=False)
 class RigidFreeRows:
     """rest: centred rows at rest (n_rows, dim); gradient: G (n_rows, dim) [1/m]; affine_part: a (n_rows,)."""
@@ -40,6 +44,12 @@ class RigidFreeRows:
     def __call__(self, rows: Array) -> Array:
         """z (n_rows*dim,) of handle rows (n_rows, dim)."""
         return self.at(rows).value
+
+    @lazy
+    def centring(self) -> Array:
+        """The derivative of the centred rows by the rows, of one axis (n_rows, n_rows)."""
+        affine = self.affine_part
+        return np.eye(len(affine)) - np.outer(affine, affine / affine.sum())
 
     def at(self, rows: Array) -> RigidFreePoint:
         """z at handle rows (n_rows, dim), with its derivatives."""
@@ -78,11 +88,12 @@ class RigidFreePoint:
     def _towards(self) -> Array:
         """T (n_rows*dim, dim, dim) of the change of every row along every axis: dF = e_b (x) G_s."""
         dim = len(self.R)
-        return np.einsum("sj,bi->sbij", self.inputs.gradient, self.R).reshape(-1, dim, dim)
+        every = self.inputs.gradient[:, None, None, :] * self.R[None, :, :, None]
+        return every.reshape(-1, dim, dim)
 
     @lazy
     def _generators(self) -> Array:
-        return np.array([skew(axis) for axis in np.eye(rotation_dofs(len(self.R)))])
+        return _GENERATORS[len(self.R)]
 
     @lazy
     def _stiffness(self) -> Array:
@@ -104,11 +115,18 @@ class RigidFreePoint:
         turned = np.tensordot(self.centred @ self.R, self._turns, axes=(1, 1))  # (row, change, axis)
         return np.asarray(direct.reshape(n * dim, n * dim) + turned.swapaxes(1, 2).reshape(n * dim, n * dim))
 
-    @lazy
+    @property
     def _centring(self) -> Array:
         """dC/drows of one axis (n_rows, n_rows)."""
-        affine = self.inputs.affine_part
-        return np.eye(len(affine)) - np.outer(affine, affine / affine.sum())
+        return self.inputs.centring
+
+    def pulled_back(self, along: Array) -> Array:
+        """d(a . z)/drows (n_rows*dim,) of a direction a (n_rows*dim,), without the whole derivative."""
+        a, E = along.reshape(self.centred.shape), self._generators
+        N = self.R.T @ (self.centred.T @ a)
+        V = np.tensordot(np.linalg.solve(self._stiffness, np.einsum("gij,ij->g", E, N)), E, axes=1)
+        turned = self.inputs.gradient @ V.T
+        return np.asarray(((self._centring.T @ a + turned) @ self.R.T).ravel())
 
     def curvature(self, along: Array) -> Array:
         """d2(a . z)/drows2 (n_rows*dim, n_rows*dim) of a direction a (n_rows*dim,)."""

@@ -39,39 +39,54 @@ class TanhNetwork:
 
     def at(self, z: Array) -> NetworkPoint:
         """The network at one input, with its derivatives."""
-        hidden, slopes, jacobians = [], [], []
-        h, J = z, None
+        hidden, h = [], z
         for weight, bias in zip(self.weights, self.biases, strict=True):
             h = np.tanh(weight @ h + bias)
-            J = weight if J is None else weight @ (slopes[-1][:, None] * J)
             hidden.append(h)
-            slopes.append(1.0 - h * h)
-            jacobians.append(J)
-        return NetworkPoint(self, self.linear @ z + self.head @ h + self.offset, hidden, slopes, jacobians)
+        return NetworkPoint(self, self.linear @ z + self.head @ h + self.offset, hidden)
 
 
 @dataclass(frozen=True, eq=False)
 class NetworkPoint:
-    """value: y (n_out,); hidden, slopes, jacobians: h_l, 1 - h_l^2 and J_l of every layer."""
+    """value: y (n_out,); hidden: h_l of every layer."""
 
     network: TanhNetwork
     value: Array
     hidden: list[Array]
-    slopes: list[Array]
-    jacobians: list[Array]
+
+    @lazy
+    def _slopes(self) -> list[Array]:
+        """1 - h_l^2 of every layer."""
+        return [1.0 - h * h for h in self.hidden]
+
+    @lazy
+    def _jacobians(self) -> list[Array]:
+        """J_l of every layer."""
+        found = [self.network.weights[0]]
+        for weight, slope in zip(self.network.weights[1:], self._slopes, strict=False):
+            found.append(weight @ (slope[:, None] * found[-1]))
+        return found
 
     @lazy
     def slope(self) -> Array:
         """dy/dz (n_out, n_in)."""
         own = self.network
-        return np.asarray(own.linear + own.head @ (self.slopes[-1][:, None] * self.jacobians[-1]))
+        return np.asarray(own.linear + own.head @ (self._slopes[-1][:, None] * self._jacobians[-1]))
+
+    def pulled_back(self, along: Array) -> Array:
+        """d(a . y)/dz (n_in,) of a direction a (n_out,), without the whole slope."""
+        own = self.network
+        adjoint = own.head.T @ along
+        for weight, slope in zip(reversed(own.weights), reversed(self._slopes), strict=True):
+            adjoint = weight.T @ (adjoint * slope)
+        return np.asarray(own.linear.T @ along + adjoint)
 
     def curvature(self, along: Array) -> Array:
         """d2(a . y)/dz2 (n_in, n_in) of a direction a (n_out,)."""
-        own, size = self.network, self.jacobians[0].shape[1]
+        own, size = self.network, self.network.linear.shape[1]
         adjoint, total = own.head.T @ along, np.zeros((size, size))
         for layer in reversed(range(len(self.hidden))):
-            slope, J = self.slopes[layer], self.jacobians[layer]
+            slope, J = self._slopes[layer], self._jacobians[layer]
             total += J.T @ ((-2.0 * adjoint * self.hidden[layer] * slope)[:, None] * J)
             adjoint = own.weights[layer].T @ (adjoint * slope)
         return total
