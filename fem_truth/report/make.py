@@ -185,7 +185,7 @@ def state_corrections(
     condensation = compute_static_condensation(body, experiment.dynamics.gravity, NullSpaceCompliance(body))
     found[CONDENSED] = InternalDisplacement(body, condensation, None)
     for name, path in files.internal.items():
-        internal = InternalCorrection(load_internal(path, body)[1], body)
+        internal = InternalCorrection(load_internal(path, body).model, body)
         own = condensation if internal.on_condensation else None
         found[name] = InternalDisplacement(body, own, internal)
     return found

@@ -142,7 +142,8 @@ def internal_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec, 
     from softprint.runtime.learned.internal.file import load_internal
 
     parts = scene_parts(experiment, scene)
-    correction = InternalCorrection(load_internal(path, body)[1], body)
+    trained = load_internal(path, body)
+    correction, body = InternalCorrection(trained.model, body), trained.on(body)
     mechanics = _condensed(body, parts.gravity) if correction.on_condensation else None
     return ReducedModel(scene_simulator(body, parts, mechanics=mechanics, internal=correction), parts.held)
 

@@ -5,16 +5,21 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.experiment import InternalSpec
+from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import InternalHeader, read_internal_header, save_internal
 from softprint.runtime.learned.internal.model import InternalOptions
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
 from softprint.runtime.scenes.playing import internal_path
 from softprint.runtime.truth.truth_file import TruthData
+from softprint.surrogate.internal.cubature import fitted_cubature
 from softprint.surrogate.internal.data import read_internal_data
 from softprint.surrogate.internal.task import InternalTask
 from softprint.surrogate.kept_corrections import kept_header, program_hash
@@ -62,10 +67,35 @@ def _train_one(
         context, spec.name, task, settings, checkpoint, json.dumps(recipe, sort_keys=True)
     )
     seconds = time.perf_counter() - started
-    facts = {"samples": len(data.train), "left_out": 0, "noise_floor": None, **task.notes}
+    facts: dict[str, Any] = {"samples": len(data.train), "left_out": 0, "noise_floor": None, **task.notes}
+    cubature = None
+    if spec.cubature is not None:
+        with context.stage(f"cubature of {spec.name}"):
+            internal, rows = InternalCorrection(result.model, body), truth.states["rows"]
+            cubature, (energy, force) = fitted_cubature(
+                body,
+                internal,
+                condensation,
+                rows[data.train],
+                rows[data.held_out],
+                spec.cubature,
+                np.random.default_rng(context.seed),
+            )
+        facts["cubature"] = {
+            "cells": len(cubature.cells),
+            "force_error": cubature.force_error,
+            "energy_error": cubature.energy_error,
+            "cells_of_body": len(body.cubature.cells),
+            "force_error_of_body": force,
+            "energy_error_of_body": energy,
+        }
+        context.say(
+            f"{spec.name}: {len(cubature.cells)} cubature cells, force error {cubature.force_error:.1%} in held-out "
+            f"states; {len(body.cubature.cells)} of the body, {force:.1%}"
+        )
     write_curves(path.with_suffix(".json"), spec.name, facts, result)
     training = {**recipe, "program": program_hash(), "seconds": seconds, "samples": len(data.train)}
-    save_internal(path, result.model, body, truth.content_hash, result.held_out.rms, training)
+    save_internal(path, result.model, body, truth.content_hash, result.held_out.rms, training, cubature)
     checkpoint.unlink(missing_ok=True)
     context.say(
         f"{path} written: {len(data.train)} states, held-out error {result.held_out.rms:.1%}, "

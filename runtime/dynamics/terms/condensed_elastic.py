@@ -97,6 +97,10 @@ class CorotatedElasticity:
         """B (m*dim*dim, n_rows*dim)."""
         return self.term.blocks.dense(self.B).astype(np.float32, copy=False)
 
+    def basis_along(self, directions: Array | None) -> NDArray[np.float32]:
+        """See `ElasticInFrame`."""
+        return self.dense if directions is None else self.dense @ directions.astype(np.float32)
+
     def evaluate(self, rows: Array, displacement: Array | None) -> StrainedCells:
         """See `ElasticInFrame`."""
         term, residual, F = self.term, self.residual, self.F
@@ -143,8 +147,7 @@ class StrainedCells:
         self, field: CorrectionField, forces: Array, along: Array | None = None
     ) -> Array:
         """The Hessian of the cells with a field correction, whose forces at its points are given."""
-        dense = self.frame.dense
-        B = dense if along is None else dense @ along.astype(np.float32)
+        B = self.frame.basis_along(along)
         return self.frame.term.corners.hessian(self.F, B, field, forces, along)
 
     def _cell_stiffness(self, along: Array | None = None) -> Array:

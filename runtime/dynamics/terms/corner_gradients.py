@@ -57,14 +57,19 @@ class CornerGradients:
         """The Hessian at deformation gradients F (m, dim, dim), along directions or by the rows; B (m*dim*dim, k):
         dF/drows of the rest, along the same directions."""
         m, square = len(F), self._dim**2
-        added = self._single @ self._everywhere(field, along)
-        B = (B.astype(np.float32, copy=False) + added).reshape(m, square, -1)
+        B = self.corrected(B, field, along)
         tangent = self._elasticity.material.tangent(F).reshape(m, square, square)
         tangent = (self._elasticity.weights[:, None, None] * tangent).astype(np.float32)
         size = B.shape[2]
         total = (B.reshape(-1, size).T @ (tangent @ B).reshape(-1, size)).astype(np.float64)
         bent = field.curvature(forces, along)
         return total if bent is None else total + bent
+
+    def corrected(self, B: Floats, field: CorrectionField, along: Array | None) -> NDArray[np.float32]:
+        """B + G du/drows (m, dim*dim, k), see `hessian`."""
+        added = self._single @ self._everywhere(field, along)
+        whole = B.astype(np.float32, copy=False) + added
+        return np.asarray(whole.reshape(-1, self._dim**2, whole.shape[1]))
 
     def _everywhere(self, field: CorrectionField, along: Array | None) -> NDArray[np.float32]:
         """du/drows (n*dim, k) of all points, zero where the field is inactive."""

@@ -11,7 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, RowHessian, known_hessian
 from softprint.runtime.body.body import ReducedBody
@@ -30,6 +33,11 @@ class ElasticEvaluation(Protocol):
         """[J]."""
         ...
 
+    @property
+    def F(self) -> Array:
+        """(m, dim, dim) of the cubature cells."""
+        ...
+
     def linearise(self, field: CorrectionField | None) -> tuple[Array, RowHessian]:
         """Gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; field: displacements by
         field corrections with their Jacobians."""
@@ -41,6 +49,11 @@ class ElasticInFrame(Protocol):
 
     def evaluate(self, rows: Array, displacement: Array | None) -> ElasticEvaluation:
         """The energy at handle rows (n_rows, dim), with displacements u (n, dim) [m] of the `CorrectedPoints`."""
+        ...
+
+    def basis_along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
+        """B = dF/drows (m*dim*dim, k) without field corrections, along directions (n_rows*dim, k), by default every row
+        and axis."""
         ...
 
 
@@ -70,6 +83,10 @@ class ElasticEnergy:
     def in_frame(self, frame_rows: Array) -> ElasticEnergy:
         """See `Elastic`."""
         return self
+
+    def basis_along(self, directions: Array | None) -> Array:
+        """See `ElasticInFrame`."""
+        return self.elasticity.basis_along(directions)
 
     def evaluate(self, rows: Array, displacement: Array | None) -> CellElasticity:
         """See `ElasticInFrame`."""
@@ -102,7 +119,7 @@ class CellElasticity:
         own = elasticity.gradient_of(stress)
 
         def hessian(along: Array | None = None) -> Array:
-            B = elasticity.basis_along(along)
+            B = self.term.basis_along(along)
             return self.term.corners.hessian(F, B, field, forces, along)
 
         return own + field.pulled_back(forces), hessian

@@ -82,6 +82,11 @@ class InternalSpec(Section):
     )
     components: Count = Field(60, description="principal components of the displacement")
     linear: bool = Field(True, description="fit a linear part first, and train the network on the rest")
+    cubature: Count | None = Field(
+        None,
+        description="cells of its own cubature, whose weights are fitted to forces in the training states; without, "
+        "the cubature of the body is used",
+    )
     steps: Count = Field(6000, description="optimiser steps")
     batch: Count = Field(128, description="states of one optimiser step")
     learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")

@@ -18,7 +18,6 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.rotations import nearest_rotation, rotation_dofs, skew
 from softprint.runtime.lazy import lazy
 
-
 # Skew matrices of the turns about every axis.
 _GENERATORS = {dim: np.array([skew(axis) for axis in np.eye(rotation_dofs(dim))]) for dim in (2, 3)}
 
