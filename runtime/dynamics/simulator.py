@@ -90,7 +90,7 @@ class Simulator:
         self.settings = settings or DynamicsSettings()
         self._gravity = acceleration(body, gravity)
         check_mechanics(body, mechanics)
-        check_internal(internal, mechanics, self._gravity)
+        check_internal(internal, mechanics)
         check_colliders(self.colliders, body, mechanics, contact)
         self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
         self.hold = Hold.of(body, springs, kinematic, self.settings.time_step)
@@ -310,7 +310,7 @@ class Simulator:
         energies = {
             "inertia": inertia.energy(rows),
             "kinetic": 0.5 * float(np.vdot(velocity, self.body.reduced_mass @ velocity)),
-            "gravity": height - float(np.vdot(weight, rows)),
+            "gravity": height - float(np.vdot(weight, rows)) + x.body.correction_height,
             "springs": x.problem.springs.energy(rows),
             "elastic": x.body.elastic.energy,
             "contact": normal,

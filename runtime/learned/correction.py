@@ -116,6 +116,32 @@ class BoundInternal(Protocol):
         ...
 
 
+class WeightPoint(Protocol):
+    """The work of gravity along an internal correction at one state."""
+
+    @property
+    def energy(self) -> float:
+        """[J]"""
+        ...
+
+    @property
+    def gradient(self) -> Array:
+        """By the handle rows (n_rows, dim) [N]."""
+        ...
+
+    def hessian(self, along: Array | None = None) -> Array:
+        """By the handle rows, see `RowHessian`."""
+        ...
+
+
+class CorrectionWeight(Protocol):
+    """The work of gravity along an internal correction."""
+
+    def at(self, rows: Array) -> WeightPoint:
+        """At handle rows (n_rows, dim)."""
+        ...
+
+
 class InternalField(Protocol):
     """An internal correction of a body. on_condensation: whether it adds to the body's static condensation, or to the
     subspace alone."""
@@ -124,6 +150,10 @@ class InternalField(Protocol):
 
     def bind(self, nodes: IntArray | None = None) -> BoundInternal:
         """The correction at some nodes (n,) of the body, all by default, prepared once."""
+        ...
+
+    def weight(self, mass: Array, gravity: Array) -> CorrectionWeight:
+        """The work of gravity (dim,) [m/s^2] along it; mass: of every node of the body (n_nodes,) [kg]."""
         ...
 
 

@@ -92,4 +92,7 @@ def build_terms(
         surface=SurfaceContactEnergy(body, points, penalised, contact, friction, condensation),
         condensed=solver,
         condensed_friction=None if friction is None or solver is None else CondensedFriction(friction),
+        correction_weight=None
+        if corrections.internal is None or not gravity.any()
+        else corrections.internal.weight(body.node_mass, gravity),
     )

@@ -277,11 +277,58 @@ def test_what_does_not_fit_is_refused(jelly2d_body, jelly3d_body):
     mechanics = compute_mechanics(flat, 50, True)
     alone = BodyMechanics(None, mechanics.condensation)
     plain, condensed = (InternalCorrection(made_model(flat, on), flat) for on in (False, True))
-    for internal, given, gravity, message in (
-        (plain, alone, None, "subspace alone"),
-        (condensed, None, None, "give the mechanics"),
-        (condensed, mechanics, None, "condensed contact does not see"),
-        (plain, None, [0.0, -9.81], "gravity"),
+    for internal, given, message in (
+        (plain, alone, "subspace alone"),
+        (condensed, None, "give the mechanics"),
+        (condensed, mechanics, "condensed contact does not see"),
     ):
         with pytest.raises(SoftprintError, match=message):
-            Simulator(flat, contact=CONTACT, mechanics=given, internal=internal, gravity=gravity)
+            Simulator(flat, contact=CONTACT, mechanics=given, internal=internal)
+
+
+def test_the_weight_of_a_correction_is_that_of_its_displacements(jelly_body, dim):
+    """Without a sum over nodes; its gradient and Hessian are the derivatives."""
+    body, rows = jelly_body, bent(jelly_body)
+    correction, gravity = InternalCorrection(made_model(body), body), np.linspace(1.0, -9.0, dim)
+    weight, bound = correction.weight(body.node_mass, gravity), correction.bind()
+
+    def energy(at: Array) -> Array:
+        return np.array(-(body.node_mass @ (bound.displacement(at) @ gravity)))
+
+    at = weight.at(rows)
+    assert at.energy == pytest.approx(float(energy(rows)), rel=1e-12)
+    close(at.gradient, differences(energy, rows))
+    slope = differences(lambda own: weight.at(own).gradient, rows).reshape(rows.size, rows.size)
+    single = 1e-5 * np.abs(slope).max()  # single precision
+    np.testing.assert_allclose(at.hessian(), slope, atol=single)
+    directions = np.random.default_rng(2).normal(size=(rows.size, 3))
+    np.testing.assert_allclose(
+        at.hessian(directions), directions.T @ slope @ directions, atol=10.0 * single * rows.size
+    )
+
+
+@pytest.mark.parametrize("condensed", [False, True])
+def test_a_corrected_body_hangs_where_its_whole_energy_is_least(jelly_body, dim, condensed):
+    """The energy of the step is elasticity and the height of all nodes, and its gradient vanishes."""
+    body, gravity = jelly_body, np.zeros(dim)
+    gravity[-1] = -9.81
+    mechanics = (
+        BodyMechanics(None, compute_mechanics(body, 50, True, gravity).condensation) if condensed else None
+    )
+    correction = InternalCorrection(made_model(body, condensed, 4e-4), body)
+    simulator = Simulator(
+        body,
+        contact=CONTACT,
+        mechanics=mechanics,
+        internal=correction,
+        gravity=gravity,
+        kinematic=[KinematicHandle("base")],
+    )
+    result = simulator.settle()
+    assert result.converged
+    height = -float(body.node_mass @ (simulator.positions(result.state) @ gravity))
+    assert result.energies["gravity"] == pytest.approx(height, rel=1e-6)
+    # A step from there stays, although its Hessian, gradient and line search all know the weight.
+    stepped = simulator.step(result.state)
+    assert stepped.converged
+    np.testing.assert_allclose(stepped.state.rows, result.state.rows, atol=1e-6)  # m
