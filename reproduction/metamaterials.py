@@ -1,11 +1,11 @@
 """Two metamaterials stretched and bent: figure 4.8 of the thesis as numbers.
 
     softprint generate examples/accordion_small.toml
+    softprint train examples/accordion_small.toml
     python -m reproduction.metamaterials examples/accordion_small.toml
 
-Needs the truth of the experiment (its states alone: there is no collider). Trains two internal corrections into the run
-directory, unless they are there: `thesis`, on the subspace, and `ours`, on static condensation. Models: full space, the
-bare subspace, condensation alone, and both corrections. Tables in Markdown:
+Models: full space, the bare subspace, condensation alone, and the internal corrections of the run directory. Tables in
+Markdown:
 
     statics      at each stretch of the bar, settled: effective Poisson's ratio -e_y / e_x of the middle half of the bar
                  (the affine motion nearest to that of its nodes); ripple: how much farther out the surface is in the
@@ -44,35 +44,28 @@ from softprint.runtime.elasticity.elastic_energy import elastic_energy
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment
 from softprint.runtime.learned.internal.correction import JACOBIANS, InternalCorrection
-from softprint.runtime.learned.internal.file import load_internal, save_internal
-from softprint.runtime.learned.internal.model import InternalModel
+from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_static_condensation
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
-from softprint.runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.scenes.playing import internal_models, internal_path
 from softprint.runtime.scenes.scene import scene_parts, scene_steps
-from softprint.runtime.truth.truth_file import load_truth
-from softprint.surrogate.internal.entry import train_internal
 
 TABLES = ("statics", "motion", "jacobians")
 STEPS = 4  # from rest to the largest stretch
-# Of the corrections; the thesis's as in its table 4.1.
-SETTINGS: dict[str, dict[str, Any]] = {
-    "thesis": {"widths": (100, 100), "components": 15, "linear": False},
-    "ours": {"widths": (100, 100), "components": 60, "linear": True},
-}
 # Full space is settled to the round-off of its energy.
 SETTLED = NewtonSettings(max_iterations=100, tolerance=5e-5)
 
 
 class Kinematics(NamedTuple):
-    """What a reduced model adds to its subspace."""
+    """What a reduced model adds to its subspace. body: with the cubature of the model."""
 
+    body: ReducedBody
     mechanics: BodyMechanics | None
     internal: InternalCorrection | None
 
-    def positions(self, body: ReducedBody, rows: Array) -> Array:
+    def positions(self, rows: Array) -> Array:
         """(n_nodes, dim) [m] at handle rows (n_rows, dim)."""
-        x = body.reduced_positions(rows)
+        x = self.body.reduced_positions(rows)
         condensation = None if self.mechanics is None else self.mechanics.condensation
         if condensation is not None:
             x += condensation.corotated(rows).displacement(rows)
@@ -90,43 +83,23 @@ class Run:
     seconds: float
 
 
-def internal_path(context: Context, name: str) -> Path:
-    """The file of an internal correction in the run directory."""
-    return context.out_dir / f"internal_{name}.safetensors"
-
-
-def trained(
-    context: Context, body: ReducedBody, condensation: StaticCondensation, name: str
-) -> InternalModel:
-    """The internal correction of that name in the run directory, trained if it is not there."""
-    path = internal_path(context, name)
-    with load_truth(context.out_dir / "truth.h5", body) as truth:
-        if path.is_file():
-            header, model = load_internal(path, body)
-            if header.truth_hash == truth.content_hash:
-                print(f"{name}: held-out error {header.held_out_rms:.1%}")
-                return model
-        started = time.process_time()
-        result = train_internal(truth, body, condensation if name == "ours" else None, **SETTINGS[name])
-        save_internal(path, result.model, body, truth.content_hash, result.held_out.rms)
-        seconds = time.process_time() - started
-        print(
-            f"{name}: {len(truth.states)} states, held-out error {result.held_out.rms:.1%}, trained in {seconds:.0f} s"
-        )
-    return result.model
-
-
-def kinematics(context: Context, body: ReducedBody) -> dict[str, Kinematics]:
-    """The reduced models by name."""
-    condensation = compute_static_condensation(body, None, NullSpaceCompliance(body))
-    condensed = BodyMechanics(None, condensation)
-    thesis, ours = (InternalCorrection(trained(context, body, condensation, name), body) for name in SETTINGS)
-    return {
-        "bare": Kinematics(None, None),
-        "condensation": Kinematics(condensed, None),
-        "thesis": Kinematics(None, thesis),
-        "ours": Kinematics(condensed, ours),
-    }
+def kinematics(context: Context, body: ReducedBody, all_cells: bool) -> dict[str, Kinematics]:
+    """The reduced models by name; all_cells: without a cubature."""
+    condensed = BodyMechanics(None, compute_static_condensation(body, None, NullSpaceCompliance(body)))
+    found = {"bare": Kinematics(body, None, None), "condensation": Kinematics(body, condensed, None)}
+    names = internal_models(context.out_dir)
+    if not names:
+        raise SoftprintError(f"{context.out_dir} has no internal correction: run `softprint train` first")
+    for name in names:
+        trained = load_internal(internal_path(context.out_dir, name), body)
+        internal = InternalCorrection(trained.model, body)
+        mechanics = condensed if internal.on_condensation else None
+        found[name] = Kinematics(trained.on(body), mechanics, internal)
+    if not all_cells:
+        return found
+    cells = elastic_cells(body.mesh, body.handles)
+    whole = replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
+    return {name: own._replace(body=whole) for name, own in found.items()}
 
 
 def poisson_ratio(body: ReducedBody, x: Array) -> float:
@@ -167,7 +140,7 @@ def stretched(
             "kinematic": (KinematicHandle(ends[0]), KinematicHandle(ends[1], pulled)),
         }
         simulators: dict[str, Any] = {
-            name: Simulator(body, mechanics=own.mechanics, internal=own.internal, **held)
+            name: Simulator(own.body, mechanics=own.mechanics, internal=own.internal, **held)
             for name, own in models.items()
         }
         simulators["full"] = FullSpaceSimulator(body, **held)
@@ -212,14 +185,14 @@ def statics(
         full = here["full"]
         missed = np.linalg.norm(here["bare"] - full)
         energy, rows = elastic_energy(body.mesh, body.material, full), body.project(full)
-        start = np.linalg.norm(models["bare"].positions(body, rows) - full)
+        start = np.linalg.norm(models["bare"].positions(rows) - full)
         for name in ("full", *(name for name in here if name != "full")):
             x = here[name]
             cells = [f"{1e3 * largest * step / len(found):.1f}", name, f"{poisson_ratio(body, x):.3f}"]
             cells += [f"{1e3 * ripple(body, x):.3f}"] if two else []
             cells.append(f"{elastic_energy(body.mesh, body.material, x) / energy:.3f}")
             cells.append(f"{np.linalg.norm(x - full) / missed:.1%}")
-            held = full if name == "full" else models[name].positions(body, rows)
+            held = full if name == "full" else models[name].positions(rows)
             cells.append(f"{np.linalg.norm(held - full) / start:.1%}")
             lines.append(f"| {' | '.join(cells)} |")
     return lines
@@ -297,19 +270,16 @@ def main() -> None:
     )
     parser.add_argument("--steps", type=int, help="of the motion (default: the whole scene)")
     parser.add_argument(
-        "--all-cells", action="store_true", help="integrate over all cells, without a cubature"
+        "--all-cells", action="store_true", help="integrate all models over all cells, without a cubature"
     )
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="of the largest stretch")
     options = parser.parse_args()
     context = Context(experiment_path=options.experiment, out=options.out, quiet=True)
     experiment, body = context.experiment, body_of_run(context)
     try:
-        models = kinematics(context, body)
+        models = kinematics(context, body, options.all_cells)
     except SoftprintError as error:
         parser.error(str(error))
-    if options.all_cells:
-        cells = elastic_cells(body.mesh, body.handles)
-        body = replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
     if "statics" in options.tables:
         # As far as the scenes that states are recorded in.
         led = [entry for entry in experiment.scenes[0].kinematic if not isinstance(entry, int | str)]
@@ -321,8 +291,8 @@ def main() -> None:
     count = options.steps or scene_steps(experiment, experiment.scenes_of_role("test")[0])
 
     def moved(own: Kinematics) -> Run:
-        more = own._asdict()
-        return played(motion_simulator(experiment, Simulator, body, **more), count)
+        more = {"mechanics": own.mechanics, "internal": own.internal}
+        return played(motion_simulator(experiment, Simulator, own.body, **more), count)
 
     if {"motion", "jacobians"} & set(options.tables):
         full = played(motion_simulator(experiment, FullSpaceSimulator, body), count)
@@ -331,8 +301,8 @@ def main() -> None:
         others = {name: moved(own) for name, own in models.items() if name != "bare"}
         print("\n" + "\n".join(motions(runs | others)), flush=True)
     if "jacobians" in options.tables:
-        for name in SETTINGS:
-            model = load_internal(internal_path(context, name), body)[1]
+        for name in internal_models(context.out_dir):
+            model = load_internal(internal_path(context.out_dir, name), body).model
             for jacobian in JACOBIANS:
                 own = models[name]._replace(internal=InternalCorrection(model, body, jacobian))
                 runs[f"{name}, {jacobian}"] = moved(own)

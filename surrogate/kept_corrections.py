@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 from softprint import runtime
 from softprint.runtime.cli.context import Context
@@ -11,7 +13,7 @@ from softprint.runtime.cli.run_mechanics import RunMechanics
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, ModelSpec
 from softprint.runtime.io.files import content_hash, sources_hash
-from softprint.runtime.learned.correction_file import CorrectionHeader, read_header
+from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.learned.form import find_form
 from softprint.runtime.scenes.playing import correction_path
 
@@ -20,7 +22,7 @@ log = logging.getLogger(__name__)
 
 def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str) -> dict[str, object]:
     """Everything that determines the result of training."""
-    training = experiment.training.model_dump(mode="json", exclude={"models", "device"})
+    training = experiment.training.model_dump(mode="json", exclude={"models", "internal", "device"})
     return {
         "truth": truth_hash,
         "model": spec.model_dump(mode="json"),
@@ -34,7 +36,7 @@ def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str) -> dict[
 def is_trained(context: Context, spec: ModelSpec, truth_hash: str, mechanics: RunMechanics) -> bool:
     """Whether the correction exists with this recipe and the mechanics of the run directory."""
     path = correction_path(context.out_dir, spec.name)
-    header = kept_header(path, recipe_of(context.experiment, spec, truth_hash))
+    header = kept_header(path, recipe_of(context.experiment, spec, truth_hash), read_header)
     if header is None:
         return False
     if (
@@ -46,12 +48,22 @@ def is_trained(context: Context, spec: ModelSpec, truth_hash: str, mechanics: Ru
     return True
 
 
-def kept_header(path: Path, recipe: dict[str, object]) -> CorrectionHeader | None:
-    """The header of a correction with this recipe; None if there is none."""
+class TrainedHeader(Protocol):
+    """The header of a correction file."""
+
+    @property
+    def training(self) -> dict[str, object]: ...
+
+
+HeaderT = TypeVar("HeaderT", bound=TrainedHeader)
+
+
+def kept_header(path: Path, recipe: dict[str, object], read: Callable[[Path], HeaderT]) -> HeaderT | None:
+    """The header of a correction with this recipe, as `read` reads it; None if there is none."""
     if not path.is_file():
         return None
     try:
-        header = read_header(path)
+        header = read(path)
     except SoftprintError as error:
         log.warning("%s; training it again", error)
         return None

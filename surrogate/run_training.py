@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.run_mechanics import RunMechanics
@@ -17,48 +16,61 @@ from softprint.runtime.colliders.shape_samples import shape_samples
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.experiment.schema.training import ModelSpec
-from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.correction_file import save_correction
-from softprint.runtime.learned.form import ModelT, find_form
+from softprint.runtime.learned.form import find_form
 from softprint.runtime.scenes.playing import correction_path
 from softprint.runtime.truth.truth_colliders import require_same_colliders
-from softprint.runtime.truth.truth_file import load_truth
+from softprint.runtime.truth.truth_file import TruthData, load_truth
 from softprint.surrogate.data.training_data import TrainingData
+from softprint.surrogate.internal.run import train_internals
 from softprint.surrogate.kept_corrections import is_trained, program_hash, recipe_of
-from softprint.surrogate.learning_task import LearningTask
 from softprint.surrogate.registry import TRAININGS, training_settings
-from softprint.surrogate.train import TrainingResult, TrainingSettings, train
+from softprint.surrogate.train import TrainingResult
+from softprint.surrogate.training_bar import train_with_bar, write_curves
 
 
 def train_models(context: Context, only: str | None) -> None:
     """Train every model of the experiment, or the one named. Models already trained with this truth, these mechanics
     and these settings are skipped."""
-    experiment = context.experiment
-    specs = [model for model in experiment.training.models if only in (None, model.name)]
-    if not specs:
-        known = ", ".join(model.name for model in experiment.training.models) or "none"
+    training, path = context.experiment.training, context.experiment.path
+    models = [model for model in training.models if only in (None, model.name)]
+    internal = [model for model in training.internal if only in (None, model.name)]
+    if not (models or internal):
+        names = [model.name for model in training.models] + [model.name for model in training.internal]
+        known = ", ".join(names) or "none"
         asked = f"no model named {only!r}" if only else "no models"
-        raise SoftprintError(f"{experiment.path}: {asked} in [[training.models]]; there: {known}")
-    body = body_of_run(context)
-    mechanics = RunMechanics(context, body)
-    with load_truth(context.out_dir / "truth.h5", body) as truth:
-        wanted = [
-            spec
-            for spec in specs
-            if not (context.resume and is_trained(context, spec, truth.content_hash, mechanics))
-        ]
-        if not wanted:
-            context.say("all corrections are up to date.")
-            return
-        require_same_colliders(truth, experiment)
-        data = TrainingData(truth, body, context, mechanics)
-        context.say(
-            f"{len(data.split.train)} training samples, {len(data.held_out)} held-out samples; "
-            f"{data.split.left_out} left out (not converged, after a jump, pierced, or with inverted cells); "
-            f"label-noise floor {truth.noise_floor:.3g}"
+        raise SoftprintError(
+            f"{path}: {asked} in [[training.models]] or [[training.internal]]; there: {known}"
         )
-        for spec in wanted:
-            _train_one(data, spec)
+    body = body_of_run(context)
+    with load_truth(context.out_dir / "truth.h5", body) as truth:
+        if internal:
+            train_internals(context, internal, body, truth)
+        if models:
+            _train_of_contact(context, models, body, truth)
+
+
+def _train_of_contact(
+    context: Context, specs: Sequence[ModelSpec], body: ReducedBody, truth: TruthData
+) -> None:
+    mechanics = RunMechanics(context, body)
+    wanted = [
+        spec
+        for spec in specs
+        if not (context.resume and is_trained(context, spec, truth.content_hash, mechanics))
+    ]
+    if not wanted:
+        context.say("all corrections are up to date.")
+        return
+    require_same_colliders(truth, context.experiment)
+    data = TrainingData(truth, body, context, mechanics)
+    context.say(
+        f"{len(data.split.train)} training samples, {len(data.held_out)} held-out samples; "
+        f"{data.split.left_out} left out (not converged, after a jump, pierced, or with inverted cells); "
+        f"label-noise floor {truth.noise_floor:.3g}"
+    )
+    for spec in wanted:
+        _train_one(data, spec)
 
 
 def _train_one(data: TrainingData, spec: ModelSpec) -> None:
@@ -75,9 +87,13 @@ def _train_one(data: TrainingData, spec: ModelSpec) -> None:
         untrained = task.fresh_model(experiment.seed)
         result = TrainingResult(untrained, task.held_out_error(untrained), [])
     else:
-        result = _trained(context, spec.name, task, settings, checkpoint, json.dumps(recipe, sort_keys=True))
+        result = train_with_bar(
+            context, spec.name, task, settings, checkpoint, json.dumps(recipe, sort_keys=True)
+        )
     seconds = time.perf_counter() - started
-    _write_curves(path.with_suffix(".json"), spec.name, task.notes, result, data)
+    facts = {"noise_floor": data.truth.noise_floor, "samples": len(data.split.train)}
+    facts |= {"left_out": data.split.left_out, **task.notes}
+    write_curves(path.with_suffix(".json"), spec.name, facts, result)
     save_correction(
         path,
         spec.name,
@@ -103,39 +119,3 @@ def _shape(data: TrainingData) -> Array | None:
     if data.collider == ANY_COLLIDER:
         return None
     return shape_samples(build_collider(experiment.collider(data.collider), experiment.base_dir))
-
-
-def _trained(
-    context: Context,
-    name: str,
-    task: LearningTask[ModelT],
-    settings: TrainingSettings,
-    checkpoint: Path,
-    data_name: str,
-) -> TrainingResult[ModelT]:
-    """Train with a progress bar."""
-    with context.progress(settings.steps, "step", f"training {name}") as bar:
-        return train(
-            task,
-            settings,
-            checkpoint,
-            data_name,
-            lambda steps, note: bar.skip(steps) if note == "resumed" else bar.update(steps, note),
-        )
-
-
-def _write_curves(
-    path: Path, name: str, notes: dict[str, Any], result: TrainingResult[ModelT], data: TrainingData
-) -> None:
-    """Write loss and held-out error by step, for the report."""
-    curves = {
-        "model": name,
-        "held_out": {**asdict(result.held_out), "squared": result.held_out.squared},
-        "noise_floor": data.truth.noise_floor,
-        "samples": len(data.split.train),
-        "left_out": data.split.left_out,
-        **notes,
-        "history": result.history,
-    }
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(curves, indent=1))

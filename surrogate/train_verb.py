@@ -11,13 +11,15 @@ from softprint.runtime.cli.verb import Verb
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the option of this command."""
     parser.add_argument(
-        "--model", metavar="NAME", help="train only this one of [[training.models]] (default: all)"
+        "--model",
+        metavar="NAME",
+        help="train only this one of [[training.models]] and [[training.internal]] (default: all)",
     )
 
 
 def run(options: argparse.Namespace, context: Context) -> int:
     """Train the models of the experiment that do not exist yet; writes corrections/NAME.safetensors and
-    NAME.json."""
+    NAME.json, and internal/NAME.safetensors and NAME.json of internal corrections."""
     from softprint.surrogate.run_training import train_models
 
     if context.rank == 0:

@@ -14,6 +14,7 @@ from softprint.fem_truth.report.drawing.picture import Picture, Renderer
 from softprint.fem_truth.report.drawing.style import ModelStyle, styles_for
 from softprint.fem_truth.report.headline import headline_cards
 from softprint.fem_truth.report.machine import machine_summary
+from softprint.fem_truth.report.measurements.body_alone import NoCollider
 from softprint.fem_truth.report.measurements.comparison import (
     ModelFrames,
     error_table,
@@ -42,6 +43,9 @@ from softprint.runtime.experiment import Experiment
 from softprint.runtime.io.files import provenance
 from softprint.runtime.scenes.motion_file import Motion
 from softprint.runtime.truth.truth_file import TruthData
+
+# Why a frame is the large picture, see `frames_to_show`.
+_FIRST = ("deepest contact", "farthest from the bare subspace")
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +126,9 @@ def _what_was_run(inputs: ReportInputs) -> dict[str, Any]:
         "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "experiment": experiment_summary(inputs.experiment),
         "body": body_summary(inputs.body),
-        "collider": collider_summary(inputs.experiment, collider),
+        "collider": None
+        if isinstance(collider, NoCollider)
+        else collider_summary(inputs.experiment, collider),
         "machine": machine_summary(),
         "versions": provenance(),
         "files": file_summaries(inputs.folder, inputs.files),
@@ -208,7 +214,7 @@ def _scene(
         {name: 1e3 * curve for name, curve in curves.items()},
         styles,
         "RMS distance [mm]",
-        depth=1e3 * depth,
+        depth=None if isinstance(scene.comparer.collider, NoCollider) else 1e3 * depth,
         marks=marks,
     )
     summary["plotted"] = [name for name in styles if name in curves or name in marks]
@@ -264,12 +270,13 @@ def _hero(
     """The large picture: the cut (or the whole body, without a cut) in the frame of deepest contact."""
     for scene in summary["scenes"]:
         for frame, numbers in zip(pictures[scene["name"]].frames, scene["shown"], strict=True):
-            if "deepest contact" not in numbers["why"]:
+            first = next((why for why in _FIRST if why in numbers["why"]), None)
+            if first is None:
                 continue
             opened = all(picture is not None for picture in frame.cut)
             views = frame.cut if opened else frame.outside
             caption = (
-                f"Deepest contact of the held-out motion \u201c{scene['name']}\u201d: "
+                f"{first.capitalize()} in the held-out motion \u201c{scene['name']}\u201d: "
                 f"frame {numbers['frame']}, {numbers['time']:.2f} s. "
                 "Every model is given the same reduced state"
                 + ("; the body is cut open through the contact." if opened else ".")
@@ -290,7 +297,7 @@ def _plots(
         plots["phases"] = figures.phases("phases", milliseconds, styles)
     if inputs.learning.histories:
         plots["loss"] = figures.loss_curves("loss", inputs.learning.histories, styles)
-    if inputs.truth is not None:
+    if inputs.truth is not None and len(inputs.truth.samples):
         plots["quality"] = figures.histograms("quality", quality_columns(inputs.truth))
     if inputs.shapes is not None:
         shapes = inputs.shapes.summary

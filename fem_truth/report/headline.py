@@ -48,7 +48,7 @@ def _accuracy(summary: Mapping[str, Any], model: str, styles: Mapping[str, Model
         "of the bare subspace\u2019s error remains",
         " ".join(
             [
-                f"{row['n_frames']} frames in contact of unseen motions; "
+                f"{row['n_frames']} frames {'in contact ' if summary.get('collider') else ''}of unseen motions; "
                 f"squared {_percent(row['relative_rms_squared'])}.",
                 *others,
             ]
@@ -85,7 +85,7 @@ def _speed(summary: Mapping[str, Any], model: str) -> list[Card]:
         Card(
             row["steps_per_second"],
             "plain",
-            "steps per second in contact",
+            "steps per second in contact" if summary.get("collider") else "steps per second",
             f"{format_number(row['step'], 'ms')} per step without the surface, {row['iterations']:.1f} Newton "
             f"iterations, {_percent(row['converged'])} of the steps converged; "
             f"{summary['machine']['cores']} cores.{cost}",

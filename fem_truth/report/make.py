@@ -16,8 +16,14 @@ from softprint.fem_truth.report.assemble import JudgedScene, ReportInputs, assem
 from softprint.fem_truth.report.drawing.picture import Renderer
 from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.headline import Card, console_lines
+from softprint.fem_truth.report.measurements.body_alone import InternalDisplacement, NoCollider
 from softprint.fem_truth.report.measurements.comparison import evenly_spaced
-from softprint.fem_truth.report.measurements.held_out import Comparer, HeldOutMotion, compare
+from softprint.fem_truth.report.measurements.held_out import (
+    Comparer,
+    HeldOutMotion,
+    StateCorrection,
+    compare,
+)
 from softprint.fem_truth.report.measurements.learning import load_learning
 from softprint.fem_truth.report.measurements.solves import FrameSolves, SolveStore, solve_frame
 from softprint.fem_truth.report.page import render_page
@@ -36,12 +42,18 @@ from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.contact.penalty import CONTACT_VERSION
 from softprint.runtime.io.files import content_hash
 from softprint.runtime.learned.correction_file import load_correction
+from softprint.runtime.learned.internal.correction import InternalCorrection
+from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.static_condensation import compute_static_condensation
+from softprint.runtime.scenes.playing import CONDENSED
 from softprint.runtime.scenes.scene import scene_parts
 from softprint.runtime.truth.truth_file import load_truth
 
@@ -73,7 +85,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
             body=body,
             scenes=scenes,
             truth=truth,
-            learning=load_learning(files.corrections, folder),
+            learning=load_learning(files.corrections, folder, files.internal),
             model=model,
             folder=folder,
             files=used_paths(files, judged_scenes(experiment)),
@@ -97,18 +109,27 @@ def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: Sce
     with context.stage(f"{scene.name}: reading motions"):
         motions = load_motions(files, experiment, scene, body)
         collider = _collider(experiment, scene)
+        corrections = state_corrections(experiment, files, body, collider)
     full = motions[FULL]
+    alone = isinstance(collider, NoCollider)
+    still = [RigidPose.identity(body.dim)] * full.n_frames
     # Several models in a row read the same frame: cache the last ones.
     motion = HeldOutMotion(
-        full.times, full.colliders[collider.name].poses, full.in_contact, lru_cache(maxsize=4)(full.positions)
+        full.times,
+        still if alone else full.colliders[collider.name].poses,
+        full.in_contact,
+        lru_cache(maxsize=4)(full.positions),
     )
-    comparer = Comparer(body, collider, motion, _corrections(files, body, collider))
+    comparer = Comparer(body, collider, motion, corrections)
     contact, depth = comparer.contact_frames()
     valid = ~full.invalid(pierced_from(body.mesh))[contact]
     left_out = int(np.count_nonzero(~valid))
     contact, depth = contact[valid], depth[valid]
     if not len(contact):
         return JudgedScene(scene.name, comparer, None, motions, left_out)
+    if alone:
+        comparison = compare(comparer, contact, depth, _no_solve, 0)
+        return JudgedScene(scene.name, comparer, comparison, motions, left_out)
 
     with context.stage("preparing full space"):
         elasticity = FullSpaceElasticity(body)
@@ -142,16 +163,32 @@ def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: Sce
 
 
 def _collider(experiment: Experiment, scene: SceneSpec) -> Collider:
-    """The one collider of a test scene."""
-    return scene_parts(experiment, scene).colliders[0].collider
+    """The one collider of a test scene, or what stands for it."""
+    placed = scene_parts(experiment, scene).colliders
+    return placed[0].collider if placed else NoCollider(experiment.dim)
 
 
-def _corrections(files: RunFiles, body: ReducedBody, collider: Collider) -> dict[str, StaticCorrection]:
-    """Every correction of the run directory."""
-    return {
-        name: StaticCorrection(load_correction(path, body, collider), body)
-        for name, path in files.corrections.items()
-    }
+def _no_solve(frame: int) -> FrameSolves:
+    raise AssertionError("without a collider no frame is solved")
+
+
+def state_corrections(
+    experiment: Experiment, files: RunFiles, body: ReducedBody, collider: Collider
+) -> dict[str, StateCorrection]:
+    """Every correction of the run directory, and static condensation beside internal ones."""
+    found: dict[str, StateCorrection] = {}
+    if not isinstance(collider, NoCollider):
+        for name, path in files.corrections.items():
+            found[name] = StaticCorrection(load_correction(path, body, collider), body)
+    if not files.internal:
+        return found
+    condensation = compute_static_condensation(body, experiment.dynamics.gravity, NullSpaceCompliance(body))
+    found[CONDENSED] = InternalDisplacement(body, condensation, None)
+    for name, path in files.internal.items():
+        internal = InternalCorrection(load_internal(path, body).model, body)
+        own = condensation if internal.on_condensation else None
+        found[name] = InternalDisplacement(body, own, internal)
+    return found
 
 
 def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider) -> str:
@@ -176,9 +213,9 @@ def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider
 
 def _judged_model(experiment: Experiment, files: RunFiles) -> str | None:
     """The correction that the report is about: `[report] model` if it exists, otherwise the last by name."""
-    if experiment.report.model in files.corrections:
+    if experiment.report.model in files.trained:
         return experiment.report.model
-    return max(files.corrections, default=None)
+    return max(files.trained, default=None)
 
 
 def _contact_notes(scenes: list[JudgedScene]) -> list[str]:

@@ -9,6 +9,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, SceneSpec
 from softprint.runtime.mechanics.mechanics_file import PATTERN as MECHANICS_FILES
 from softprint.runtime.scenes.motion_file import Motion, load_motion
+from softprint.runtime.scenes.playing import CONDENSED, internal_models, internal_path
 from softprint.runtime.scenes.simulate import inputs_hash, motion_path
 
 FULL, BARE = "full", "bare"
@@ -16,27 +17,34 @@ FULL, BARE = "full", "bare"
 
 @dataclass(frozen=True)
 class RunFiles:
-    """Paths of the existing files; corrections by name, in alphabetical order."""
+    """Paths of the existing files; corrections, and internal ones, by name in alphabetical order."""
 
     folder: Path
     body: Path
     truth: Path | None
     corrections: dict[str, Path]
+    internal: dict[str, Path]
 
     @property
     def models(self) -> list[str]:
         """The models with which a scene may have been simulated."""
-        return [FULL, BARE, *self.corrections]
+        condensed = [CONDENSED] if self.internal else []
+        return [FULL, BARE, *self.corrections, *condensed, *self.internal]
+
+    @property
+    def trained(self) -> dict[str, Path]:
+        """Corrections and internal ones."""
+        return {**self.corrections, **self.internal}
 
 
 def judged_scenes(experiment: Experiment) -> list[SceneSpec]:
-    """The test scenes that a report evaluates: those with one collider with keyframes, because full space must be able
-    to simulate them and contact is compared for a single collider."""
+    """The test scenes that a report evaluates: those with one collider with keyframes, or none, because full space must
+    be able to simulate them and contact is compared for a single collider."""
     return [scene for scene in experiment.scenes_of_role("test") if _can_be_judged(scene)]
 
 
 def _can_be_judged(scene: SceneSpec) -> bool:
-    return len(scene.colliders) == 1 and not scene.colliders[0].free
+    return len(scene.colliders) < 2 and not any(entry.free for entry in scene.colliders)
 
 
 def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
@@ -52,7 +60,7 @@ def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
     if not scenes:
         raise SoftprintError(
             f'{experiment.path}: a report needs a held-out motion; add a [[scenes]] table with role = "test" and one '
-            "collider that moves along keyframes"
+            "collider that moves along keyframes, or none"
         )
     for scene in scenes:
         path = motion_path(folder, scene.name, FULL)
@@ -63,7 +71,8 @@ def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
             )
     truth = folder / "truth.h5"
     corrections = {path.stem: path for path in sorted((folder / "corrections").glob("*.safetensors"))}
-    return RunFiles(folder, body, truth if truth.is_file() else None, corrections)
+    internal = {name: internal_path(folder, name) for name in internal_models(folder)}
+    return RunFiles(folder, body, truth if truth.is_file() else None, corrections, internal)
 
 
 def missing_notes(files: RunFiles, experiment: Experiment) -> list[str]:
@@ -77,7 +86,7 @@ def missing_notes(files: RunFiles, experiment: Experiment) -> list[str]:
     ]
     if files.truth is None:
         notes.append(f"There is no ground truth ({files.folder / 'truth.h5'}) yet: run {verb('generate')}.")
-    if not files.corrections:
+    if not files.trained:
         notes.append(f"No correction has been trained yet: run {verb('train')}.")
     for scene in judged_scenes(experiment):
         absent = [name for name in files.models if not motion_path(files.folder, scene.name, name).is_file()]
@@ -116,7 +125,7 @@ def used_paths(files: RunFiles, scenes: Sequence[SceneSpec]) -> list[Path]:
     """Every input file of the report."""
     motions = [motion_path(files.folder, scene.name, name) for scene in scenes for name in files.models]
     mechanics = sorted(files.folder.glob(MECHANICS_FILES))
-    paths = [files.body, files.truth, *mechanics, *files.corrections.values(), *motions]
+    paths = [files.body, files.truth, *mechanics, *files.trained.values(), *motions]
     return [path for path in paths if path is not None and path.is_file()]
 
 

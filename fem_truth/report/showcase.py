@@ -7,6 +7,7 @@ import numpy as np
 
 from softprint.fem_truth.report.drawing.picture import Picture, Renderer
 from softprint.fem_truth.report.drawing.style import ModelStyle
+from softprint.fem_truth.report.measurements.body_alone import NoCollider
 from softprint.fem_truth.report.measurements.comparison import frames_to_show, node_distances
 from softprint.fem_truth.report.measurements.held_out import Comparer, SceneComparison
 from softprint.fem_truth.report.page import ShownFrame
@@ -14,8 +15,8 @@ from softprint.runtime.arrays import Array
 
 
 def shown_models(comparison: SceneComparison, model: str | None) -> list[str]:
-    """Full space, bare subspace, the thesis's network and the model the report is about, as far as they exist."""
-    wanted = ["full", "bare", "thesis5", model]
+    """Full space, bare subspace, the thesis's networks and the model the report is about, as far as they exist."""
+    wanted = ["full", "bare", "thesis4", "thesis5", model]
     return [name for name in wanted if name is not None and name in comparison.everywhere]
 
 
@@ -28,7 +29,8 @@ def showcase(
 ) -> tuple[list[ShownFrame], list[dict[str, Any]]]:
     """Pictures of the chosen frames, and their numbers for the JSON."""
     judged = comparison.everywhere[models[-1]]
-    chosen = frames_to_show(comparison.contact, comparison.depth, judged)
+    alone = isinstance(comparer.collider, NoCollider)
+    chosen = frames_to_show(comparison.contact, comparison.depth, judged, alone)
     bare = comparison.everywhere["bare"]
     limit = max(
         float(bare.worst_node[bare.frames == frame][0]) for frame, _ in chosen
@@ -65,15 +67,21 @@ def _pictures(
     pose = comparer.motion.poses[frame]
     positions = comparer.positions(frame)
     full = positions["full"]
-    centre = _deepest_point(comparer, full, frame)
+    alone = isinstance(comparer.collider, NoCollider)
+    centre = None if alone else _deepest_point(comparer, full, frame)
     outside: list[Picture | None] = []
     cut: list[Picture | None] = []
     heat: list[Picture | None] = []
     for name in models:
         label, x = styles[name].label, positions[name]
-        outside.append(renderer.outside(x, pose, f"{label}, frame {frame}: the body and the collider"))
+        shown = "the body" if alone else "the body and the collider"
+        outside.append(renderer.outside(x, pose, f"{label}, frame {frame}: {shown}"))
         cut.append(
-            renderer.cut(x, pose, centre, f"{label}, frame {frame}: the contact under the collider, cut open")
+            None
+            if centre is None
+            else renderer.cut(
+                x, pose, centre, f"{label}, frame {frame}: the contact under the collider, cut open"
+            )
         )
         if name == "full":
             heat.append(None)  # its place is taken by the colour bar

@@ -46,19 +46,23 @@ class Step:
 def steps_of(context: Context, ranks: int) -> list[Step]:
     """Body, reference solutions, training, motions of every model in the test scenes, and the report."""
     experiment = context.experiment
-    trained = experiment.training.models
+    trained, internal = experiment.training.models, experiment.training.internal
     names = ["full", "bare", *(model.name for model in trained)]
+    if internal:
+        names += ["condensed", *(model.name for model in internal)]
     scenes = len(experiment.scenes_of_role("test"))
     models = [word for name in names for word in ("--model", name)]
     judged = len(trained) if len(experiment.sampled_colliders) > 1 else 0  # by shape, too
     return [
         Step("body", 0.03),
-        Step("generate", 0.45, counted=("contacts",), ranks=ranks),
+        Step(
+            "generate", 0.45, counted=("contacts" if experiment.sampled_colliders else "states",), ranks=ranks
+        ),
         Step(
             "train",
             0.25,
             counted=("step",),
-            bars=sum(model.learned for model in trained),
+            bars=sum(model.learned for model in trained) + len(internal),
             threads=len(os.sched_getaffinity(0)),
         ),
         Step("simulate", 0.15, models, counted=("steps",), bars=scenes * len(names)),
@@ -178,7 +182,8 @@ def errors_left(run: Path) -> list[str]:
         return ["No held-out scene could be judged; the report says why."]
     frames = max(int(row["n_frames"]) for row in rows.values())
     width = max(map(len, rows))
+    where = "frames in contact" if report.get("collider") else "frames"
     return [
-        f"Error left in {frames} frames in contact of motions never seen (relative RMS):",
+        f"Error left in {frames} {where} of motions never seen (relative RMS):",
         *(f"  {name:<{width}}  {row['relative_rms']:.1%}" for name, row in rows.items()),
     ]

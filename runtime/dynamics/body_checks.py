@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction import InternalField
@@ -21,9 +18,9 @@ def check_mechanics(body: ReducedBody, mechanics: BodyMechanics | None) -> None:
         )
 
 
-def check_internal(internal: InternalField | None, mechanics: BodyMechanics | None, gravity: Array) -> None:
-    """Raises SoftprintError for an internal correction with other mechanics than it was trained on, with condensed
-    contact, which does not see it, and with gravity, of which it would miss the work."""
+def check_internal(internal: InternalField | None, mechanics: BodyMechanics | None) -> None:
+    """Raises SoftprintError for an internal correction with other mechanics than it was trained on, and with condensed
+    contact, which does not see it."""
     if internal is None:
         return
     condensed = mechanics is not None and mechanics.condensation is not None
@@ -38,8 +35,4 @@ def check_internal(internal: InternalField | None, mechanics: BodyMechanics | No
     if mechanics is not None and mechanics.compliance is not None:
         raise SoftprintError(
             "condensed contact does not see an internal correction: give mechanics without a surface compliance"
-        )
-    if np.any(gravity):
-        raise SoftprintError(
-            f"an internal correction does no work against gravity: set gravity to zero, not {gravity.tolist()}"
         )

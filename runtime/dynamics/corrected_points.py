@@ -30,7 +30,7 @@ class CorrectedPoints:
 
     corrections: (name of the collider, correction); reach [m]: surface samples whose reduced position is
     farther than that from the collider need no correction, see `FieldCorrection.bind`; internal: of the body, at all
-    points.
+    points; surface: whether the surface samples are among the points. If not, `samples` are zeros, which nobody reads.
     """
 
     def __init__(
@@ -39,11 +39,16 @@ class CorrectedPoints:
         corrections: Sequence[tuple[str, FieldCorrection]],
         reach: float = np.inf,
         internal: InternalField | None = None,
+        surface: bool = True,
     ) -> None:
         corners = body.mesh.cells[body.cubature.cells]
-        nodes = np.union1d(corners, body.surface.nodes)
+        nodes = np.union1d(corners, body.surface.nodes) if surface else np.unique(corners)
         self.corners: IntArray = np.searchsorted(nodes, corners)
-        self.samples: IntArray = np.searchsorted(nodes, body.surface.nodes)
+        self.samples: IntArray = (
+            np.searchsorted(nodes, body.surface.nodes)
+            if surface
+            else np.zeros(len(body.surface.nodes), dtype=np.int64)
+        )
         self.count = len(nodes)
         reaches = np.full(len(nodes), reach)
         reaches[self.corners] = np.inf
@@ -54,6 +59,11 @@ class CorrectedPoints:
             else [(name, correction.bind(points, reaches)) for name, correction in corrections]
         )
         self._internal: BoundInternal | None = None if internal is None else internal.bind(nodes)
+
+    @property
+    def without_jacobian(self) -> bool:
+        """Whether `linearise` costs no more than `displacement`: an internal correction makes its Jacobian later."""
+        return not self._corrections
 
     @property
     def corrected(self) -> bool:
@@ -85,6 +95,8 @@ class CorrectedPoints:
         """The field's displacement at all n points, zero where it is inactive."""
         if field is None:
             return None
+        if len(field.index) == self.count:
+            return field.displacement
         displacement = np.zeros((self.count, field.displacement.shape[1]))
         displacement[field.index] = field.displacement
         return displacement

@@ -90,14 +90,14 @@ class Simulator:
         self.settings = settings or DynamicsSettings()
         self._gravity = acceleration(body, gravity)
         check_mechanics(body, mechanics)
-        check_internal(internal, mechanics, self._gravity)
+        check_internal(internal, mechanics)
         check_colliders(self.colliders, body, mechanics, contact)
         self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
         self.hold = Hold.of(body, springs, kinematic, self.settings.time_step)
-        self._friction = friction
+        self._friction = friction if self.colliders else None
         self._corrections = find_corrections(body, self.colliders, self.mechanics, contact, internal)
         self._terms = build_terms(
-            body, self.colliders, self._corrections, self.mechanics, contact, friction, self._gravity
+            body, self.colliders, self._corrections, self.mechanics, contact, self._friction, self._gravity
         )
         stiffness = float(np.mean(body.material.young)) * body.mesh.size ** (body.dim - 1)
         weight = float(body.node_mass.sum() * np.linalg.norm(self._gravity))
@@ -274,7 +274,9 @@ class Simulator:
             inertia.constant + springs.constant + height,
         )
         blocks = by_axis(quadratic.matrix, self.body.dim)
-        return StepEnergy(self.hold.unknowns, quadratic, springs, blocks, free, None, self._force_floor, timings)
+        return StepEnergy(
+            self.hold.unknowns, quadratic, springs, blocks, free, None, self._force_floor, timings
+        )
 
     def _reached(
         self, solved: Minimum[StepPoint], time: float, velocity: Array, free: FreeStep | None
@@ -308,7 +310,7 @@ class Simulator:
         energies = {
             "inertia": inertia.energy(rows),
             "kinetic": 0.5 * float(np.vdot(velocity, self.body.reduced_mass @ velocity)),
-            "gravity": height - float(np.vdot(weight, rows)),
+            "gravity": height - float(np.vdot(weight, rows)) + x.body.correction_height,
             "springs": x.problem.springs.energy(rows),
             "elastic": x.body.elastic.energy,
             "contact": normal,

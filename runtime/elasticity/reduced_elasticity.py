@@ -5,8 +5,8 @@ With the basis gradients D_c (n_rows, dim) of a cell, F_c,ij = sum_r rows_ri D_c
     dE/drows_ri           = sum_c w_c D_c,rj P_c,ij
     d2E/drows_ri drows_sk = sum_c w_c D_c,rj A_c,ijkl D_c,sl,
 
-each computed as one matrix product over (cell, j). Where a correction also displaces the corners of a cell, F
-depends on all rows, and the general form with B = dF/drows is used.
+each computed as one matrix product over (cell, j). What a correction of the corners of cells adds is in
+`runtime/dynamics/terms/corner_gradients.py`.
 """
 
 from __future__ import annotations
@@ -99,6 +99,10 @@ class ReducedElasticity:
         stress = self.material.first_piola(F)
         return self._flat_weighted @ stress.transpose(0, 2, 1).reshape(-1, stress.shape[1])
 
+    def gradient_of(self, stress: Array) -> Array:
+        """dE/drows (n_rows, dim) [N] through the basis alone, of a stress w P (m, dim, dim)."""
+        return self._flat.T @ stress.transpose(0, 2, 1).reshape(-1, stress.shape[1])
+
     def hessian(self, F: Array) -> Array:
         """d2E/drows2 (n_rows*dim, n_rows*dim) [N/m], row-major in (row, axis), where F depends on the rows through the
         basis alone."""
@@ -113,19 +117,17 @@ class ReducedElasticity:
         blocks[:, k, :, i] = upper.transpose(1, 2, 0)
         return blocks.reshape(n_rows * dim, n_rows * dim)
 
-    def general_gradient(self, F: Array, derivative: Array) -> Array:
-        """dE/drows (n_rows, dim) for a given B = dF/drows (m, dim, dim, n_rows, dim)."""
-        stress = self.weights[:, None, None] * self.material.first_piola(F)
-        return (stress.ravel() @ derivative.reshape(stress.size, -1)).reshape(derivative.shape[-2:])
-
-    def general_hessian(self, F: Array, derivative: Array) -> Array:
-        """sum_c w B^T A B (n_rows*dim, n_rows*dim) for a given B: the Hessian without the term in d2F/drows2."""
-        count, size = len(F), F.shape[1] * F.shape[2]
-        tangent = self.weights[:, None, None] * self.material.tangent(F).reshape(count, size, size)
-        B = derivative.reshape(count, size, -1)
-        return B.reshape(count * size, -1).T @ (tangent @ B).reshape(count * size, -1)
-
     def basis_derivative(self) -> Array:
         """B (m, dim, dim, n_rows, dim) by the basis alone: dF_ij/drows_rk = D_rj delta_ik."""
         dim = self.basis_gradient.shape[2]
         return np.einsum("crj,ik->cijrk", self.basis_gradient, np.eye(dim))
+
+    def basis_along(self, directions: Array | None) -> Array:
+        """B (m*dim*dim, k) along directions (n_rows*dim, k) of the rows, by default every row and axis."""
+        m, n_rows, dim = self.basis_gradient.shape
+        if directions is None:
+            return self.basis_derivative().reshape(m * dim * dim, n_rows * dim)
+        B = np.empty((m, dim, dim, directions.shape[1]))
+        for axis in range(dim):
+            B[:, axis] = (self._flat @ directions[axis::dim]).reshape(m, dim, -1)
+        return B.reshape(m * dim * dim, -1)

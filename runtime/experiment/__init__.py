@@ -16,7 +16,7 @@ from softprint.runtime.experiment.schema.body import (
 from softprint.runtime.experiment.schema.dynamics import ContactSpec, DynamicsSpec
 from softprint.runtime.experiment.schema.sampling import SamplingSpec, SolverSpec
 from softprint.runtime.experiment.schema.scene import KeyframeSpec, SceneColliderSpec, SceneSpec, SpringSpec
-from softprint.runtime.experiment.schema.training import ModelSpec, TrainingSpec
+from softprint.runtime.experiment.schema.training import InternalSpec, ModelSpec, TrainingSpec
 
 __all__ = [
     "BodySpec",
@@ -26,6 +26,7 @@ __all__ = [
     "ExperimentSpec",
     "FrameSpec",
     "HandlesSpec",
+    "InternalSpec",
     "KeyframeSpec",
     "MaterialRegionSpec",
     "MaterialSpec",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from softprint.runtime.colliders.surface_mesh.mesh_collider import SUFFIXES
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.experiment.experiment import LIBRARY, RESERVED, Experiment
+from softprint.runtime.experiment.experiment import LIBRARY, MODELS, RESERVED, Experiment
 from softprint.runtime.experiment.own_shapes import matches
 from softprint.runtime.experiment.problems import Problem
 from softprint.runtime.experiment.schema.colliders import LibraryTable
@@ -48,12 +48,19 @@ def _repeated_names(experiment: Experiment) -> Iterator[Problem]:
         "colliders": [spec.name for spec in experiment.colliders],
         "scenes": [spec.name for spec in experiment.scenes],
         "training.models": [spec.name for spec in experiment.training.models],
+        "training.internal": [spec.name for spec in experiment.training.internal],
         "body.handles.frames": [spec.name for spec in experiment.body.handles.frames],
     }
     for key, names in lists.items():
         for number, name in enumerate(names):
             if name in names[:number]:
                 yield Problem(f"{key}[{number}].name", "is used twice", "give each its own name", name)
+    taken = {*lists["training.models"], *MODELS}
+    for number, name in enumerate(lists["training.internal"]):
+        if name in taken:
+            yield Problem(
+                f"training.internal[{number}].name", "is that of another model", "give it another", name
+            )
 
 
 def _body(experiment: Experiment) -> Iterator[Problem]:

@@ -26,6 +26,9 @@ ANY_COLLIDER = "any"  # collider of a correction that was trained for all collid
 # Names that no collider of a file may have.
 RESERVED = {LIBRARY: "stands for all shapes of [library]", ANY_COLLIDER: "stands for any collider"}
 
+# Models that are not learned, whose names no internal correction may have.
+MODELS = ("full", "bare", "condensed")
+
 
 class ExperimentSpec(Section):
     """`[experiment]`: its name and the seed of its random numbers."""

@@ -14,9 +14,10 @@ the reduced state.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
@@ -43,6 +44,22 @@ class CorrectionField:
     index: IntArray
     displacement: Array
     jacobian: Array
+
+    def pulled_back(self, forces: Array) -> Array:
+        """sum_i f_i . du_i/drows (n_rows, dim) of forces (m, dim) at its points."""
+        m, dim, n_rows, _ = self.jacobian.shape
+        return np.asarray((forces.ravel() @ self.jacobian.reshape(m * dim, -1)).reshape(n_rows, dim))
+
+    def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
+        """The Jacobian (m*dim, k) along directions (n_rows*dim, k) of the rows, by default every row and axis."""
+        m, dim = self.displacement.shape
+        jacobian = self.jacobian.reshape(m * dim, -1)
+        return jacobian if directions is None else jacobian @ directions
+
+    def curvature(self, forces: Array, directions: Array | None) -> Array | None:
+        """sum_i f_i . d2u_i/drows2 (k, k) of forces (m, dim) at its points, between directions (n_rows*dim, k) of the
+        rows, by default every row and axis; None where it is left out of the Hessian, as thesis 4.2.3 and 5.4 do."""
+        return None
 
     @classmethod
     def empty(cls, dim: int, n_rows: int) -> CorrectionField:
@@ -99,6 +116,32 @@ class BoundInternal(Protocol):
         ...
 
 
+class WeightPoint(Protocol):
+    """The work of gravity along an internal correction at one state."""
+
+    @property
+    def energy(self) -> float:
+        """[J]"""
+        ...
+
+    @property
+    def gradient(self) -> Array:
+        """By the handle rows (n_rows, dim) [N]."""
+        ...
+
+    def hessian(self, along: Array | None = None) -> Array:
+        """By the handle rows, see `RowHessian`."""
+        ...
+
+
+class CorrectionWeight(Protocol):
+    """The work of gravity along an internal correction."""
+
+    def at(self, rows: Array) -> WeightPoint:
+        """At handle rows (n_rows, dim)."""
+        ...
+
+
 class InternalField(Protocol):
     """An internal correction of a body. on_condensation: whether it adds to the body's static condensation, or to the
     subspace alone."""
@@ -107,6 +150,10 @@ class InternalField(Protocol):
 
     def bind(self, nodes: IntArray | None = None) -> BoundInternal:
         """The correction at some nodes (n,) of the body, all by default, prepared once."""
+        ...
+
+    def weight(self, mass: Array, gravity: Array) -> CorrectionWeight:
+        """The work of gravity (dim,) [m/s^2] along it; mass: of every node of the body (n_nodes,) [kg]."""
         ...
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 MODEL_GROUP = "softprint.models"
 BARE = "bare"
+CONDENSED = "condensed"
 
 
 class SceneModel(Protocol):
@@ -127,9 +128,24 @@ def bare_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> R
 def condensed_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> ReducedModel:
     """The subspace with static condensation, computed here; contact is penalty contact."""
     parts = scene_parts(experiment, scene)
-    condensation = compute_static_condensation(body, parts.gravity, NullSpaceCompliance(body))
-    mechanics = BodyMechanics(None, condensation)
-    return ReducedModel(scene_simulator(body, parts, mechanics=mechanics), parts.held)
+    return ReducedModel(scene_simulator(body, parts, mechanics=_condensed(body, parts.gravity)), parts.held)
+
+
+def _condensed(body: ReducedBody, gravity: Array) -> BodyMechanics:
+    return BodyMechanics(None, compute_static_condensation(body, gravity, NullSpaceCompliance(body)))
+
+
+def internal_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path) -> ReducedModel:
+    """The subspace, or static condensation, with the internal correction of a file; contact is penalty contact."""
+    # Imported here, because torch takes a second to load and the other models do not need it.
+    from softprint.runtime.learned.internal.correction import InternalCorrection
+    from softprint.runtime.learned.internal.file import load_internal
+
+    parts = scene_parts(experiment, scene)
+    trained = load_internal(path, body)
+    correction, body = InternalCorrection(trained.model, body), trained.on(body)
+    mechanics = _condensed(body, parts.gravity) if correction.on_condensation else None
+    return ReducedModel(scene_simulator(body, parts, mechanics=mechanics, internal=correction), parts.held)
 
 
 def correction_path(out: Path, name: str) -> Path:
@@ -142,13 +158,30 @@ def trained_models(out: Path) -> list[str]:
     return sorted(file.stem for file in (out / "corrections").glob("*.safetensors"))
 
 
+def internal_path(out: Path, name: str) -> Path:
+    """The file that `train` writes for the internal correction of that name."""
+    return out / "internal" / f"{name}.safetensors"
+
+
+def internal_models(out: Path) -> list[str]:
+    """Names of the internal corrections in a run directory."""
+    return sorted(file.stem for file in (out / "internal").glob("*.safetensors"))
+
+
+def usual_models(out: Path) -> list[str]:
+    """What plays a scene where no model is named: the bare subspace and all that is trained; static condensation, too,
+    where internal corrections are."""
+    internal = internal_models(out)
+    return [BARE, *trained_models(out), *([CONDENSED] if internal else []), *internal]
+
+
 def corrected_model(
     experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str
 ) -> ReducedModel:
     """The subspace with the correction that was trained under that name."""
     path = correction_path(out, name)
     if not path.is_file():
-        known = ", ".join([BARE, *trained_models(out)])
+        known = ", ".join([BARE, CONDENSED, *trained_models(out), *internal_models(out)])
         raise SoftprintError(
             f"there is no model {name!r}: looked for {path}. Known models: {known}; `softprint train` makes "
             f"corrections; models of installed packages: {', '.join(_announced()) or 'no others'}"
@@ -181,13 +214,17 @@ def _announced() -> list[str]:
 def build_model(
     experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str
 ) -> SceneModel:
-    """The model of that name: `bare`, one that a package registers, or a trained correction."""
+    """The model of that name: `bare`, `condensed`, one that a package registers, or a trained correction."""
     if name == BARE:
         return bare_model(experiment, body, scene)
+    if name == CONDENSED:
+        return condensed_model(experiment, body, scene)
     for point in entry_points(group=MODEL_GROUP):
         if point.name == name:
             factory: ModelFactory = point.load()
             return factory(experiment, body, scene, out)
+    if internal_path(out, name).is_file():
+        return internal_model(experiment, body, scene, internal_path(out, name))
     return corrected_model(experiment, body, scene, out, name)
 
 

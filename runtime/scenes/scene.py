@@ -20,7 +20,7 @@ from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.dynamics.terms.springs import HandleSpring
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.recorded_motion import read_recorded_motion
-from softprint.runtime.learned.correction import Correction
+from softprint.runtime.learned.correction import Correction, InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.optimise import NewtonSettings
 from softprint.runtime.rigid import free_collider
@@ -161,9 +161,10 @@ def scene_simulator(
     parts: SceneParts,
     corrections: Iterable[Correction] = (),
     mechanics: BodyMechanics | None = None,
+    internal: InternalField | None = None,
 ) -> Simulator:
     """The reduced simulator of a scene: the bare subspace, or with one correction for a collider, and the mechanics
-    of the body."""
+    and an internal correction of the body."""
     by_collider = {correction.collider: correction for correction in corrections}
     colliders = tuple(replace(placed, correction=by_collider.get(placed.name)) for placed in parts.colliders)
     return Simulator(
@@ -171,6 +172,7 @@ def scene_simulator(
         colliders,
         contact=parts.contact,
         mechanics=mechanics,
+        internal=internal,
         friction=parts.friction,
         gravity=parts.gravity,
         springs=parts.springs,

@@ -22,7 +22,7 @@ from softprint.runtime.scenes.motion_file import (
     write_motion,
     write_side_file,
 )
-from softprint.runtime.scenes.playing import BARE, build_model, correction_path, play
+from softprint.runtime.scenes.playing import BARE, build_model, correction_path, internal_path, play
 from softprint.runtime.scenes.scene import scene_steps
 
 if TYPE_CHECKING:
@@ -64,6 +64,8 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
     for entry in scene.colliders:
         content[f"collider_{entry.name}"] = experiment.collider(entry.name).model_dump_json()
     content |= scene_files(experiment, scene)
+    if internal_path(out, model).is_file():
+        content["internal"] = file_hash(internal_path(out, model))
     correction = correction_path(out, model)
     if model != BARE and correction.is_file():
         # Imported here, because torch takes a second to load and the other models do not need it.

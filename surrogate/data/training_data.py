@@ -43,7 +43,7 @@ class TrainingData:
         if not truth.header.colliders:
             raise SoftprintError(
                 f"{truth.path}: has states without contact alone, and [[training.models]] are corrections of contact; "
-                "`surrogate.internal.entry.train_internal` learns internal corrections from them"
+                "[[training.internal]] learns from them"
             )
         if spec.collider == LIBRARY:
             self.split: Split = split_by_shape(

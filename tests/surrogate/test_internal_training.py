@@ -15,8 +15,10 @@ from softprint.fem_truth.sampling.recorded_states import disturbed_states
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
+from softprint.runtime.body.cubature import dof_scale
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.elasticity.elastic_energy import elastic_energy
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.internal.correction import InternalCorrection, mapped
@@ -26,6 +28,7 @@ from softprint.runtime.mechanics.static_condensation import StaticCondensation
 from softprint.runtime.mesh import box_mesh
 from softprint.runtime.truth.truth_file import TruthHeader, create_truth, load_truth
 from softprint.surrogate.internal.components import principal_components
+from softprint.surrogate.internal.cubature import fitted_cubature, force_system
 from softprint.surrogate.internal.data import read_internal_data
 from softprint.surrogate.internal.entry import train_internal
 from softprint.surrogate.train import TrainingSettings
@@ -154,7 +157,8 @@ def test_a_trained_correction_brings_the_body_nearer_to_full_space(
         truth_hash = truth.content_hash
     path = tmp_path / "internal.safetensors"
     save_internal(path, result.model, body, truth_hash, result.held_out.rms)
-    header, model = load_internal(path, body)
+    header, model, cubature = load_internal(path, body)
+    assert cubature is None
     assert header.truth_hash == truth_hash
     assert model.options == result.model.options
     before, after = (
@@ -196,3 +200,57 @@ def test_a_truth_under_gravity_is_refused(body, truth_path, tmp_path):
         pytest.raises(SoftprintError, match="without gravity"),
     ):
         read_internal_data(truth, body, None)
+
+
+@pytest.mark.parametrize("condensed", [False, True])
+def test_a_cubature_learned_from_states_is_nearer_than_that_of_the_body(
+    body, condensation, truth_path, condensed, tmp_path
+):
+    """In states that it was not fitted to, with no more cells; with all cells it is exact. And it is in the file."""
+    with load_truth(truth_path, body) as truth:
+        own = condensation if condensed else None
+        result = train_internal(truth, body, own, (16, 16), 10, settings=SETTINGS)
+        data, rows = read_internal_data(truth, body, own), truth.states["rows"]
+        truth_hash = truth.content_hash
+    internal = InternalCorrection(result.model, body)
+    count = len(body.cubature.cells) // 2
+    cubature, (_, force) = fitted_cubature(
+        body, internal, own, rows[data.train], rows[data.held_out], count, np.random.default_rng(1)
+    )
+    assert len(cubature.cells) <= count
+    assert (cubature.weights > 0.0).all()
+    assert cubature.force_error < 0.5 * force
+    system = force_system(body, internal, own, rows[:2])
+    exact = system.errors(system.cells, body.mesh.cell_volumes[system.cells])
+    assert max(exact) < 1e-6  # B is in single precision
+    path = tmp_path / "internal.safetensors"
+    save_internal(path, result.model, body, truth_hash, result.held_out.rms, None, cubature)
+    loaded = load_internal(path, body)
+    assert loaded.cubature is not None
+    np.testing.assert_array_equal(loaded.on(body).cubature.cells, cubature.cells)
+    np.testing.assert_array_equal(loaded.on(body).cubature.weights, cubature.weights)
+    assert loaded.on(body).content_hash == body.content_hash
+
+
+def test_the_forces_of_the_system_are_those_of_the_energy(body, truth_path):
+    """On the subspace: the derivative by each coordinate, of all cells."""
+    with load_truth(truth_path, body) as truth:
+        result = train_internal(truth, body, None, (8, 8), 6, settings=SETTINGS)
+        rows = truth.states["rows"][9]
+    internal = InternalCorrection(result.model, body)
+    bound, handles = internal.bind(), body.handles
+    scale = dof_scale(body.mesh, handles)
+
+    def energy(at: Array) -> float:
+        return elastic_energy(body.mesh, body.material, body.reduced_positions(at) + bound.displacement(at))
+
+    step, found = 1e-6, []
+    for index in range(handles.n_dofs):
+        ahead = np.zeros(handles.n_dofs)
+        ahead[index] = step * scale[index]
+        found.append(
+            (energy(handles.retract(rows, ahead)) - energy(handles.retract(rows, -ahead))) / (2 * step)
+        )
+    expected = np.array(found) / np.linalg.norm(found)
+    system = force_system(body, internal, None, rows[None])
+    np.testing.assert_allclose(system.whole[0], expected, atol=1e-5)  # B is in single precision

@@ -7,7 +7,7 @@ import pytest
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.contact.penalty import PenaltyContact
-from softprint.runtime.learned.correction_file import save_correction
+from softprint.runtime.learned.correction_file import read_header, save_correction
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
@@ -37,21 +37,21 @@ def trained(jelly2d_body, tmp_path):
 def test_a_correction_of_this_program_is_kept_silently(trained, caplog):
     path = trained(program_hash())
     with caplog.at_level(logging.WARNING):
-        assert kept_header(path, RECIPE) is not None
+        assert kept_header(path, RECIPE, read_header) is not None
     assert not caplog.messages
 
 
 def test_a_correction_of_another_program_is_kept_with_a_warning(trained, caplog):
     path = trained("of yesterday")
     with caplog.at_level(logging.WARNING):
-        assert kept_header(path, RECIPE) is not None
+        assert kept_header(path, RECIPE, read_header) is not None
     (message,) = caplog.messages
     assert "another version of the program: --no-resume trains it again" in message
 
 
 def test_a_correction_of_another_recipe_is_not_kept(trained):
     path = trained(program_hash())
-    assert kept_header(path, {**RECIPE, "truth": "other"}) is None
+    assert kept_header(path, {**RECIPE, "truth": "other"}, read_header) is None
 
 
 def test_a_correction_with_other_mechanics_is_not_kept(tmp_path, jelly2d_body, caplog):

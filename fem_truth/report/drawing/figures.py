@@ -131,7 +131,7 @@ def phases(
             axes.text(left, row, f"  {left:.{3 if left < 1000 else 4}g} ms", va="center", ha="left")
         axes.set_yticks(range(len(models)), [styles[key].label for key in models])
         axes.invert_yaxis()
-        axes.set_xlabel("milliseconds per step, mean over the steps in contact")
+        axes.set_xlabel("milliseconds per step, mean")
         axes.margins(x=0.12)
         axes.set_xlim(left=0)
         return to_svg(figure, name, _model_colours([styles[key] for key in models]))

@@ -98,9 +98,14 @@ class GlRenderer:
     def outside(self, positions: Array, pose: RigidPose, alt: str) -> Picture:
         def build(plotter: "pv.Plotter") -> None:
             self._add_body(plotter, self._surface(positions), self._view)
-            plotter.add_mesh(
-                self._placed_collider(pose), color=COLLIDER, opacity=0.42, smooth_shading=True, specular=0.5
-            )
+            if self.collider.size:
+                plotter.add_mesh(
+                    self._placed_collider(pose),
+                    color=COLLIDER,
+                    opacity=0.42,
+                    smooth_shading=True,
+                    specular=0.5,
+                )
             self._whole_view(plotter, positions)
 
         return _shot(build, alt, self._from_above)

@@ -50,6 +50,17 @@ _KNOWN = (
         "#f0b93a",
         _DASH_DOT,
     ),
+    ModelStyle(
+        "condensed",
+        "Condensed",
+        "U q and static condensation, nothing learned",
+        "#b57b00",
+        "#f0b93a",
+        _DASH_DOT,
+    ),
+    ModelStyle(
+        "thesis4", "thesis4", "the thesis's internal correction (ch. 4)", "#0072b2", "#56b4e9", _DASHED
+    ),
     ModelStyle("thesis5", "thesis5", "the thesis's network (ch. 5)", "#0072b2", "#56b4e9", _DASHED),
     ModelStyle("thesis6", "thesis6", "the thesis's network (ch. 6)", "#6a3d9a", "#c3a5e8", _DASHED),
     ModelStyle(
@@ -61,7 +72,7 @@ _KNOWN = (
         _DASH_DOT,
     ),
     ModelStyle(
-        "ours", "Ours", "mechanics, and a network that corrects its forces", "#d2500a", "#ff8b4d", _SOLID
+        "ours", "Ours", "linear mechanics, and a network that corrects it", "#d2500a", "#ff8b4d", _SOLID
     ),
     ModelStyle(
         "truth",

@@ -157,23 +157,26 @@ def evenly_spaced(candidates: IntArray, count: int) -> IntArray:
     return candidates[np.unique(np.round(np.linspace(0, len(candidates) - 1, count)).astype(int))]
 
 
-def frames_to_show(contact: IntArray, full_depth: Array, model: ModelFrames) -> list[tuple[int, str]]:
+def frames_to_show(
+    contact: IntArray, full_depth: Array, model: ModelFrames, alone: bool = False
+) -> list[tuple[int, str]]:
     """Frames for the pictures, chosen by rule: (frame, why), in order of time and without repeats.
 
     contact: (m,) frame numbers in contact; full_depth: (m,) depth of the collider in each of them
-    [m]; model: the model whose worst frame (largest RMS distance) must be shown.
+    [m]; model: the model whose worst frame (largest RMS distance) must be shown; alone: whether there is no collider,
+    and `full_depth` is the distance of the bare subspace.
     """
     m = len(contact)
-    reasons = [(int(contact[np.argmax(full_depth)]), "deepest contact")]
+    first = "farthest from the bare subspace" if alone else "deepest contact"
+    reasons = [(int(contact[np.argmax(full_depth)]), first)]
     reasons += [(int(model.frames[np.argmax(model.rms)]), "worst frame")]
-    reasons += [(int(contact[round(q * (m - 1))]), label) for q, label in _QUARTILES]
+    middle = "middle" if alone else "middle of the contact"
+    quartiles = ((0.25, "first quartile"), (0.5, middle), (0.75, "third quartile"))
+    reasons += [(int(contact[round(q * (m - 1))]), label) for q, label in quartiles]
     chosen: dict[int, list[str]] = {}
     for frame, why in reasons:
         chosen.setdefault(frame, []).append(why)
     return [(frame, ", ".join(chosen[frame])) for frame in sorted(chosen)]
-
-
-_QUARTILES = ((0.25, "first quartile"), (0.5, "middle of the contact"), (0.75, "third quartile"))
 
 
 def _root_ratio(numerator: Array | np.float64, denominator: Array | np.float64) -> Array:

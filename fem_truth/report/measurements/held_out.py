@@ -5,14 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from softprint.fem_truth.report.measurements.body_alone import NoCollider
 from softprint.fem_truth.report.measurements.comparison import (
     ModelFrames,
     evenly_spaced,
     measure_frame,
+    node_distances,
     pool,
+    root_mean_square,
 )
 from softprint.fem_truth.report.measurements.solves import FrameSolves
 from softprint.runtime.arrays import Array, BoolArray, IntArray
@@ -21,13 +25,12 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.elasticity.invariants import determinant
-from softprint.runtime.learned.static_correction import StaticCorrection
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutMotion:
-    """A full-space motion with one collider: times (n_frames,) [s], one pose per frame, in which frames the body pushes
-    the collider (n_frames,), positions read on demand."""
+    """A full-space motion with one collider, or `NoCollider`: times (n_frames,) [s], one pose per frame, in which
+    frames the body pushes the collider (n_frames,), positions read on demand."""
 
     times: Array
     poses: Sequence[RigidPose]
@@ -39,6 +42,14 @@ class HeldOutMotion:
         return len(self.times)
 
 
+class StateCorrection(Protocol):
+    """A correction evaluated state by state: `StaticCorrection`, or `InternalDisplacement`."""
+
+    def solve(self, rows: Array, pose: RigidPose, near: SolvedContact | None) -> SolvedContact | None: ...
+    def displacement_of(self, solved: SolvedContact | None, rows: Array, pose: RigidPose) -> Array: ...
+    def condensed_displacement(self, rows: Array) -> Array: ...
+
+
 class Comparer:
     """Evaluates every model at the same frame: the projected reduced state and the collider's recorded pose."""
 
@@ -47,7 +58,7 @@ class Comparer:
         body: ReducedBody,
         collider: Collider,
         motion: HeldOutMotion,
-        corrections: Mapping[str, StaticCorrection],
+        corrections: Mapping[str, StateCorrection],
     ) -> None:
         self.body, self.collider, self.motion, self.corrections = body, collider, motion, corrections
         self._surface = body.mesh.surface_nodes
@@ -73,9 +84,21 @@ class Comparer:
     def contact_frames(self) -> tuple[IntArray, Array]:
         """The frames in which the full-space body touches the collider, and in each of them the penetration depth of
         the collider in the *reduced* body [m], which measures how much there is to correct."""
+        if isinstance(self.collider, NoCollider):
+            return self._all_frames()
         touching = np.flatnonzero(self.motion.in_contact)
         depth = [self.depth(self.reduced(frame), self.motion.poses[frame]).max() for frame in touching]
         return touching, np.array(depth)
+
+    def _all_frames(self) -> tuple[IntArray, Array]:
+        """Those after the start of the scene; instead of a depth, the RMS distance of the reduced body from full space
+        [m]."""
+        frames = np.arange(1, self.motion.n_frames)
+        distance = [
+            root_mean_square(node_distances(self.reduced(frame), self.motion.positions(frame)))
+            for frame in frames
+        ]
+        return frames, np.array(distance)
 
     def positions(self, frame: int, solves: FrameSolves | None = None) -> dict[str, Array]:
         """Positions (n_nodes, dim) of every model in a frame, in the order of the tables; those of the solvers if there

@@ -9,6 +9,7 @@ from typing import Any
 
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction_file import CorrectionHeader, read_header
+from softprint.runtime.learned.internal.file import InternalHeader, read_internal_header
 
 # The columns that `softprint bench` writes for a measurement; files of earlier versions have fewer.
 _CONDITIONS = ("scene", "tolerance", "iterations", "cores_used", "time_step", "machine")
@@ -21,7 +22,7 @@ class Learning:
     headers: the headers of their files; curves: the JSON files that training wrote beside them (`history` and errors
     on held-out states); ablation, benchmarks: tables with `columns` and `rows`, see `read_table`."""
 
-    headers: Mapping[str, CorrectionHeader] = field(default_factory=dict)
+    headers: Mapping[str, CorrectionHeader | InternalHeader] = field(default_factory=dict)
     curves: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     ablation: Mapping[str, Any] | None = None
     benchmarks: Sequence[Mapping[str, Any]] = ()
@@ -88,13 +89,17 @@ def read_json(path: Path) -> Any:
         raise SoftprintError(f"{path}: not readable as JSON ({error}): make it again") from error
 
 
-def load_learning(corrections: Mapping[str, Path], folder: Path) -> Learning:
-    """Read the headers and curves of the corrections, and ablation.json and bench*.json of the run
-    directory."""
-    curves = {name: path.with_suffix(".json") for name, path in corrections.items()}
+def load_learning(
+    corrections: Mapping[str, Path], folder: Path, internal: Mapping[str, Path] | None = None
+) -> Learning:
+    """Read the headers and curves of the corrections and internal corrections, and ablation.json and bench*.json of
+    the run directory."""
+    internal = internal or {}
+    curves = {name: path.with_suffix(".json") for name, path in {**corrections, **internal}.items()}
     ablation = folder / "ablation.json"
     return Learning(
-        headers={name: read_header(path) for name, path in corrections.items()},
+        headers={name: read_header(path) for name, path in corrections.items()}
+        | {name: read_internal_header(path) for name, path in internal.items()},
         curves={name: read_curves(path) for name, path in curves.items() if path.is_file()},
         ablation=read_table(ablation) if ablation.is_file() else None,
         benchmarks=[

@@ -50,7 +50,8 @@ def timing_rows(motions: Mapping[str, Sequence[Motion]]) -> dict[str, dict[str, 
     """Time of a step in contact by model: mean, 95th percentile, median, and mean by phase; the share of these steps
     that converged, and ratios of means to the full space and to the bare subspace. The surface is not drawn.
 
-    motions: model -> its motions in the test scenes. A model that never touches a collider has no row.
+    motions: model -> its motions in the test scenes. A model that never touches a collider has no row; in scenes
+    without a collider all steps count.
     """
     rows: dict[str, dict[str, Any]] = {}
     for name, recorded in motions.items():
@@ -82,7 +83,7 @@ def timing_rows(motions: Mapping[str, Sequence[Motion]]) -> dict[str, dict[str, 
 def _steps_in_contact(motion: Motion) -> BoolArray:
     """(n_frames,) mask. Frame 0 is the start of the scene, which no step computed. The first of several is left out,
     because kernels may be compiled in it."""
-    touching = motion.in_contact.copy()
+    touching = motion.in_contact.copy() if motion.colliders else np.ones(motion.n_frames, dtype=bool)
     touching[0] = False
     if np.count_nonzero(touching) > 1:
         touching[np.argmax(touching)] = False

@@ -128,13 +128,13 @@ def _measured(
 ) -> list[Speed]:
     """The requested models, one after the other."""
     from softprint.runtime.errors import SoftprintError
-    from softprint.runtime.scenes.playing import BARE, build_model, trained_models
+    from softprint.runtime.scenes.playing import build_model, usual_models
     from softprint.runtime.scenes.scene import scene_steps
     from softprint.runtime.scenes.speed import measure
 
     full = ["full"] if find_spec("dolfinx") is not None else []
     speeds = []
-    for name in args.model or [BARE, *trained_models(context.out_dir), *full]:
+    for name in args.model or [*usual_models(context.out_dir), *full]:
         with context.stage(f"preparing {scene.name} ({name})"):
             model = build_model(experiment, body, scene, context.out_dir, name)
         n_steps = scene_steps(experiment, scene)

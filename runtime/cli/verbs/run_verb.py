@@ -25,10 +25,11 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from softprint.runtime.errors import SoftprintError
 
     experiment = context.experiment
-    if not experiment.training.models or not experiment.scenes_of_role("test"):
+    training = experiment.training
+    if not (training.models or training.internal) or not experiment.scenes_of_role("test"):
         raise SoftprintError(
-            f"{experiment.path}: `softprint run` needs [[training.models]] to train and a scene of role "
-            '"test" to judge them '
+            f"{experiment.path}: `softprint run` needs [[training.models]] or [[training.internal]] to train and "
+            'a scene of role "test" to judge them '
             "in; call the steps one by one instead"
         )
     run_steps(context, steps_of(context, usable_ranks(args.ranks)))

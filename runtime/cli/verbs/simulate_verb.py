@@ -21,8 +21,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model",
         action="append",
         metavar="NAME",
-        help="bare, full (needs DOLFINx) or the name of a trained correction; repeatable (default: "
-        "bare and every correction in the run directory)",
+        help="bare, condensed, full (needs DOLFINx) or the name of a trained correction; repeatable (default: "
+        "bare and every correction in the run directory; condensed, too, beside internal ones)",
     )
     add_collider_options(parser)
 
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     """Play each scene with each model; writes motions/<scene>_<model>.h5 and .xdmf in the run directory."""
     from softprint.runtime.cli.run_body import body_of_run
     from softprint.runtime.errors import SoftprintError
-    from softprint.runtime.scenes.playing import BARE, trained_models
+    from softprint.runtime.scenes.playing import usual_models
     from softprint.runtime.scenes.scene import find_scene
     from softprint.runtime.scenes.simulate import simulate_scene
 
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
         raise SoftprintError(f'{experiment.path}: no scene has role = "test"; name one with --scene')
     scenes = [with_replaced_colliders(args, experiment, find_scene(experiment, name)) for name in names]
     body = body_of_run(context)
-    models = args.model or [BARE, *trained_models(context.out_dir)]
+    models = args.model or usual_models(context.out_dir)
     for changed, scene in scenes:
         for model in models:
             played = simulate_scene(context, body, scene, model, changed)

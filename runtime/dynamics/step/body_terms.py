@@ -74,7 +74,9 @@ def build_terms(
     shapes = {placed.name: placed.collider for placed in colliders}
     sizes = [shapes[name].size for name in corrections.fields if np.isfinite(shapes[name].size)]
     reach = _REACH * max(sizes, default=np.inf)
-    points = CorrectedPoints(body, list(corrections.fields.items()), reach, corrections.internal)
+    points = CorrectedPoints(
+        body, list(corrections.fields.items()), reach, corrections.internal, surface=bool(colliders)
+    )
     elastic: Elastic = (
         ElasticEnergy(body, points)
         if condensation is None
@@ -90,4 +92,7 @@ def build_terms(
         surface=SurfaceContactEnergy(body, points, penalised, contact, friction, condensation),
         condensed=solver,
         condensed_friction=None if friction is None or solver is None else CondensedFriction(friction),
+        correction_weight=None
+        if corrections.internal is None or not gravity.any()
+        else corrections.internal.weight(body.node_mass, gravity),
     )

@@ -17,7 +17,7 @@ from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEvaluation
 from softprint.runtime.dynamics.timings import Timings
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.correction import CorrectionField
+from softprint.runtime.learned.correction import CorrectionField, WeightPoint
 
 
 @dataclass(eq=False)
@@ -51,7 +51,7 @@ class BodyEvaluation:
     def displacement(self) -> Array | None:
         """Displacements by field corrections (n, dim) [m]."""
         points = self.frame.terms.points
-        if "field" in self.__dict__:
+        if "field" in self.__dict__ or points.without_jacobian:
             return points.scatter(self.field)
         return points.displacement(*self.at, self.timings.correction)
 
@@ -68,6 +68,20 @@ class BodyEvaluation:
         displacement = self.displacement
         with self.timings.elastic:
             return self.frame.elastic.evaluate(self.at.rows, displacement)
+
+    @lazy
+    def correction_weight(self) -> WeightPoint | None:
+        """The work of gravity along an internal correction; None without one or without gravity."""
+        weight = self.frame.terms.correction_weight
+        if weight is None:
+            return None
+        with self.timings.correction:
+            return weight.at(self.at.rows)
+
+    @property
+    def correction_height(self) -> float:
+        """Its energy [J]."""
+        return 0.0 if self.correction_weight is None else self.correction_weight.energy
 
     @lazy
     def surface(self) -> SurfaceContactEvaluation:

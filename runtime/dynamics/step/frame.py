@@ -18,12 +18,14 @@ from softprint.runtime.dynamics.terms.kept_elastic_hessian import HessianReuse
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy, SurfaceInFrame
 from softprint.runtime.dynamics.terms.weight import Weight
 from softprint.runtime.lazy import lazy
+from softprint.runtime.learned.correction import CorrectionWeight
 
 
 @dataclass(frozen=True, eq=False)
 class BodyTerms:
     """The terms of the energy of a body, besides inertia and springs. condensed, condensed_friction: None without
-    condensed contact; reuse: None where the elastic Hessian is computed in every iteration."""
+    condensed contact; reuse: None where the elastic Hessian is computed in every iteration; correction_weight: of an
+    internal correction, None without one or without gravity."""
 
     points: CorrectedPoints
     weight: Weight
@@ -32,6 +34,7 @@ class BodyTerms:
     surface: SurfaceContactEnergy
     condensed: CondensedContact | None
     condensed_friction: CondensedFriction | None
+    correction_weight: CorrectionWeight | None = None
 
     def in_frame(self, frame_rows: Array) -> CorotatedFrame:
         """See `CorotatedFrame`."""

@@ -4,8 +4,8 @@
             + W_elastic(rows) + W_contact(rows) + friction(rows),   rows* = rows_old + h rows_velocity_old,
 
 M = U^T diag(node_mass) U. W_contact is condensed contact, or penalty at the (corrected) surface samples. Corrections
-are quasi-static: they carry neither inertia nor weight. Static condensation, where there is one, has no inertia either,
-but it has weight. Rotations are held at those of the start of the step (`frame.py`). The unknowns are the free minimal
+are quasi-static: they have no inertia, and those of colliders no weight. Internal corrections and static condensation
+have weight. Rotations are held at those of the start of the step (`frame.py`). The unknowns are the free minimal
 coordinates v of `Handles.retract`; with T = d rows/dv the chain rule is
 
     gradient = T^T dE/drows,    Hessian = T^T (d2E/drows2) T + curvature of the retraction.
@@ -193,7 +193,7 @@ class StepPoint:
             touching += 0.0 if contact is None else contact.energy
             if problem.free_bodies is not None:
                 touching += problem.free_bodies.energy(body.at.poses, problem.lagged)
-        return problem.quadratic.energy(body.at.rows) + elastic + touching
+        return problem.quadratic.energy(body.at.rows) + body.correction_height + elastic + touching
 
     @lazy
     def _friction_energy(self) -> float:
@@ -252,6 +252,9 @@ class StepPoint:
             by_elastic, elastic_hessian = elasticity.linearise(body.field)
         with timings.solve:
             by_quadratic = problem.quadratic.gradient(rows)
+            hanging = body.correction_weight
+            if hanging is not None:
+                by_quadratic = by_quadratic + hanging.gradient
             parts = [unknowns.pulled_back(rows, part) for part in (by_quadratic, by_elastic)]
             parts.append(self.contact_gradient)
             slope = by_quadratic + by_elastic + by_contact
@@ -260,6 +263,8 @@ class StepPoint:
             with timings.solve:
                 along = None if unknowns.are_rows else unknowns.tangent(rows)
                 total = known_hessian(problem.blocks)(along) + unknowns.curvature(rows, slope)
+                if hanging is not None:
+                    total += hanging.hessian(along)
             with timings.elastic:
                 total += body.elastic_hessian(elastic_hessian, along)
             with timings.contact:
@@ -267,7 +272,8 @@ class StepPoint:
                     total += contact_hessian(along)
             return total
 
-        quadratic, elastic = problem.quadratic.energy(rows), elasticity.energy
+        quadratic = problem.quadratic.energy(rows) + body.correction_height
+        elastic = elasticity.energy
         with timings.contact:
             contact = body.surface.energy + self._friction_energy
             contact += 0.0 if body.contact is None else body.contact.energy

@@ -41,9 +41,9 @@ class CellGroupBlocks:
         """The blocks of B (m, dim*dim, n_rows*dim)."""
         return np.concatenate([B[cells][:, :, columns].T.ravel() for cells, columns in self._groups])
 
-    def dense(self, blocks: Floats) -> Array:
-        """B (m*dim*dim, n_rows*dim) from its blocks."""
-        B = np.zeros((len(self._layout[0]), self._dim**2, self._size))
+    def dense(self, blocks: Floats) -> Floats:
+        """B (m*dim*dim, n_rows*dim) from its blocks, in their precision."""
+        B = np.zeros((len(self._layout[0]), self._dim**2, self._size), dtype=blocks.dtype)
         for (cells, columns), block in zip(self._groups, self._each(blocks), strict=True):
             B[cells[:, None], :, columns] = block.transpose(2, 0, 1)
         return B.reshape(-1, self._size)

@@ -33,9 +33,11 @@ from softprint.runtime.body.handle_sparsity import HandleSparsity
 from softprint.runtime.compiled import summing
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.cell_group_blocks import CellGroupBlocks
+from softprint.runtime.dynamics.terms.corner_gradients import CornerGradients
 from softprint.runtime.dynamics.terms.cubature_residual import CubatureResidual, Expansion
-from softprint.runtime.dynamics.terms.elastic import watched_elasticity, with_field
+from softprint.runtime.dynamics.terms.elastic import watched_elasticity
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
+from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import CorrectionField
 from softprint.runtime.mechanics.corotation import Corotation
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
@@ -48,6 +50,7 @@ class CondensedElasticEnergy:
         """condensation: of all nodes of the body."""
         self.points, self.condensation = points, condensation
         self.elasticity = watched_elasticity(body, points)
+        self.corners = CornerGradients(self.elasticity, points)
         cells = body.mesh.cells[body.cubature.cells]
         gradients = condensation.rotation_gradients[cells].mean(axis=1)
         self._corotation = Corotation(gradients, condensation.affine_part)
@@ -89,6 +92,15 @@ class CorotatedElasticity:
     B: NDArray[np.float32]
     residual: Expansion
 
+    @lazy
+    def dense(self) -> NDArray[np.float32]:
+        """B (m*dim*dim, n_rows*dim)."""
+        return self.term.blocks.dense(self.B).astype(np.float32, copy=False)
+
+    def basis_along(self, directions: Array | None) -> NDArray[np.float32]:
+        """See `ElasticInFrame`."""
+        return self.dense if directions is None else self.dense @ directions.astype(np.float32)
+
     def evaluate(self, rows: Array, displacement: Array | None) -> StrainedCells:
         """See `ElasticInFrame`."""
         term, residual, F = self.term, self.residual, self.F
@@ -122,17 +134,21 @@ class StrainedCells:
         """See `ElasticEvaluation`."""
         term, B, stress = self.frame.term, self.frame.B, self.stress
         shape = self.frame.frame_rows.shape
-        of_cells: RowHessian
-        if field is None:
-            gradient = self.residual_force + term.blocks.gathered(B, stress)
-            of_cells = self._cell_stiffness
-        else:
-            dense = term.blocks.dense(B).reshape(*self.F.shape, *shape)
-            with_corrections = with_field(dense, term.elasticity, term.points, field)
-            gradient = self.residual_force + stress.ravel() @ with_corrections.reshape(stress.size, -1)
-            of_cells = partial(_general_stiffness, term.elasticity, self.F, with_corrections)
+        gradient = (self.residual_force + term.blocks.gathered(B, stress)).reshape(shape)
+        of_cells: RowHessian = self._cell_stiffness
+        if field is not None:
+            forces = term.corners.forces(stress, field)
+            gradient = gradient + field.pulled_back(forces)
+            of_cells = partial(self._corrected_stiffness, field, forces)
         residual = known_hessian(self.frame.residual.stiffness)
-        return gradient.reshape(shape), lambda along=None: of_cells(along) + residual(along)
+        return gradient, lambda along=None: of_cells(along) + residual(along)
+
+    def _corrected_stiffness(
+        self, field: CorrectionField, forces: Array, along: Array | None = None
+    ) -> Array:
+        """The Hessian of the cells with a field correction, whose forces at its points are given."""
+        B = self.frame.basis_along(along)
+        return self.frame.term.corners.hessian(self.F, B, field, forces, along)
 
     def _cell_stiffness(self, along: Array | None = None) -> Array:
         """sum_c w_c B^T A B."""
@@ -140,13 +156,6 @@ class StrainedCells:
         tangent = elasticity.material.tangent(self.F)
         tangent *= elasticity.weights[:, None, None, None, None]
         return self.frame.term.blocks.stiffness(self.frame.B, tangent, along)
-
-
-def _general_stiffness(
-    elasticity: ReducedElasticity, F: Array, B: Array, along: Array | None = None
-) -> Array:
-    """The Hessian with B (m, dim, dim, n_rows, dim), see `RowHessian`."""
-    return known_hessian(elasticity.general_hessian(F, B))(along)
 
 
 @summing

@@ -1,22 +1,25 @@
 """W_elastic of thesis eq. 5.5 on the cubature cells, at the corrected positions of their corners.
 
     E = sum_c w_c Psi(F_c),    F_c = D_c rows + sum_a u_a (x) G_ca,    B = dF/drows,
-    gradient = sum_c w_c B^T P,    Hessian = sum_c w_c B^T A B.
+    gradient = sum_c w_c B^T P,    Hessian = sum_c w_c B^T A B + sum_c w_c P : d2F/drows2.
 
-The term in d2u/drows2 is neglected in the Hessian (thesis 5.4); the gradient is exact.
+The last term is that of internal corrections; those of colliders leave it out of the Hessian (thesis 5.4). The gradient
+is exact.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, RowHessian, known_hessian
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
+from softprint.runtime.dynamics.terms.corner_gradients import CornerGradients
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
 from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import CorrectionField
@@ -30,6 +33,11 @@ class ElasticEvaluation(Protocol):
         """[J]."""
         ...
 
+    @property
+    def F(self) -> Array:
+        """(m, dim, dim) of the cubature cells."""
+        ...
+
     def linearise(self, field: CorrectionField | None) -> tuple[Array, RowHessian]:
         """Gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows; field: displacements by
         field corrections with their Jacobians."""
@@ -41,6 +49,11 @@ class ElasticInFrame(Protocol):
 
     def evaluate(self, rows: Array, displacement: Array | None) -> ElasticEvaluation:
         """The energy at handle rows (n_rows, dim), with displacements u (n, dim) [m] of the `CorrectedPoints`."""
+        ...
+
+    def basis_along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
+        """B = dF/drows (m*dim*dim, k) without field corrections, along directions (n_rows*dim, k), by default every row
+        and axis."""
         ...
 
 
@@ -63,13 +76,17 @@ class ElasticEnergy:
     def __init__(self, body: ReducedBody, points: CorrectedPoints) -> None:
         self.points = points
         self.elasticity = watched_elasticity(body, points)
-        self.basis_derivative = self.elasticity.basis_derivative()
+        self.corners = CornerGradients(self.elasticity, points)
         m, n_rows, dim = self.elasticity.basis_gradient.shape
         self.products = m * dim**2 * (n_rows * dim) ** 2
 
     def in_frame(self, frame_rows: Array) -> ElasticEnergy:
         """See `Elastic`."""
         return self
+
+    def basis_along(self, directions: Array | None) -> Array:
+        """See `ElasticInFrame`."""
+        return self.elasticity.basis_along(directions)
 
     def evaluate(self, rows: Array, displacement: Array | None) -> CellElasticity:
         """See `ElasticInFrame`."""
@@ -95,30 +112,20 @@ class CellElasticity:
         """See `ElasticEvaluation`."""
         elasticity, F = self.term.elasticity, self.F
         if field is None:
-            gradient, second = elasticity.gradient(F), partial(elasticity.hessian, F)
-        else:
-            B = with_field(self.term.basis_derivative, elasticity, self.term.points, field)
-            gradient = elasticity.general_gradient(F, B)
-            second = partial(elasticity.general_hessian, F, B)
-        return gradient, lambda along=None: known_hessian(second())(along)
+            second = partial(elasticity.hessian, F)
+            return elasticity.gradient(F), lambda along=None: known_hessian(second())(along)
+        stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(F)
+        forces = self.term.corners.forces(stress, field)
+        own = elasticity.gradient_of(stress)
+
+        def hessian(along: Array | None = None) -> Array:
+            B = self.term.basis_along(along)
+            return self.term.corners.hessian(F, B, field, forces, along)
+
+        return own + field.pulled_back(forces), hessian
 
 
 def watched_elasticity(body: ReducedBody, points: CorrectedPoints) -> ReducedElasticity:
     """The cubature of the body with its corners numbered in `CorrectedPoints`, so that no array has the length of the
     mesh."""
     return replace(body.reduced_elasticity, corners=points.corners)
-
-
-def with_field(
-    derivative: Array, elasticity: ReducedElasticity, points: CorrectedPoints, field: CorrectionField
-) -> Array:
-    """B (m, dim, dim, n_rows, dim) + sum_a G_aj du_ai/drows."""
-    dim = field.displacement.shape[1]
-    corners = points.slots(field)[points.corners]
-    touched = np.flatnonzero((corners >= 0).any(axis=1))
-    jacobian = field.jacobian.reshape(len(field.index), -1)[corners[touched]]
-    jacobian[corners[touched] < 0] = 0.0
-    added = elasticity.hat_gradients[touched].transpose(0, 2, 1) @ jacobian  # (c, j, i.rk)
-    B = derivative.copy()
-    B[touched] += added.reshape(len(touched), dim, dim, *B.shape[3:]).transpose(0, 2, 1, 3, 4)
-    return B

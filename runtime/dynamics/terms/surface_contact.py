@@ -197,7 +197,11 @@ class SurfaceContactEvaluation:
             for name, contact in self.terms.items()
         }
         index, gradient, hessian = _summed([term for terms in by_collider.values() for term in terms], dim)
-        slots = None if field is None else SampleJacobian(self.frame.term.points.slots(field), field.jacobian)
+        slots = (
+            SampleJacobian(self.frame.term.points.slots(field), field.jacobian)
+            if field is not None and self.frame.term.sharp.contacts
+            else None
+        )
         by_rows, by_sharp, couplings = self.sharp.linearise(slots, lagged, centres, n_rows)
         if not len(index):
             return by_rows, by_sharp, couplings

@@ -1,25 +1,29 @@
-"""A correction file."""
+"""A correction file, of contact with a collider or of the body itself."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from softprint.runtime.inspect.file_head import FileHead
+from softprint.runtime.inspect.file_head import FileHead, read_head
 from softprint.runtime.inspect.kind import Kind, Part
 from softprint.runtime.inspect.summary import Summary, versions
 from softprint.runtime.learned.correction_file import KIND as CORRECTION
 from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.learned.form import find_form
+from softprint.runtime.learned.internal.file import KIND as INTERNAL
+from softprint.runtime.learned.internal.file import read_internal_header
 from softprint.runtime.learned.registry import FORMS
 
 
 def recognise(head: FileHead) -> bool:
-    return head.suffix == ".safetensors" and head.kind == CORRECTION
+    return head.suffix == ".safetensors" and head.kind in (CORRECTION, INTERNAL)
 
 
 def summarise(path: Path, part: Part) -> Summary:
     """All weights are read and checked against the digest."""
+    if read_head(path).kind == INTERNAL:
+        return _internal(path)
     header = read_header(path)
     sections: dict[str, dict[str, Any]] = {
         "correction": {
@@ -39,6 +43,26 @@ def summarise(path: Path, part: Part) -> Summary:
         "made with": dict(versions(header.provenance)),
     }
     return Summary(path, "a correction", {title: section for title, section in sections.items() if section})
+
+
+def _internal(path: Path) -> Summary:
+    header = read_internal_header(path)
+    on = "static condensation" if header.options.get("on_condensation") else "the subspace alone"
+    sections: dict[str, dict[str, Any]] = {
+        "internal correction": {
+            "name": header.name,
+            "is added to": on,
+            "dimension, rows, nodes of the body": [header.dim, header.n_rows, header.n_nodes],
+            "error on held-out states": header.held_out_rms,
+        },
+        "options": dict(header.options),
+        "training": dict(header.training),
+        "hashes": {"body": header.body_hash, "truth": header.truth_hash},
+        "made with": dict(versions(header.provenance)),
+    }
+    return Summary(
+        path, "an internal correction", {title: section for title, section in sections.items() if section}
+    )
 
 
 def _known(value: Any) -> Any:

@@ -35,7 +35,10 @@ def _sections(experiment: Experiment) -> dict[str, dict[str, Any]]:
             "colliders": {spec.name: spec.shape for spec in experiment.colliders}
             | ({} if library is None else {"[library]": f"all shapes, of {library.size:g} m"}),
             "scenes": {scene.name: f"({scene.role}, {scene.duration:g} s)" for scene in experiment.scenes},
-            "models to train": [model.name for model in experiment.training.models],
+            "models to train": [
+                *(model.name for model in experiment.training.models),
+                *(model.name for model in experiment.training.internal),
+            ],
         },
         "samples to generate": {
             "collider": sampling.collider,

@@ -11,36 +11,26 @@ body. Elastic energy and contact are taken at the corrected positions, and force
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
-import torch
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
+from softprint.runtime.compiled import summing
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import CorrectionField, require_body
 from softprint.runtime.learned.internal.inputs import RigidFreeRows
+from softprint.runtime.learned.internal.local_field import LocalField, LocalPoint, ModelField
 from softprint.runtime.learned.internal.model import InternalModel
+from softprint.runtime.learned.internal.weight import InternalWeight
 
+Singles = NDArray[np.float32]
 Jacobian = Literal["full", "without_gradient_change", "linear"]
 JACOBIANS: tuple[Jacobian, ...] = get_args(Jacobian)
-
-
-class LocalCorrection(NamedTuple):
-    """r (n, dim) [m] of nodes in the undeformed body, and dr/drows (n, dim, n_rows, dim) or None."""
-
-    value: Array
-    derivative: Array | None
-
-
-class LocalField(Protocol):
-    """r as a function of the handle rows, at fixed nodes."""
-
-    def __call__(self, rows: Array, derivative: bool) -> LocalCorrection:
-        """r at handle rows (n_rows, dim), with its derivative if that is asked for."""
-        ...
 
 
 class InternalCorrection:
@@ -56,13 +46,21 @@ class InternalCorrection:
             )
         self.on_condensation = model.options.on_condensation
         self.jacobian = _known(jacobian)
-        self._model, self._inputs = model.double().eval(), RigidFreeRows.of(body)
+        self._network, self._modes = model.as_arrays(), model.modes.double().numpy()
+        self._inputs = RigidFreeRows.of(body)
         self._gradient = basis_gradient_at_nodes(body)
 
     def bind(self, nodes: IntArray | None = None) -> MappedField:
         """The correction at some nodes of the body, all by default."""
         gradient = self._gradient if nodes is None else self._gradient[nodes]
-        return MappedField(_ModelField(self._model, self._inputs, nodes), gradient, self.jacobian)
+        local = ModelField(self._network, self._modes, self._inputs, nodes)
+        return MappedField(local, gradient, self.jacobian)
+
+    def weight(self, mass: Array, gravity: Array) -> InternalWeight:
+        """The work of gravity (dim,) [m/s^2] along the correction; mass: of every node of the body (n_nodes,) [kg]."""
+        moments = np.einsum("n,nsj,knj->ks", mass, self._gradient, self._modes, optimize=True)
+        field = ModelField(self._network, moments[:, None], self._inputs, None)
+        return InternalWeight(field, gravity)
 
 
 class MappedField:
@@ -73,46 +71,126 @@ class MappedField:
     """
 
     def __init__(self, local: LocalField, gradient: Array, jacobian: Jacobian = "full") -> None:
-        self._local, self._gradient, self._jacobian = local, gradient, _known(jacobian)
+        self.local, self.mode = local, _known(jacobian)
+        # By node, axis and row: F is then one product of matrices.
+        self.by_row = np.ascontiguousarray(gradient.transpose(0, 2, 1))
+        self.by_row_single = self.by_row.astype(np.float32)
 
     def displacement(self, rows: Array) -> Array:
         """u (n, dim) [m] at handle rows (n_rows, dim)."""
-        return mapped(self._gradient, rows, self._local(rows, False).value)
+        return _times_each(self.deformation(rows), self.local.value(rows))
 
-    def linearise(self, rows: Array) -> CorrectionField:
+    def deformation(self, rows: Array) -> Array:
+        """F^T (n, dim, dim) at handle rows (n_rows, dim)."""
+        n, dim, n_rows = self.by_row.shape
+        return np.asarray((self.by_row.reshape(-1, n_rows) @ rows).reshape(n, dim, dim))
+
+    def linearise(self, rows: Array) -> MappedPoint:
         """u with the Jacobian that was asked for."""
-        r, derivative = self._local(rows, self._jacobian != "linear")
-        u = mapped(self._gradient, rows, r)
-        jacobian = np.zeros((*u.shape, *rows.shape))
-        if derivative is not None:
-            F = deformation(self._gradient, rows)
-            jacobian += (F @ derivative.reshape(*u.shape, -1)).reshape(jacobian.shape)
-        if self._jacobian == "full":
-            along = (self._gradient @ r[:, :, None])[:, :, 0]
-            for axis in range(rows.shape[1]):
-                jacobian[:, axis, :, axis] += along
-        return CorrectionField(np.arange(len(u)), u, jacobian)
+        return MappedPoint(self, rows)
 
 
-class _ModelField:
-    """r of a trained model at some nodes."""
+class MappedPoint(CorrectionField):
+    """u = F r at one state. Its Jacobian and what is made with it are computed when they are needed: the gradient of an
+    energy needs no Jacobian, only `pulled_back`."""
 
-    def __init__(self, model: InternalModel, inputs: RigidFreeRows, nodes: IntArray | None) -> None:
-        modes = model.modes.numpy()
-        self._model, self._inputs = model, inputs
-        self._modes = modes if nodes is None else np.ascontiguousarray(modes[:, nodes])
+    def __init__(self, field: MappedField, rows: Array) -> None:
+        self.__dict__["_field"], self.__dict__["_local"] = field, field.local.at(rows)
+        self.__dict__["_F"] = field.deformation(rows)
+        self.__dict__["displacement"] = _times_each(self._F, self._local.value)
+        self.__dict__["index"] = np.arange(len(self.displacement))
 
-    def __call__(self, rows: Array, derivative: bool) -> LocalCorrection:
-        z = torch.from_numpy(self._inputs(rows))
-        if not derivative:
-            with torch.no_grad():
-                c = self._model(z).numpy()
-            return LocalCorrection(np.tensordot(c, self._modes, 1), None)
-        of_z = self._model.linearise(z)
-        c, slope = of_z[0].numpy(), of_z[1].numpy() @ self._inputs.derivative(rows)
-        by_rows = self._modes.reshape(len(c), -1).T @ slope
-        value = np.tensordot(c, self._modes, 1)
-        return LocalCorrection(value, by_rows.reshape(*value.shape, *rows.shape))
+    _field: MappedField
+    _local: LocalPoint
+    _F: Array  # transposed, as `MappedField.deformation`
+
+    @lazy
+    def jacobian(self) -> Array:
+        """See `CorrectionField`."""
+        n, dim, n_rows = self._field.by_row.shape
+        return self.along(None).astype(np.float64).reshape(n, dim, n_rows, dim)
+
+    @lazy
+    def _by_gradient(self) -> Array:
+        """G r (n, n_rows): du_i = (G r) . drows_i, the part of the change of F."""
+        return _times_each(self._field.by_row, self._local.value)
+
+    def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
+        """See `CorrectionField`."""
+        n, dim, n_rows = self._field.by_row.shape
+        T = np.eye(n_rows * dim) if directions is None else directions
+        if self._field.mode == "linear":
+            return np.zeros((n * dim, T.shape[1]))
+        of_r, F = self._local.along(directions), self._F.astype(np.float32)
+        if self._field.mode == "full":
+            through = self._by_gradient.astype(np.float32) @ T.reshape(n_rows, -1).astype(np.float32)
+        else:
+            through = np.zeros((n, dim * T.shape[1]), dtype=np.float32)
+        return _mapped_jacobian(F, of_r, through.reshape(n, dim, -1)).reshape(n * dim, -1)
+
+    def pulled_back(self, forces: Array) -> Array:
+        """See `CorrectionField`."""
+        _, dim, n_rows = self._field.by_row.shape
+        if self._field.mode == "linear":
+            return np.zeros((n_rows, dim))
+        found = self._local.pulled_back(self._unturned(forces)).reshape(n_rows, dim)
+        return found + self._by_gradient.T @ forces if self._field.mode == "full" else found
+
+    def curvature(self, forces: Array, directions: Array | None) -> Array | None:
+        """See `CorrectionField`; of the full Jacobian alone."""
+        if self._field.mode != "full":
+            return None
+        n, dim, n_rows = self._field.by_row.shape
+        T = np.eye(n_rows * dim) if directions is None else directions
+        total = self._local.curvature(self._unturned(forces), directions)
+        # F along one change, and r along the other: f . (dF dr).
+        turned = _turned(forces.astype(np.float32), self._field.by_row_single).reshape(n * dim, -1)
+        cross = turned.T @ self._local.along(directions).reshape(n * dim, -1)
+        both = T.T @ cross
+        return np.asarray(total + both + both.T)
+
+    def _unturned(self, forces: Array) -> Array:
+        """F^T f (n, dim)."""
+        return _times_each(np.ascontiguousarray(self._F.transpose(0, 2, 1)), forces)
+
+
+@summing(reference=lambda M, v: np.einsum("nij,ni->nj", M, v))
+def _times_each(M: Array, v: Array) -> Array:
+    """M^T v (n, k) of matrices (n, dim, k) and vectors (n, dim)."""
+    n, dim, count = M.shape
+    total = np.zeros((n, count))
+    for node in range(n):
+        for i in range(dim):
+            for k in range(count):
+                total[node, k] += M[node, i, k] * v[node, i]
+    return total
+
+
+@summing(reference=lambda f, G: np.einsum("ni,njs->njsi", f, G).reshape(*G.shape[:2], -1))
+def _turned(f: Singles, G: Singles) -> Singles:
+    """f_i G_js (n, dim, n_rows*dim) over (node, j, (s, i)) of forces (n, dim) and gradients (n, dim, n_rows)."""
+    n, dim, n_rows = G.shape
+    every = np.empty((n, dim, n_rows * dim), G.dtype)
+    for node in range(n):
+        for j in range(dim):
+            for s in range(n_rows):
+                for i in range(dim):
+                    every[node, j, s * dim + i] = f[node, i] * G[node, j, s]
+    return every
+
+
+@summing(reference=lambda F, of_r, through: np.einsum("nji,njk->nik", F, of_r) + through)
+def _mapped_jacobian(F: Singles, of_r: Singles, through: Singles) -> Singles:
+    """F of_r + through (n, dim, k); F: transposed (n, dim, dim)."""
+    n, dim, count = of_r.shape
+    J = through.copy()
+    for node in range(n):
+        for i in range(dim):
+            for j in range(dim):
+                share = F[node, j, i]
+                for k in range(count):
+                    J[node, i, k] += share * of_r[node, j, k]
+    return J
 
 
 def deformation(gradient: Array, rows: Array) -> Array:

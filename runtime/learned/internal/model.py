@@ -9,13 +9,15 @@ it the network learns what is nonlinear. Without gravity the correction at rest 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from softprint.runtime.learned.form import LearnedModel, ModelOptions
+from softprint.runtime.learned.internal.tanh_network import TanhNetwork
 from softprint.runtime.learned.network import Mlp
 
 
@@ -60,12 +62,21 @@ class InternalModel(LearnedModel):
         return self._coefficients(scaled, value)
 
     @torch.no_grad()
-    def linearise(self, z: Tensor) -> tuple[Tensor, Tensor]:
-        """Coefficients (components,) of one z (n_rows*dim,), and their derivatives (components, n_rows*dim)."""
-        scaled, count = z / self.input_scale, self.options.components
-        found = self.network.derivatives(scaled[None], z.new_zeros(0), torch.eye(count, dtype=z.dtype))
-        slope = self.coefficient_scale[:, None] * (self.linear + found.local[0]) / self.input_scale
-        return self._coefficients(scaled, found.value[0]), slope
+    def as_arrays(self) -> TanhNetwork:
+        """The same function of one input z, in NumPy and double precision."""
+        arrays = {name: tensor.double().numpy() for name, tensor in self.state_dict().items()}
+        layers = ["network.local", *(f"network.hidden.{k}" for k in range(len(self.options.widths) - 1))]
+        weights = [arrays[f"{layer}.weight"] for layer in layers]
+        weights[0] = weights[0] / arrays["input_scale"]
+        scale = arrays["coefficient_scale"]
+        network = TanhNetwork(
+            tuple(weights),
+            tuple(arrays[f"{layer}.bias"] for layer in layers),
+            scale[:, None] * arrays["network.head.weight"],
+            np.zeros(len(scale)),
+            scale[:, None] * arrays["linear"] / arrays["input_scale"],
+        )
+        return replace(network, offset=-network.value(np.zeros(weights[0].shape[1])))
 
     def _coefficients(self, scaled: Tensor, value: Tensor) -> Tensor:
         """Of scaled inputs and the network's value there."""

@@ -10,6 +10,7 @@ from softprint.fem_truth.report.measurements.motions import timing_rows
 
 def motion(seconds, penetration):
     return SimpleNamespace(
+        colliders=("ball",),
         in_contact=np.array(penetration) > 0,
         timings={"total": np.array(seconds)},
         iterations=np.ones(len(seconds)),
@@ -36,6 +37,7 @@ def test_slow_steps_show_in_the_95th_percentile_and_not_in_the_median():
         [0.0, 1.0] + 8 * [0.002] + 2 * [0.02]
     )  # the second is the first in contact, which does not count
     long = SimpleNamespace(
+        colliders=("ball",),
         in_contact=np.arange(12) > 0,
         timings={"total": np.array(seconds)},
         iterations=np.ones(12),

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
+from softprint.runtime.dynamics.corrected_points import CorrectedPoints
+from softprint.runtime.dynamics.terms.elastic import ElasticEnergy
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient, element_hessians
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
+from softprint.runtime.learned.correction import CorrectionField
 from softprint.runtime.mesh import box_mesh
 
 STEP = 1e-6  # m on a body of 1 m: central differences err by about 1e-9 relative
@@ -98,27 +101,39 @@ def test_reduced_gradient_and_hessian_are_derivatives(body):
     assert relative(elasticity.hessian(F), slope.reshape(rows.size, rows.size)) < DIFFERENCE
 
 
-def test_general_form_agrees_and_takes_corrections(body):
-    """With a correction linear in the rows, x = (U + C) rows, the general form is that of the basis U + C."""
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_corrections_of_corners_add_to_the_basis(body, share):
+    """With one that is linear in the rows, x = (U + C) rows, all is that of the basis U + C, with C zero at some nodes."""
     rng = np.random.default_rng(5)
-    elasticity = body.reduced_elasticity
     rows = bent(body, rng)
+    points = CorrectedPoints(body, [])
+    term = ElasticEnergy(body, points)
+    elasticity, dim = body.reduced_elasticity, body.dim
     F = elasticity.deformation_gradients(rows)
-    B = elasticity.basis_derivative()
-    assert relative(elasticity.general_gradient(F, B), elasticity.gradient(F)) < 1e-12
-    assert relative(elasticity.general_hessian(F, B), elasticity.hessian(F)) < 1e-12
+    stress = elasticity.weights[:, None, None] * elasticity.material.first_piola(F)
+    assert relative(elasticity.gradient_of(stress), elasticity.gradient(F)) < 1e-12
+    directions = rng.normal(size=(rows.size, 5))
+    whole = elasticity.basis_along(None)
+    assert relative(elasticity.basis_along(directions), whole @ directions) < 1e-12
 
-    added = 0.05 * rng.normal(size=body.basis.shape)
-    cubature = body.cubature
+    nodes = np.union1d(body.mesh.cells[body.cubature.cells], body.surface.nodes)
+    active = np.flatnonzero(rng.random(len(nodes)) < share)
+    added = np.zeros(body.basis.shape)
+    added[nodes[active]] = 0.05 * rng.normal(size=(len(active), body.n_rows))
+    field = CorrectionField(
+        active, added[nodes[active]] @ rows, np.einsum("nr,ik->nirk", added[nodes[active]], np.eye(dim))
+    )
     moved = ReducedElasticity.on_cells(
-        body.mesh, body.basis + added, body.material, cubature.cells, cubature.weights
+        body.mesh, body.basis + added, body.material, body.cubature.cells, body.cubature.weights
     )
-    corrected = F + elasticity.correction_gradients(added @ rows)
-    np.testing.assert_allclose(corrected, moved.deformation_gradients(rows), atol=1e-12)
-    assert (
-        relative(elasticity.general_hessian(corrected, moved.basis_derivative()), moved.hessian(corrected))
-        < 1e-12
-    )
+    found = term.evaluate(rows, points.scatter(field))
+    np.testing.assert_allclose(found.F, moved.deformation_gradients(rows), atol=1e-12)
+    gradient, hessian = found.linearise(field)
+    assert relative(gradient, moved.gradient(found.F)) < 1e-12
+    # In single precision.
+    expected = moved.hessian(found.F)
+    assert relative(hessian(), expected) < 1e-5
+    assert relative(hessian(directions), directions.T @ expected @ directions) < 1e-5
 
 
 def test_taking_cells_splits_the_sum(body):

@@ -1,0 +1,116 @@
+"""r of an internal correction as a function of the handle rows, at fixed nodes, with two derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.lazy import lazy
+from softprint.runtime.learned.internal.inputs import RigidFreePoint, RigidFreeRows
+from softprint.runtime.learned.internal.tanh_network import NetworkPoint, TanhNetwork
+
+
+class LocalPoint(Protocol):
+    """r at n nodes and one state, with its derivatives by the handle rows."""
+
+    @property
+    def value(self) -> Array:
+        """r (n, dim) [m] in the undeformed body."""
+        ...
+
+    def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
+        """dr/drows (n, dim, k) along directions (n_rows*dim, k), by default every row and axis."""
+        ...
+
+    def pulled_back(self, forces: Array) -> Array:
+        """sum_i f_i . dr_i/drows (n_rows*dim,) of forces (n, dim)."""
+        ...
+
+    def curvature(self, forces: Array, directions: Array | None) -> Array:
+        """sum_i f_i . d2r_i/drows2 (k, k) between directions (n_rows*dim, k), by default every row and axis."""
+        ...
+
+
+class LocalField(Protocol):
+    """r as a function of the handle rows, at fixed nodes."""
+
+    def value(self, rows: Array) -> Array:
+        """r (n, dim) [m] at handle rows (n_rows, dim)."""
+        ...
+
+    def at(self, rows: Array) -> LocalPoint:
+        """r with its derivatives."""
+        ...
+
+
+class ModelField:
+    """r of a trained model at some nodes."""
+
+    def __init__(
+        self, network: TanhNetwork, modes: Array, inputs: RigidFreeRows, nodes: IntArray | None
+    ) -> None:
+        own = modes if nodes is None else modes[:, nodes]
+        self.network, self.inputs, self.shape = network, inputs, own.shape
+        self.modes = np.ascontiguousarray(own.reshape(len(own), -1))
+        # Only the Hessian multiplies these: it gives Newton's method a direction, for which single precision is enough.
+        self.by_node = np.ascontiguousarray(self.modes.T, dtype=np.float32)
+
+    def value(self, rows: Array) -> Array:
+        """See `LocalField`."""
+        return np.asarray((self.network.value(self.inputs(rows)) @ self.modes).reshape(self.shape[1:]))
+
+    def at(self, rows: Array) -> ModelPoint:
+        """See `LocalField`."""
+        of_rows = self.inputs.at(rows)
+        return ModelPoint(self, of_rows, self.network.at(of_rows.value))
+
+
+@dataclass(frozen=True, eq=False)
+class ModelPoint:
+    """A `LocalPoint` of a trained model."""
+
+    field: ModelField
+    inputs: RigidFreePoint
+    network: NetworkPoint
+
+    @lazy
+    def value(self) -> Array:
+        """See `LocalPoint`."""
+        return np.asarray((self.network.value @ self.field.modes).reshape(self.field.shape[1:]))
+
+    @lazy
+    def _slope(self) -> Array:
+        """dc/drows (components, n_rows*dim)."""
+        return self.network.slope @ self.inputs.derivative
+
+    @lazy
+    def _computed(self) -> list[tuple[Array | None, NDArray[np.float32]]]:
+        """What `along` has found, with its directions: it is asked for the same ones again."""
+        return []
+
+    def along(self, directions: Array | None) -> NDArray[np.float32]:
+        """See `LocalPoint`."""
+        for known, found in self._computed:
+            if known is directions:
+                return found
+        slope = self._slope if directions is None else self._slope @ directions
+        by_node = self.field.by_node @ slope.astype(np.float32)
+        found = by_node.reshape(*self.field.shape[1:], slope.shape[1])
+        self._computed[:] = [(directions, found)]
+        return found
+
+    def pulled_back(self, forces: Array) -> Array:
+        """See `LocalPoint`."""
+        return self.inputs.pulled_back(self.network.pulled_back(self.field.modes @ forces.ravel()))
+
+    def curvature(self, forces: Array, directions: Array | None) -> Array:
+        """See `LocalPoint`."""
+        a = self.field.modes @ forces.ravel()
+        Z, of_inputs = self.inputs.derivative, self.inputs.curvature(self.network.pulled_back(a))
+        if directions is not None:
+            Z, of_inputs = Z @ directions, directions.T @ of_inputs @ directions
+        return Z.T @ self.network.curvature(a) @ Z + of_inputs

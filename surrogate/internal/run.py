@@ -1,0 +1,119 @@
+"""Trains the internal corrections of an experiment, one after the other, on the truth file of its run directory."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.cli.context import Context
+from softprint.runtime.experiment import InternalSpec
+from softprint.runtime.learned.internal.correction import InternalCorrection
+from softprint.runtime.learned.internal.file import InternalHeader, read_internal_header, save_internal
+from softprint.runtime.learned.internal.model import InternalOptions
+from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
+from softprint.runtime.scenes.playing import internal_path
+from softprint.runtime.truth.truth_file import TruthData
+from softprint.surrogate.internal.cubature import fitted_cubature
+from softprint.surrogate.internal.data import read_internal_data
+from softprint.surrogate.internal.task import InternalTask
+from softprint.surrogate.kept_corrections import kept_header, program_hash
+from softprint.surrogate.train import TrainingSettings
+from softprint.surrogate.training_bar import train_with_bar, write_curves
+
+
+def train_internals(
+    context: Context, specs: Sequence[InternalSpec], body: ReducedBody, truth: TruthData
+) -> None:
+    """Train these internal corrections; those already trained with this truth and these settings are skipped."""
+    wanted = [spec for spec in specs if not (context.resume and _is_trained(context, spec, truth))]
+    if not wanted:
+        context.say("all internal corrections are up to date.")
+        return
+    condensation = None
+    if any(spec.on == "condensation" for spec in wanted):
+        with context.stage("static condensation"):
+            gravity = context.experiment.dynamics.gravity
+            condensation = compute_static_condensation(body, gravity, NullSpaceCompliance(body))
+    for spec in wanted:
+        _train_one(context, spec, body, truth, condensation if spec.on == "condensation" else None)
+
+
+def _train_one(
+    context: Context,
+    spec: InternalSpec,
+    body: ReducedBody,
+    truth: TruthData,
+    condensation: StaticCondensation | None,
+) -> None:
+    """Train a correction and write it with its curves."""
+    path, recipe = internal_path(context.out_dir, spec.name), _recipe(context, spec, truth)
+    data = read_internal_data(truth, body, condensation, context.seed)
+    options = InternalOptions(spec.hidden, spec.components, spec.linear, condensation is not None)
+    task = InternalTask(options, data, body.n_rows)
+    settings = TrainingSettings(
+        spec.steps, spec.batch, spec.learning_rate, spec.weight_decay, spec.validations, context.seed
+    )
+    checkpoint = path.with_suffix(".checkpoint")
+    if not context.resume:
+        checkpoint.unlink(missing_ok=True)
+    started = time.perf_counter()
+    result = train_with_bar(
+        context, spec.name, task, settings, checkpoint, json.dumps(recipe, sort_keys=True)
+    )
+    seconds = time.perf_counter() - started
+    facts: dict[str, Any] = {"samples": len(data.train), "left_out": 0, "noise_floor": None, **task.notes}
+    cubature = None
+    if spec.cubature is not None:
+        with context.stage(f"cubature of {spec.name}"):
+            internal, rows = InternalCorrection(result.model, body), truth.states["rows"]
+            cubature, (energy, force) = fitted_cubature(
+                body,
+                internal,
+                condensation,
+                rows[data.train],
+                rows[data.held_out],
+                spec.cubature,
+                np.random.default_rng(context.seed),
+            )
+        facts["cubature"] = {
+            "cells": len(cubature.cells),
+            "force_error": cubature.force_error,
+            "energy_error": cubature.energy_error,
+            "cells_of_body": len(body.cubature.cells),
+            "force_error_of_body": force,
+            "energy_error_of_body": energy,
+        }
+        context.say(
+            f"{spec.name}: {len(cubature.cells)} cubature cells, force error {cubature.force_error:.1%} in held-out "
+            f"states; {len(body.cubature.cells)} of the body, {force:.1%}"
+        )
+    write_curves(path.with_suffix(".json"), spec.name, facts, result)
+    training = {**recipe, "program": program_hash(), "seconds": seconds, "samples": len(data.train)}
+    save_internal(path, result.model, body, truth.content_hash, result.held_out.rms, training, cubature)
+    checkpoint.unlink(missing_ok=True)
+    context.say(
+        f"{path} written: {len(data.train)} states, held-out error {result.held_out.rms:.1%}, "
+        f"{task.notes['discarded']:.1e} of the energy beyond the components, {seconds:.0f} s"
+    )
+
+
+def _is_trained(context: Context, spec: InternalSpec, truth: TruthData) -> bool:
+    path = internal_path(context.out_dir, spec.name)
+    header: InternalHeader | None = kept_header(path, _recipe(context, spec, truth), read_internal_header)
+    return header is not None
+
+
+def _recipe(context: Context, spec: InternalSpec, truth: TruthData) -> dict[str, object]:
+    """Everything that determines the result of training."""
+    return {
+        "truth": truth.content_hash,
+        "model": spec.model_dump(mode="json"),
+        "gravity": list(context.experiment.dynamics.gravity),
+        "seed": context.seed,
+    }
