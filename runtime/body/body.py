@@ -31,15 +31,18 @@ SUBSPACES = {
     "biharmonic_coordinates": "biharmonic generalised barycentric coordinates",
     "linear_blend_skinning": "linear blend skinning, bounded biharmonic weights",
 }
+#: How a state is held, see `ReducedBody.constraint_basis`.
+HOLDS = ("projection", "nodes")
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
     """A soft body and its subspace: reduced positions are x = U rows (thesis eq. 4.1 without correction).
 
-    basis: U (n_nodes, n_rows); subspace: its kind, a key of `SUBSPACES`; material: parameters for each cell; density:
-    (n_cells,) [kg/m^dim]; node_mass: (n_nodes,) lumped [kg]; reduced_mass: (n_rows, n_rows) = U^T diag(node_mass) U
-    [kg]. In 2D the body is one metre thick: masses are kg per metre, energies J per metre.
+    basis: U (n_nodes, n_rows); subspace: its kind, a key of `SUBSPACES`; hold: how a state is held, see
+    `constraint_basis`; material: parameters for each cell; density: (n_cells,) [kg/m^dim]; node_mass: (n_nodes,) lumped
+    [kg]; reduced_mass: (n_rows, n_rows) = U^T diag(node_mass) U [kg]. In 2D the body is one metre thick: masses are kg
+    per metre, energies J per metre.
     """
 
     mesh: Mesh
@@ -53,6 +56,7 @@ class ReducedBody:
     surface: SurfaceSamples
     name: str
     subspace: str = "biharmonic_coordinates"
+    hold: str = "projection"
 
     @property
     def dim(self) -> int:
@@ -87,6 +91,8 @@ class ReducedBody:
             "poisson": self.material.poisson,
             "density": self.density,
         }
+        if self.hold != "projection":
+            content["hold"] = self.hold
         for index, frame in enumerate(self.handles.frames):
             content[f"frame_{index}_{frame.name}"] = frame.nodes
         return content_hash(content)
@@ -126,17 +132,24 @@ class ReducedBody:
             return picture(handles_scene(self.name, self.mesh, self.handles))
         return picture(deformed_scene(self.name, self.mesh, positions, colliders, poses or {}))
 
-    @property
+    @cached_property
     def constraint_basis(self) -> Array:
-        """C (n_nodes, n_points): the columns of U that constrain a displacement beyond the reduced state: C^T (x - U
-        rows) = 0 on the nodes outside rigid frames.
+        """C (n_nodes, n_points): what holds a state while the rest of the body settles: C^T (x - U rows) = 0 on the
+        nodes outside rigid frames, which are fixed themselves.
 
-        The thesis (5.3.3) takes all columns of U. But the columns of a frame are affine modes, and a rigid frame only
-        follows the rigid motions among them. Constraining all of them would forbid every strain along the other affine
-        modes. With the columns of point handles alone, U rows + u represents every deformation of the body exactly
-        once.
+        With hold = "projection", C is the columns of U that belong to point handles. The thesis (5.3.3) takes all
+        columns of U. But the columns of a frame are affine modes, and a rigid frame only follows the rigid motions
+        among them. Constraining all of them would forbid every strain along the other affine modes. With the columns of
+        point handles alone, U rows + u represents every deformation of the body exactly once.
+
+        With hold = "nodes", C picks the nodes of the point handles (thesis 4.3.2, chapter 4): each is fixed where the
+        state has it. The force of a fixed node is a point load, so its displacement depends on the size of the cells.
         """
-        return self.basis[:, : self.handles.n_points]
+        if self.hold == "projection":
+            return self.basis[:, : self.handles.n_points]
+        picked = np.zeros((self.n_nodes, self.handles.n_points))
+        picked[self.handles.points, np.arange(self.handles.n_points)] = 1.0
+        return picked
 
     @cached_property
     def _free(self) -> IntArray:
@@ -144,8 +157,9 @@ class ReducedBody:
 
     @cached_property
     def _gram(self) -> tuple[Array, bool]:
-        free = self.constraint_basis[self._free]
-        return cho_factor(free.T @ free)
+        """C^T U on the free nodes, of the columns of points: symmetric, and the identity where nodes are fixed."""
+        free, n_points = self.constraint_basis[self._free], self.handles.n_points
+        return cho_factor(free.T @ self.basis[self._free][:, :n_points])
 
     def project(self, positions: Array) -> Array:
         """The reduced state of positions (n_nodes, dim) (thesis 4.3.2): frames are fitted rigidly to their nodes, and

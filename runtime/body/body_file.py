@@ -1,7 +1,7 @@
 """The body file (HDF5): a complete reduced body with the hash of its content. SI units throughout.
 
     mesh/points (n_nodes, dim) m, mesh/cells     handles/points, handles/frames/<number>/{nodes, pivot} @name
-    basis (n_nodes, n_rows) @subspace            material/{young Pa, poisson} @model, density kg/m^dim
+    basis (n_nodes, n_rows) @subspace @hold      material/{young Pa, poisson} @model, density kg/m^dim
     node_mass kg, reduced_mass kg                cubature/{cells, weights m^dim} @energy_error @force_error
     surface/{nodes, areas m^(dim-1)}
 
@@ -11,6 +11,7 @@ Attributes: softprint_kind "body", softprint_version, provenance, name, content_
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.body.body import SUBSPACES, ReducedBody
+from softprint.runtime.body.body import HOLDS, SUBSPACES, ReducedBody
 from softprint.runtime.body.cubature import Cubature
 from softprint.runtime.body.handles import FrameHandle, Handles
 from softprint.runtime.body.surface_samples import SurfaceSamples
@@ -51,6 +52,7 @@ def save_body(path: Path | str, body: ReducedBody, recipe: str = "") -> None:
         for index, frame in enumerate(body.handles.frames):
             file[f"handles/frames/{index}"].attrs["name"] = fixed_text(frame.name)
         file["basis"].attrs["subspace"] = fixed_text(body.subspace)
+        file["basis"].attrs["hold"] = fixed_text(body.hold)
         file["material"].attrs["model"] = fixed_text(body.material.model)
         file["cubature"].attrs["energy_error"] = body.cubature.energy_error
         file["cubature"].attrs["force_error"] = body.cubature.force_error
@@ -103,7 +105,8 @@ def load_body(path: Path | str) -> ReducedBody:
             ),
             surface=SurfaceSamples(_indices(file, "surface/nodes"), _numbers(file, "surface/areas")),
             name=read_text(file.attrs, "name"),
-            subspace=_subspace(file, path),
+            subspace=_choice(file, "subspace", SUBSPACES, path),
+            hold=_choice(file, "hold", HOLDS, path),
         )
         recorded, file_hash = read_text(file.attrs, "content_hash"), read_text(file.attrs, "file_hash")
     if (
@@ -116,13 +119,13 @@ def load_body(path: Path | str) -> ReducedBody:
     return body
 
 
-def _subspace(file: h5py.File, path: Path | str) -> str:
-    """Its kind; bodies without one are of a time when there was one kind only."""
-    attributes = file["basis"].attrs
-    kind = read_text(attributes, "subspace") if "subspace" in attributes else "biharmonic_coordinates"
-    if kind not in SUBSPACES:
-        raise SoftprintError(f"{path}: the subspace is {kind!r}; known are {', '.join(SUBSPACES)}: make it again")
-    return kind
+def _choice(file: h5py.File, name: str, known: Iterable[str], path: Path | str) -> str:
+    """An attribute of the basis. Bodies without it are of a time when there was only the first of those known."""
+    attributes, choices = file["basis"].attrs, list(known)
+    found = read_text(attributes, name) if name in attributes else choices[0]
+    if found not in choices:
+        raise SoftprintError(f"{path}: {name} is {found!r}; known are {', '.join(choices)}: make it again")
+    return found
 
 
 def _frame_groups(file: h5py.File) -> list[h5py.Group]:

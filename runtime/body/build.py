@@ -56,6 +56,7 @@ def build_body(spec: BodySpec, base_dir: Path | str, seed: int = 0, dim: int | N
         rng=np.random.default_rng(seed),
         name=path.stem,
         subspace=spec.handles.subspace,
+        hold=spec.handles.hold,
     )
 
 
@@ -102,11 +103,12 @@ def assemble_body(
     name: str = "body",
     basis: Array | None = None,
     subspace: str = "biharmonic_coordinates",
+    hold: str = "projection",
 ) -> ReducedBody:
     """A reduced body from its parts: basis, lumped mass, cubature and surface samples are computed here.
 
     material and density [kg/m^dim] may be scalars: they are spread over all cells. subspace: a key of `SUBSPACES`;
-    basis: U (n_nodes, n_rows) of that kind if it was computed elsewhere.
+    basis: U (n_nodes, n_rows) of that kind if it was computed elsewhere; hold: see `ReducedBody.constraint_basis`.
     """
     material = make_material(
         material.model, np.full(mesh.n_cells, material.young), np.full(mesh.n_cells, material.poisson)
@@ -134,4 +136,5 @@ def assemble_body(
         surface=sample_surface(mesh, surface_samples),
         name=name,
         subspace=subspace,
+        hold=hold,
     )

@@ -18,6 +18,7 @@ from softprint.runtime.body.surface_samples import sample_surface
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mesh import box_mesh, write_mesh
 
 AFFINE = 1e-10  # libigl's sparse solve reproduces affine maps to about 1e-13 on small meshes
@@ -177,6 +178,7 @@ def spec(**material):
             points=3,
             frames=[SimpleNamespace(name="base", box=[[-1, -1], [0.03, 1]])],
             subspace="biharmonic_coordinates",
+            hold="projection",
         ),
         material=SimpleNamespace(**{**given, **material}),
         cubature=SimpleNamespace(points_per_row=10),
@@ -199,6 +201,28 @@ def test_body_is_built_from_its_table(tmp_path):
         build_body(spec(regions=[nowhere]), tmp_path)
     with pytest.raises(SoftprintError, match="density must be positive"):
         build_body(spec(density=-1.0), tmp_path)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_state_is_held_by_fixing_nodes(dim):
+    """Chapter 4 of the thesis: whatever the rest does, points are where the state has them; and the projection of a
+    displaced body is that state."""
+    body = make_body(dim, hold="nodes")
+    rows = body.rest_rows + 0.003 * np.random.default_rng(2).normal(size=body.rest_rows.shape)
+    rows = body.handles.rigid(rows)
+    moved = body.reduced_positions(rows)
+    others = np.setdiff1d(np.arange(body.n_nodes), np.append(body.handles.points, body.handles.frame_nodes))
+    moved[others] += 0.002 * np.random.default_rng(3).normal(size=(len(others), dim))
+    np.testing.assert_allclose(body.project(moved), rows, atol=AFFINE)
+    by_projection = make_body(dim)
+    assert np.abs(by_projection.project(moved) - rows).max() > 1e-5
+    assert by_projection.content_hash != body.content_hash
+    # Forces elsewhere leave the points where they are.
+    forces = np.random.default_rng(4).normal(size=(*moved.shape, 1))
+    response = NullSpaceCompliance(body).solve(forces)[..., 0]
+    size = np.abs(response).max()
+    assert np.abs(response[body.handles.points]).max() < 1e-9 * size  # round-off of the factorisation
+    assert np.abs(body.reduced_positions(body.project(body.mesh.points + response)) - body.mesh.points).max() < 1e-9
 
 
 def test_handles_without_nodes_are_refused():
