@@ -47,9 +47,10 @@ class ModelSpec(Section):
         description="form force: add the linear equilibrium of the interior that the subspace cannot represent",
     )
     learned: bool = Field(True, description="form force: false for linear mechanics alone, without a network")
-    encoding: Literal["weighted_rows", "local_geometry"] = Field(
+    encoding: Literal["weighted_rows", "all_rows", "local_geometry"] = Field(
         "weighted_rows",
-        description="form thesis5: the thesis's weighted handle rows, or the geometry of the contact",
+        description="form thesis5: the thesis's weighted handle rows, the same without weights, or the geometry of the "
+        "contact",
     )
     patch_inputs: bool = Field(
         False, description="form thesis5: also inputs that describe the whole contact patch"

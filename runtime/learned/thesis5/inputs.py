@@ -1,4 +1,4 @@
-"""The network inputs of a point: two encodings of the relative configuration, with their derivatives.
+"""The network inputs of a point: three encodings of the relative configuration, with their derivatives.
 
 An encoding converts the state of points to local inputs, and pulls a Jacobian dy/d(inputs) back to the handle rows by
 the chain rule, written out by hand.
@@ -50,6 +50,24 @@ class WeightedRows:
         return state.points.basis[:, None, :, None] * ((to_z[:, :, None, :] + to_rows) @ rotation.T)
 
 
+class AllRows:
+    """z and all handle rows T^-1 q, without weights (eq. 5.3): the network itself has to find which of them matter."""
+
+    def n_inputs(self, dim: int, n_rows: int) -> int:
+        return dim + n_rows * dim
+
+    def encode(self, state: PointStates) -> Tensor:
+        rows = state.rows[..., None, :, :].flatten(-2)
+        return torch.cat([state.z, rows.expand(*state.z.shape[:-1], -1)], dim=-1)
+
+    def pull_back(self, state: PointStates, jacobian: Tensor, rotation: Tensor) -> Tensor:
+        n, n_out, _ = jacobian.shape
+        dim = state.z.shape[-1]
+        to_z, to_rows = jacobian[..., :dim], jacobian[..., dim:].reshape(n, n_out, -1, dim)
+        of_z = state.points.basis[:, None, :, None] * (to_z @ rotation.T)[:, :, None, :]
+        return of_z + to_rows @ rotation.T
+
+
 class LocalGeometry:
     """The position of the collider relative to the material point, which determines a contact anywhere on the body.
 
@@ -95,4 +113,8 @@ class LocalGeometry:
         return world.reshape(n, n_out, dim, n_rows).transpose(2, 3)
 
 
-ENCODINGS: dict[str, Encoding] = {"weighted_rows": WeightedRows(), "local_geometry": LocalGeometry()}
+ENCODINGS: dict[str, Encoding] = {
+    "weighted_rows": WeightedRows(),
+    "all_rows": AllRows(),
+    "local_geometry": LocalGeometry(),
+}

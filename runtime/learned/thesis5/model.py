@@ -31,7 +31,7 @@ class ContactCentricOptions(ModelOptions):
     patch; widths: neurons of each hidden layer; fade, fade_depth [m]: see the module.
     """
 
-    encoding: Literal["weighted_rows", "local_geometry"]
+    encoding: Literal["weighted_rows", "all_rows", "local_geometry"]
     patch_inputs: bool
     widths: tuple[int, ...]
     activation: Literal["tanh", "silu", "softplus", "elu"]
