@@ -4,6 +4,7 @@ Needs gmsh.
     python meshes/jelly.py --dim 3 --edge-length 0.0034 --inside 0.0085 --out meshes/jelly3d_small.vtu
     python meshes/jelly.py --dim 3 --edge-length 0.0029 --out meshes/jelly3d.vtu
     python meshes/jelly.py --dim 2 --edge-length 0.000945 --out meshes/jelly2d.vtu
+    python meshes/jelly.py --dim 2 --edge-length 0.0018 --out meshes/jelly2d_small.vtu
 
 The base lies in z = 0 (y = 0 in 2D), centred on the axis; the last axis points up. Lengths in metres.
 """

@@ -1,11 +1,11 @@
-"""Make the colliders of the examples, `pointy.stl` (3D) and `star.txt` (2D). Run from the repository root.
+"""Make the colliders of the examples, `pointy.stl` (3D), `star.txt` and `comb.txt` (2D). Run from the repository root.
 
     python meshes/make_colliders.py [FOLDER]
 
 `pointy` is a blunt caltrop after the thesis's pointy collider: seven cones with tips of 8 mm radius in
 uneven directions and of uneven length, smoothly joined, so that no symmetry hides an error in a rotation.
 `star` is a star of five unequal points; the 5 mm by which its reader is to round its corners blunts it to
-about 30 mm.
+about 30 mm. `comb` is a bar with six teeth below: a large area of contact with small protrusions.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ SPIKES = (
 TIP_RADIUS, ROOT_RADIUS, BLEND = 0.008, 0.012, 0.008
 STAR_REACH = (0.0390, 0.0370, 0.0400, 0.0375, 0.0385)
 STAR_VALLEY = 0.0180
+TEETH, TOOTH, GAP = 6, 0.004, 0.0056  # widths [m] of a tooth of the comb, and between two
+TOOTH_LENGTH, BAR = 0.008, 0.010
 TRIANGLES = 4500  # of 50 bytes each in a binary STL
 
 
@@ -66,11 +68,25 @@ def star() -> Array:
     return np.asarray(radius[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
+def comb() -> Array:
+    """Corners (24, 2) [m], anticlockwise from the lower left one. The teeth point down; the origin is in the middle of
+    the comb, halfway up its teeth."""
+    half = 0.5 * (TEETH * TOOTH + (TEETH - 1) * GAP)
+    tip, root = -0.5 * TOOTH_LENGTH, 0.5 * TOOTH_LENGTH
+    below = []
+    for tooth in range(TEETH):
+        left = -half + tooth * (TOOTH + GAP)
+        right = left + TOOTH
+        below += [(left, root), (left, tip), (right, tip), (right, root)]
+    return np.array([*below[1:-1], (half, root + BAR), (-half, root + BAR)])
+
+
 def main(folder: Path) -> None:
     vertices, triangles = caltrop_surface()
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     mesh.export(folder / "pointy.stl")
     np.savetxt(folder / "star.txt", star(), fmt="%.6f", header="corners of a five-pointed star [m]")
+    np.savetxt(folder / "comb.txt", comb(), fmt="%.6f", header="corners of a comb with six teeth [m]")
 
 
 if __name__ == "__main__":

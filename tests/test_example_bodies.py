@@ -10,6 +10,8 @@ import pytest
 import trimesh
 
 from softprint.runtime.body.placement import frames_of, place_handles
+from softprint.runtime.colliders.build import build_collider
+from softprint.runtime.colliders.shape_samples import is_same_shape, shape_samples
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.experiment.recorded_motion import read_recorded_motion
 from softprint.runtime.inspect.mesh_quality import cell_angles, facet_edges, mean_ratio
@@ -111,3 +113,38 @@ def test_the_braille_plate_reads_touch():
             height = line[inside, 2].max()
             # To the decimation of the surface, a twentieth of a dot.
             assert height == pytest.approx(0.96e-3 if str(dot) in letter else 0.0, abs=5e-5), (cell, dot)
+
+
+# Cells, points and frames of tables 4.1 and 5.1 of the thesis.
+CHAPTERS = {
+    "jelly2d_circle": (13720, 8, 1),
+    "jelly2d_comb": (13720, 8, 1),
+    "jelly2d_star": (13720, 8, 1),
+    "worm": (20213, 0, 3),
+}
+
+
+@pytest.mark.parametrize("size", ["small", "full"])
+@pytest.mark.parametrize("name", CHAPTERS)
+def test_bodies_of_chapters_4_and_5_have_their_size(name, size):
+    mesh, handles = body_of(name if size == "full" else f"{name}_small")
+    cells, points, frames = CHAPTERS[name]
+    assert (handles.n_points, len(handles.frames)) == (points, frames)
+    if size == "full":
+        assert mesh.n_cells == pytest.approx(cells, rel=0.03)  # what meshers leave
+    else:
+        assert 3000 < mesh.n_cells < 16000  # minutes, on two cores
+    assert cell_angles(mesh).min() > 10
+    assert mean_ratio(mesh).min() > 0.3
+
+
+def test_pins_of_the_passage_are_the_one_that_is_learned():
+    """So that its correction applies to each of them."""
+    experiment = load_experiment(ROOT / "examples" / "worm_small.toml")
+    pin = shape_samples(build_collider(experiment.collider("pin"), experiment.base_dir))
+    (pull,) = (scene for scene in experiment.scenes if scene.name == "pull")
+    assert len(pull.colliders) == 6
+    for entry in pull.colliders:
+        assert is_same_shape(
+            build_collider(experiment.collider(entry.name), experiment.base_dir), pin.tolist()
+        )

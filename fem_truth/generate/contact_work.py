@@ -38,7 +38,8 @@ class ContactWork:
 
     colliders: those of the plan, each built at its first use; rows: (n_states, n_rows, dim) and internal:
     (n_states, n_nodes, dim) internal equilibria [m] of the states; places: (n_states, n_places) mesh nodes; rotations:
-    (n_rotations, dim, dim); depths: number per contact, up to max_depth [m], with noise as a share of their step.
+    (n_rotations, dim, dim), None if the colliders are not rotated; depths: number per contact, up to max_depth [m],
+    with noise as a share of their step.
     """
 
     problem: ConstrainedProblem
@@ -47,7 +48,7 @@ class ContactWork:
     rows: Array
     internal: Array
     places: IntArray
-    rotations: Array
+    rotations: Array | None
     depths: int
     max_depth: float
     depth_noise: float
@@ -90,8 +91,10 @@ class ContactWork:
         aimed = int(np.searchsorted(mesh.surface_nodes, place))
         # The set is rotated as a whole for each state and place: it stays evenly spread, and no two places have the
         # same rotations.
-        turn = random_rotation(mesh.dim, self.plan.rng_of_place(TURN_STREAM, contact))
-        rotation = self.rotations[contact.rotation] @ turn
+        rotation = np.eye(mesh.dim)
+        if self.rotations is not None:
+            turn = random_rotation(mesh.dim, self.plan.rng_of_place(TURN_STREAM, contact))
+            rotation = self.rotations[contact.rotation] @ turn
         collider = self.colliders[contact.collider]()
         return Approach(collider, surface, surface[aimed], normals[aimed], rotation)
 

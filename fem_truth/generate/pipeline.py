@@ -224,15 +224,18 @@ def _contact_work(
     places = on_first_rank(
         comm, lambda: places_by_state(body, max(counts), len(states["rows"]), clearance, sampling.region)
     )
-    rotations = spread_rotations(
-        body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM])
-    )
+    rotations = None
+    if sampling.rotations:
+        rotations = spread_rotations(
+            body.dim, sampling.rotations, np.random.default_rng([seed, ROTATIONS_STREAM])
+        )
     reduced = np.stack([body.reduced_positions(rows) for rows in states["rows"]])
-    turns = len(rotations) if len(names) == 1 else 1
+    n_rotations = max(1, sampling.rotations)
+    turns = n_rotations if len(names) == 1 else 1
     return ContactWork(
         problem=problem,
         colliders=colliders,
-        plan=ContactPlan(len(reduced), counts, len(rotations), turns, sampling.repeat_share, seed),
+        plan=ContactPlan(len(reduced), counts, n_rotations, turns, sampling.repeat_share, seed),
         rows=states["rows"],
         internal=reduced + states["internal"],
         places=places,

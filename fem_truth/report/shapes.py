@@ -26,7 +26,6 @@ from softprint.fem_truth.report.run_files import RunFiles
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.io.files import file_hash, sources_hash
 from softprint.runtime.learned.correction_file import TrainedCorrection, read_correction
 from softprint.runtime.learned.static_correction import StaticCorrection
@@ -65,7 +64,7 @@ def judge_shapes(
         return build_collider(context.experiment.collider(name), context.experiment.base_dir)
 
     read = {name: read_correction(path, body) for name, path in files.corrections.items()}
-    trained = {name: correction for name, correction in read.items() if correction.is_for(ANY_COLLIDER)}
+    trained = {name: correction for name, correction in read.items() if correction.is_for_any}
     if not trained or not truth.usable.any() or not known(truth, context.experiment):
         return None
     require_same_colliders(truth, context.experiment)

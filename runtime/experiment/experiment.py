@@ -137,7 +137,7 @@ class Experiment(Section):
     def planned_contacts(self) -> int:
         """Number of contacts: a single collider has every rotation at each place, several colliders have one each."""
         sampled = self.sampled_colliders
-        turns = self.sampling.rotations if len(sampled) == 1 else 1
+        turns = max(1, self.sampling.rotations) if len(sampled) == 1 else 1
         return self.sampling.states * sum(map(self.contact_places, sampled)) * turns
 
     def scenes_of_role(self, role: str) -> tuple[SceneSpec, ...]:

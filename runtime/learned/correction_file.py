@@ -120,13 +120,20 @@ class TrainedCorrection:
     mechanics: BodyMechanics | None
     _make: Callable[[Collider], Correction]
 
-    def is_for(self, collider: str) -> bool:
-        """Whether it was trained for the collider of that name, or for any collider."""
-        return self.header.collider in (ANY_COLLIDER, collider)
+    @property
+    def is_for_any(self) -> bool:
+        """Whether it was trained for any collider."""
+        return self.header.collider == ANY_COLLIDER
+
+    def is_for(self, collider: Collider) -> bool:
+        """Whether it was trained for the collider of that name, for another of the same shape and size, or for any."""
+        if self.is_for_any or self.header.collider == collider.name:
+            return True
+        return bool(self.header.shape) and is_same_shape(collider, self.header.shape)
 
     def on(self, collider: Collider) -> Correction:
         """The correction for one collider. Raises SoftprintError where it was trained for another."""
-        if not self.is_for(collider.name):
+        if not self.is_for(collider):
             raise SoftprintError(
                 f"{self.path}: was trained for the collider {self.header.collider!r}, not for {collider.name!r}"
             )

@@ -196,7 +196,7 @@ def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, p
     from softprint.runtime.learned.correction_file import read_correction
 
     trained = read_correction(path, body)
-    corrections = [trained.on(placed.collider) for placed in parts.colliders if trained.is_for(placed.name)]
+    corrections = [trained.on(placed.collider) for placed in parts.colliders if trained.is_for(placed.collider)]
     if not corrections:
         raise SoftprintError(
             f"scene {scene.name!r} has no collider {trained.header.collider!r}, for which {path.name} was trained: "

@@ -136,6 +136,17 @@ def test_the_truth_is_complete_and_satisfies_its_constraint(reference: Path) -> 
     assert not (reference / "shards").exists()
 
 
+def test_without_rotations_the_collider_keeps_its_orientation(experiment: Path, tmp_path: Path) -> None:
+    """One contact at each place, instead of one for each rotation."""
+    finished = generate(experiment, "--out", tmp_path, "--set", "sampling.rotations=0")
+    assert finished.returncode == 0, finished.stderr
+    with load_truth(tmp_path / "truth.h5") as truth:
+        assert len(truth.contacts) == N_CONTACTS // 3
+        np.testing.assert_array_equal(
+            truth.contacts["rotation"], np.broadcast_to(np.eye(2), (N_CONTACTS // 3, 2, 2))
+        )
+
+
 def test_the_approach_path_of_a_sample_leads_in_from_outside(reference: Path) -> None:
     """A straight line, deeper with every step, no step longer than an eighth of the contact's largest depth."""
     from softprint.runtime.body import load_body

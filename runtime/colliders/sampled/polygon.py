@@ -102,7 +102,11 @@ def _segments_meet(a: Array, b: Array, c: Array, d: Array) -> BoolArray:
         along, off = q - p, r - p
         return np.asarray(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0])
 
-    return (side(a, b, c) * side(a, b, d) <= 0) & (side(c, d, a) * side(c, d, b) <= 0)
+    # Segments on one line pass the test of sides wherever they are on it, but their boxes do not meet.
+    near = (
+        np.maximum(np.minimum(c, d), np.minimum(a, b)) <= np.minimum(np.maximum(c, d), np.maximum(a, b))
+    ).all(-1)
+    return near & (side(a, b, c) * side(a, b, d) <= 0) & (side(c, d, a) * side(c, d, b) <= 0)
 
 
 def _fillet(corners: Array, radius: float, name: str) -> Array:

@@ -43,7 +43,11 @@ class SamplingSpec(Section):
     test_places: Count | None = Field(
         None, description="library: contact places of the testing shapes; that of `places` if absent"
     )
-    rotations: Count = Field(30, description="rotations of the collider, spread over SO(dim)")
+    rotations: Annotated[int, Field(ge=0)] = Field(
+        30,
+        description="rotations of the collider, spread over SO(dim); 0: it is not rotated, and has one contact at each "
+        "place",
+    )
     depths: Count = Field(5, description="depths of each contact, from shallow to deep")
     max_depth: Positive = Field(
         0.01, description="deepest penetration of the rigid collider [m]; less if it is thinner"

@@ -145,7 +145,7 @@ class Workshop:
         if model == BARE:
             return {}, ""
         trained = self._read(model)
-        corrections = {name: trained.on(shape) for name, shape in shapes.items() if trained.is_for(name)}
+        corrections = {name: trained.on(shape) for name, shape in shapes.items() if trained.is_for(shape)}
         without = [name for name in shapes if name not in corrections]
         if not without:
             return corrections, ""

@@ -163,6 +163,16 @@ def test_polygon_distance_of_a_square_by_hand():
     )  # chords of 3 degrees
 
 
+def test_sides_of_a_polygon_may_lie_on_one_line():
+    """As the ends of the teeth of a comb do; they cross where they overlap."""
+    comb = [[0, 0], [1, 0], [1, 1], [2, 1], [2, 0], [3, 0], [3, 2], [0, 2]]
+    collider = polygon_collider(comb, resolution=32)
+    z = np.array([[0.5, -0.1], [1.5, 0.5], [2.5, 0.2]])
+    np.testing.assert_allclose(collider.exact(z), [0.1, 0.5, -0.2], atol=1e-14)
+    with pytest.raises(SoftprintError, match="cross"):
+        polygon_collider([[0, 0], [2, 0], [2, 1], [1.5, 0], [0.5, 0], [0, 1]])
+
+
 @pytest.mark.parametrize(
     ("vertices", "rounding", "message"),
     [

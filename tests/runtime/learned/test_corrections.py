@@ -235,6 +235,19 @@ def test_another_shape_of_the_same_name_is_refused(jelly2d_body, mechanics, tmp_
         load_correction(path, jelly2d_body, Sphere(0.025, 2, name="ball"))
 
 
+def test_a_collider_of_the_same_shape_may_have_another_name(jelly2d_body, mechanics, tmp_path):
+    """Such as one of six pins that are all alike: its correction bears its name, and is the same."""
+    path = written(tmp_path, "thesis", jelly2d_body, mechanics)
+    pose, rows = pressed_pose(jelly2d_body), bent_rows(jelly2d_body)
+    found = []
+    for name in ("ball", "pin_3"):
+        correction = load_correction(path, jelly2d_body, Sphere(0.02, 2, name=name))
+        assert correction.collider == name
+        found.append(correction.bind(jelly2d_body.node_points()).displacement(rows, pose))
+    assert np.abs(found[0]).max() > 0
+    np.testing.assert_array_equal(*found)
+
+
 def test_mechanics_are_found_near_a_correction_or_given(jelly2d_body, mechanics, tmp_path):
     body, ball = jelly2d_body, Sphere(0.02, 2, name="ball")
     run = tmp_path / "run"
@@ -298,7 +311,7 @@ def test_bad_files_are_refused(jelly2d_body, jelly3d_body, mechanics, tmp_path):
     with pytest.raises(SoftprintError, match="another body"):
         load_correction(path, jelly3d_body, ball)
     with pytest.raises(SoftprintError, match="trained for the collider 'ball'"):
-        load_correction(path, jelly2d_body, Sphere(0.02, 2, name="other"))
+        load_correction(path, jelly2d_body, Sphere(0.021, 2, name="other"))
     with pytest.raises(SoftprintError, match="no such correction"):
         load_correction(tmp_path / "absent.safetensors", jelly2d_body, ball)
     truncated = tmp_path / "truncated.safetensors"
