@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
@@ -26,6 +26,7 @@ from softprint.runtime.scenes.scene import find_scene, scene_parts, scene_simula
 
 if TYPE_CHECKING:
     from softprint.runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.learned.internal.correction import InternalCorrection
 
 MODEL_GROUP = "softprint.models"
 BARE = "bare"
@@ -128,24 +129,41 @@ def bare_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> R
 def condensed_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec) -> ReducedModel:
     """The subspace with static condensation, computed here; contact is penalty contact."""
     parts = scene_parts(experiment, scene)
-    return ReducedModel(scene_simulator(body, parts, mechanics=_condensed(body, parts.gravity)), parts.held)
+    mechanics = condensed_mechanics(body, parts.gravity)
+    return ReducedModel(scene_simulator(body, parts, mechanics=mechanics), parts.held)
 
 
-def _condensed(body: ReducedBody, gravity: Array) -> BodyMechanics:
+def condensed_mechanics(body: ReducedBody, gravity: Array) -> BodyMechanics:
+    """Static condensation alone, without a compliance of the surface; gravity: (dim,) [m/s^2]."""
     return BodyMechanics(None, compute_static_condensation(body, gravity, NullSpaceCompliance(body)))
 
 
 def internal_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path) -> ReducedModel:
     """The subspace, or static condensation, with the internal correction of a file; contact is penalty contact."""
+    parts = scene_parts(experiment, scene)
+    own = corrected_body(body, path, parts.gravity)
+    simulator = scene_simulator(own.body, parts, mechanics=own.mechanics, internal=own.internal)
+    return ReducedModel(simulator, parts.held)
+
+
+class CorrectedBody(NamedTuple):
+    """A body, with the cubature of its internal correction, the mechanics below that correction, and it."""
+
+    body: ReducedBody
+    mechanics: BodyMechanics | None = None
+    internal: InternalCorrection | None = None
+
+
+def corrected_body(body: ReducedBody, path: Path, gravity: Array) -> CorrectedBody:
+    """The body with the internal correction of a file; gravity: (dim,) [m/s^2]."""
     # Imported here, because torch takes a second to load and the other models do not need it.
     from softprint.runtime.learned.internal.correction import InternalCorrection
     from softprint.runtime.learned.internal.file import load_internal
 
-    parts = scene_parts(experiment, scene)
     trained = load_internal(path, body)
-    correction, body = InternalCorrection(trained.model, body), trained.on(body)
-    mechanics = _condensed(body, parts.gravity) if correction.on_condensation else None
-    return ReducedModel(scene_simulator(body, parts, mechanics=mechanics, internal=correction), parts.held)
+    internal, own = InternalCorrection(trained.model, body), trained.on(body)
+    mechanics = condensed_mechanics(own, gravity) if internal.on_condensation else None
+    return CorrectedBody(own, mechanics, internal)
 
 
 def correction_path(out: Path, name: str) -> Path:

@@ -57,7 +57,7 @@ def press_by_hand(
 
 
 def the_scene(experiment: Experiment, name: str | None) -> SceneSpec:
-    """The scene of that name, by default the first one that tests; one without colliders is refused."""
+    """The scene of that name, by default the first one that tests, with colliders if there is one."""
     if name is not None:
         scene = find_scene(experiment, name)
     else:
@@ -68,8 +68,6 @@ def the_scene(experiment: Experiment, name: str | None) -> SceneSpec:
                 f"{experiment.path}: it has no [[scenes]], which say how the body is held and what presses it"
             )
         scene = scenes[0]
-    if not scene.colliders:
-        raise SoftprintError(f"{experiment.path}: scene {scene.name!r} has no collider to press with")
     return scene
 
 

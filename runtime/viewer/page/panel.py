@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _ALONE = "nothing"
 _NO_HANDLE = "none"
+_NO_COLLIDER = "-"
 _DENSITY = 1000.0  # kg/m^3 of a collider that falls, at first
 
 
@@ -56,7 +57,7 @@ class Panel:
             self.record = gui.add_button("record", color="red")
             self.film = gui.add_checkbox("and a GIF", False)
         with gui.add_folder("Collider"):
-            self.held = gui.add_dropdown("held", ["-"], initial_value="-")
+            self.held = gui.add_dropdown("held", [_NO_COLLIDER], initial_value=_NO_COLLIDER)
             shapes = choices(experiment)
             self.shape = gui.add_dropdown("shape", shapes, initial_value=shapes[0])
             self.size = gui.add_number("half size [mm]", 20.0, min=0.1, max=10_000.0, step=0.5)
@@ -72,7 +73,7 @@ class Panel:
     def show(self, setting: ask.Setting) -> None:
         """What the session is made of now."""
         self.setting = setting
-        names = [table.name for table in setting.tables]
+        names = [table.name for table in setting.tables] or [_NO_COLLIDER]
         if tuple(self.held.options) != tuple(names):
             before = self.held.value
             self.held.options = names
@@ -150,8 +151,8 @@ class Panel:
             return
         tables = {table.name: table for table in self.setting.tables}
         if what == "remove":
-            if len(tables) == 1:
-                raise SoftprintError("the scene keeps at least one collider: replace it")
+            if len(tables) <= 1:
+                raise SoftprintError("the scene keeps its last collider: replace it")
             tables.pop(self.held.value, None)
             self._send(ask.SetShapes(tuple(tables.values())))
             return
@@ -165,7 +166,7 @@ class Panel:
         held = self.held.value
         taken = {name for name in tables if not (replace and name == held)}
         table = renamed(table, taken)
-        if replace:
+        if replace and tables:
             new = tuple(table if name == held else own for name, own in tables.items())
         elif len(tables) >= MOST_COLLIDERS:
             raise SoftprintError(f"a scene has at most {MOST_COLLIDERS} colliders here: remove one")
@@ -180,7 +181,7 @@ class Panel:
         self._say(f"{file.name} is a collider of {2.0 * float(self.size.value):g} mm", "good")
 
     def _fall(self) -> None:
-        if self.setting is not None:
+        if self.setting is not None and self.setting.tables:
             free = self.held.value in self.setting.free
             self._send(ask.DropCollider(self.held.value, None if free else float(self.density.value)))
 

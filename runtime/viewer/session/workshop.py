@@ -20,9 +20,18 @@ from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction import ContactCorrection, Correction
-from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.rigid import FreeCollider, free_collider
-from softprint.runtime.scenes.playing import BARE, correction_path, trained_models
+from softprint.runtime.scenes.playing import (
+    BARE,
+    CONDENSED,
+    CorrectedBody,
+    condensed_mechanics,
+    corrected_body,
+    correction_path,
+    internal_models,
+    internal_path,
+    usual_models,
+)
 from softprint.runtime.scenes.scene import SceneParts, scene_parts, scene_simulator
 from softprint.runtime.viewer.session.painting import Painter
 
@@ -70,6 +79,7 @@ class Workshop:
             for placed in self.parts.colliders
         }
         self._trained: dict[str, TrainedCorrection] = {}
+        self._bodies: dict[str, CorrectedBody] = {}
         self._free: dict[tuple[str, float], FreeCollider] = {}
         self._rest: dict[str, Array] = {}
         self._made: dict[tuple[object, ...], Model] = {}
@@ -77,7 +87,7 @@ class Workshop:
     @property
     def names(self) -> list[str]:
         """The models that can play: the bare subspace, and every correction of the run directory."""
-        return [BARE, *(name for name in trained_models(self.out) if name != BARE)]
+        return list(dict.fromkeys(usual_models(self.out)))
 
     @property
     def tables(self) -> tuple[ColliderTable, ...]:
@@ -123,9 +133,7 @@ class Workshop:
     def _new(self, plan: Plan) -> Model:
         shapes = {table.name: self.collider(table) for table in plan.tables}
         corrections, note = self._corrections(plan.model, shapes)
-        mechanics = next(
-            (c.mechanics for c in corrections.values() if isinstance(c, ContactCorrection)), None
-        )
+        own = self._body(plan.model, corrections)
         placed = [
             PlacedCollider(
                 name,
@@ -136,13 +144,28 @@ class Workshop:
             )
             for name, shape in shapes.items()
         ]
-        simulator = self._simulator(placed, corrections.values(), mechanics)
+        simulator = self._simulator(placed, corrections.values(), own)
         painter = Painter(simulator)
-        rest_rows = self._rest_rows("" if mechanics is None else plan.model, mechanics)
+        plain = own.mechanics is None and own.internal is None
+        rest_rows = self._rest_rows("" if plain else plan.model, own)
         return Model(plan.model, simulator, painter, rest_rows, note)
 
+    def _body(self, model: str, corrections: Mapping[str, Correction]) -> CorrectedBody:
+        """The body of a model without its contact. That of a contact correction is its mechanics."""
+        if model not in (CONDENSED, *internal_models(self.out)):
+            own = (c.mechanics for c in corrections.values() if isinstance(c, ContactCorrection))
+            return CorrectedBody(self.body, next(own, None))
+        if model not in self._bodies:
+            gravity = self.parts.gravity
+            self._bodies[model] = (
+                CorrectedBody(self.body, condensed_mechanics(self.body, gravity))
+                if model == CONDENSED
+                else corrected_body(self.body, internal_path(self.out, model), gravity)
+            )
+        return self._bodies[model]
+
     def _corrections(self, model: str, shapes: Mapping[str, Collider]) -> tuple[dict[str, Correction], str]:
-        if model == BARE:
+        if model in (BARE, CONDENSED, *internal_models(self.out)):
             return {}, ""
         trained = self._read(model)
         corrections = {name: trained.on(shape) for name, shape in shapes.items() if trained.is_for(shape)}
@@ -171,12 +194,12 @@ class Workshop:
             self._free[key] = free_collider(shape, pose, density=density)
         return self._free[key]
 
-    def _rest_rows(self, key: str, mechanics: BodyMechanics | None) -> Array:
+    def _rest_rows(self, key: str, own: CorrectedBody) -> Array:
         """The body under its own weight, without colliders; undeformed where nothing holds it."""
         if key not in self._rest:
             if not self.parts.held:
                 return self.body.rest_rows
-            settled = self._simulator((), (), mechanics).settle()
+            settled = self._simulator((), (), own).settle()
             self._rest[key] = settled.state.rows if settled.converged else self.body.rest_rows
         return self._rest[key]
 
@@ -184,10 +207,10 @@ class Workshop:
         self,
         placed: Sequence[PlacedCollider],
         corrections: Iterable[Correction],
-        mechanics: BodyMechanics | None,
+        own: CorrectedBody,
     ) -> Simulator:
         parts = replace(self.parts, colliders=tuple(placed))
-        return scene_simulator(self.body, parts, corrections, mechanics)
+        return scene_simulator(own.body, parts, corrections, own.mechanics, own.internal)
 
 
 def _first(placed: PlacedCollider) -> RigidPose:
