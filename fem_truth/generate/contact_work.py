@@ -27,8 +27,11 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion
 from softprint.runtime.mesh import Mesh
+from softprint.runtime.mesh.facet_lattice import facet_lattice
 from softprint.runtime.truth.truth_schema import UNREACHED
 
+# Of the points on facets at which the depth of a collider is measured, relative to its size.
+_SPACING = 1.0 / 60.0
 _UNREACHED = "An earlier depth of the same contact did not converge, so there was nothing to start from."
 
 
@@ -39,7 +42,7 @@ class ContactWork:
     colliders: those of the plan, each built at its first use; rows: (n_states, n_rows, dim) and internal:
     (n_states, n_nodes, dim) internal equilibria [m] of the states; places: (n_states, n_places) mesh nodes; rotations:
     (n_rotations, dim, dim), None if the colliders are not rotated; depths: number per contact, up to max_depth [m],
-    with noise as a share of their step.
+    with noise as a share of their step; on_facets: whether contact is, and depths are measured, on facets too.
     """
 
     problem: ConstrainedProblem
@@ -53,6 +56,7 @@ class ContactWork:
     max_depth: float
     depth_noise: float
     settings: FullSpaceSettings
+    on_facets: bool = False
     _surfaces: dict[int, tuple[Array, Array]] = field(default_factory=dict)
     _collider_points: dict[int, Array] = field(default_factory=dict)
 
@@ -87,7 +91,7 @@ class ContactWork:
         if contact.state not in self._surfaces:
             deformed = Mesh(self.internal[contact.state], mesh.cells)
             self._surfaces[contact.state] = deformed.points[mesh.surface_nodes], deformed.surface_normals
-        surface, normals = self._surfaces[contact.state]
+        nodes, normals = self._surfaces[contact.state]
         aimed = int(np.searchsorted(mesh.surface_nodes, place))
         # The set is rotated as a whole for each state and place: it stays evenly spread, and no two places have the
         # same rotations.
@@ -96,7 +100,25 @@ class ContactWork:
             turn = random_rotation(mesh.dim, self.plan.rng_of_place(TURN_STREAM, contact))
             rotation = self.rotations[contact.rotation] @ turn
         collider = self.colliders[contact.collider]()
-        return Approach(collider, surface, surface[aimed], normals[aimed], rotation)
+        surface = nodes
+        if self.on_facets:
+            surface = np.vstack(
+                [nodes, self._on_facets(contact.state, collider, nodes[aimed], normals[aimed])]
+            )
+        return Approach(collider, surface, nodes[aimed], normals[aimed], rotation)
+
+    def _on_facets(self, state: int, collider: Collider, place: Array, normal: Array) -> Array:
+        """(k, dim) [m] Points on the facets that the collider can meet on its line: what is finer than the mesh goes in
+        between its nodes, and its depth counts from where contact on facets begins."""
+        x, facets = self.internal[state], self.problem.body.mesh.facets
+        reach = float(np.linalg.norm(np.maximum(np.abs(collider.lower), np.abs(collider.upper))))
+        if not np.isfinite(reach):  # a half space meets nodes first
+            return np.empty((0, x.shape[1]))
+        middles = x[facets].mean(axis=1)
+        extent = np.linalg.norm(x[facets] - middles[:, None], axis=2).max(axis=1)
+        away = middles - place
+        beside = np.linalg.norm(away - (away @ normal)[:, None] * normal, axis=1)
+        return facet_lattice(x, facets[beside < reach + extent], _SPACING * collider.size)
 
     def _sideways(self, contact: PlannedContact, approach: Approach) -> Array:
         """A unit vector tangential to the surface at the place, drawn with the generator of this contact."""

@@ -247,6 +247,7 @@ def _contact_work(
             NewtonSettings(sampling.solver.max_iterations, sampling.solver.residual),
             sampling.solver.decrement,
         ),
+        on_facets=experiment.contact.refinement > 0,
     )
 
 

@@ -36,7 +36,11 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
     deciding["scenes"] = {scene["name"]: scene for scene in content["scenes"] if scene["role"] == "record"}
     deciding["experiment"] = {"seed": content["experiment"]["seed"]}
     flat = flat_table(deciding, "")
+    for key in ("subspace", "hold"):  # the hash of the body has them
+        flat.pop(f"body.handles.{key}", None)
     flat["truth version"] = str(VERSION)
+    if experiment.contact.refinement:
+        flat["depth of a collider"] = "on facets"  # once it was measured at nodes here, too
     flat["body hash"] = body.content_hash
     for name in experiment.sampled_colliders:
         flat |= sampled_file_hashes(experiment, name)
