@@ -234,4 +234,11 @@ def _contact_notes(scenes: list[JudgedScene]) -> list[str]:
 
 def _renderer(scene: JudgedScene) -> Renderer:
     comparer, poses = scene.comparer, scene.comparer.motion.poses
-    return make_renderer(comparer.body.mesh, comparer.collider, poses[len(poses) // 2])
+    corners = None
+    if isinstance(comparer.collider, NoCollider):
+        # A body that is led is stretched and moved out of its place.
+        places = [comparer.motion.positions(frame) for frame in range(comparer.motion.n_frames)]
+        corners = np.array(
+            [np.min([x.min(axis=0) for x in places], axis=0), np.max([x.max(axis=0) for x in places], axis=0)]
+        )
+    return make_renderer(comparer.body.mesh, comparer.collider, poses[len(poses) // 2], corners)

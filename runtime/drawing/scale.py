@@ -32,9 +32,7 @@ def error_map() -> Any:
 def add_scale(pixels: Pixels, label: str, top: float) -> Pixels:
     """A picture (height, width, 3) with the scale from 0 to top at its lower edge."""
     height, width = pixels.shape[:2]
-    strip = _strip(
-        label, max(top, float(np.finfo(float).tiny)), width, max(1, round(_HEIGHT * height)), height
-    )
+    strip = _strip(label, max(top, float(np.finfo(float).tiny)), width, max(1, round(_HEIGHT * height)), height)
     return np.concatenate([pixels[: height - len(strip)], strip])
 
 
@@ -49,9 +47,7 @@ def _strip(label: str, top: float, width: int, height: int, picture: int) -> Pix
     canvas = FigureCanvasAgg(figure)
     points = 72.0 / _DPI * picture  # the height of the picture, in units of type
     axes = figure.add_axes((0.25, 0.34, 0.5, 0.2))
-    bar = figure.colorbar(
-        ScalarMappable(Normalize(0.0, top), error_map()), cax=axes, orientation="horizontal"
-    )
+    bar = figure.colorbar(ScalarMappable(Normalize(0.0, top), error_map()), cax=axes, orientation="horizontal")
     ticks = np.linspace(0.0, top, _TICKS)
     bar.set_ticks(list(ticks), labels=[f"{tick:.2g}" for tick in ticks])
     bar.outline.set_visible(False)

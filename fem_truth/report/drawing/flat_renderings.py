@@ -33,11 +33,20 @@ _HEAT = LinearSegmentedColormap.from_list("error", ERROR_COLOURS)
 class FlatRenderer:
     """Drawings of one body and one collider from one direction, in orthographic projection; a `Renderer`."""
 
-    def __init__(self, mesh: Mesh, collider: Collider, description: str, from_above: bool = True) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        collider: Collider,
+        description: str,
+        from_above: bool = True,
+        corners: Array | None = None,
+    ) -> None:
+        """corners: (k, dim) places that have to be in the picture, besides the undeformed body."""
         self.mesh, self.collider, self.description = mesh, collider, description
         # Columns: right, up, and (in 3D) towards the camera. In 2D the drawing shows the plane itself.
         self._axes = np.eye(2) if mesh.dim == 2 else _camera_axes(VIEWS[from_above])
-        rest = mesh.points @ self._axes[:, :2]
+        places = mesh.points if corners is None else np.concatenate([mesh.points, corners])
+        rest = places @ self._axes[:, :2]
         self._centre = 0.5 * (rest.min(axis=0) + rest.max(axis=0))
         self._half = (0.68 if mesh.dim == 2 else 0.9) * float(np.ptp(rest, axis=0).max())
 

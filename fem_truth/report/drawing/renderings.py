@@ -32,11 +32,11 @@ _ELSEWHERE = 0.2  # displacement from which the camera follows the body, in its 
 _PROBE = "import pyvista; pyvista.Plotter(off_screen=True, window_size=(8, 8)).screenshot(None)"
 
 
-def make_renderer(mesh: Mesh, collider: Collider, pose: RigidPose) -> Renderer:
+def make_renderer(mesh: Mesh, collider: Collider, pose: RigidPose, corners: Array | None = None) -> Renderer:
     """PyVista for 3D bodies if GL works, otherwise plain drawings, which 2D bodies always get. pose: typical pose of
-    the collider, which determines the view direction."""
+    the collider, which determines the view direction; corners: see `FlatRenderer`."""
     if mesh.dim == 2:
-        return FlatRenderer(mesh, collider, "Drawn with matplotlib.")
+        return FlatRenderer(mesh, collider, "Drawn with matplotlib.", corners=corners)
     from_above = _from_above(mesh, collider, pose)
     problem = gl_problem()
     if problem:

@@ -41,7 +41,9 @@ def closed_surface(vertices: Array, triangles: IntArray, source: str) -> tuple[A
         bad = int((~np.isfinite(vertices)).any(axis=1).sum())
         raise SoftprintError(f"{source}: {bad} vertices are not finite numbers; export the mesh again")
     if len(triangles) == 0:
-        raise SoftprintError(f"{source}: the mesh has no triangles; a closed triangle surface is needed")
+        raise SoftprintError(
+            f"{source}: the mesh has no triangles; a closed triangle surface is needed"
+        )
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     vertices, triangles = merge(vertices, triangles, diagonal, source)
     refuse_flat(vertices, source)
@@ -80,7 +82,9 @@ def drop_degenerate(vertices: Array, triangles: IntArray, diagonal: float, sourc
     if len(first) < len(kept):
         log.warning("%s: dropped %d repeated triangle(s)", source, len(kept) - len(first))
     if len(first) == 0:
-        raise SoftprintError(f"{source}: every triangle is degenerate; a closed triangle surface is needed")
+        raise SoftprintError(
+            f"{source}: every triangle is degenerate; a closed triangle surface is needed"
+        )
     unrepeated: IntArray = kept[np.sort(first)]
     return unrepeated
 

@@ -7,8 +7,8 @@ dx_i/drows,
 
     gradient = sum_i J_i^T f_i,    Hessian = sum_i J_i^T H_i J_i,    J_i = U_i (x) I + du_i/drows,
 
-with u_i the corrections and static condensation. Without both, the Hessian is sum_i U_i U_i^T (x) H_i, one small
-product.
+with u_i the corrections and static condensation; internal corrections add sum_i f_i . d2u_i/drows2. Without all of
+these the Hessian is sum_i U_i U_i^T (x) H_i, one small product.
 """
 
 from __future__ import annotations
@@ -118,6 +118,15 @@ class SurfaceInFrame:
                 jacobian[active] += share[active, None, None, None] * field.jacobian[corner[active]]
         return jacobian.reshape(len(index) * dim, -1)
 
+    def felt(self, index: IntArray, forces: Array, field: CorrectionField) -> Array:
+        """The forces (k, dim) at the points of a field, of forces (m, dim) at some of the contact points (m,)."""
+        term, total = self.term, np.zeros((len(field.index), forces.shape[1]))
+        slots = term.points.slots(field)[term.samples[index]]
+        for corner, share in zip(slots.T, term.loaded.shares[index].T, strict=True):
+            active = np.flatnonzero(corner >= 0)
+            np.add.at(total, corner[active], share[active, None] * forces[active])
+        return total
+
     def evaluate(
         self, x: Array, poses: Poses, rows: Array, displacement: Array | None
     ) -> SurfaceContactEvaluation:
@@ -214,6 +223,8 @@ class SurfaceContactEvaluation:
             slope, curvature = through_basis(self.frame.term.basis[index], gradient, hessian)
         else:
             slope, curvature = through_jacobian(self.frame.jacobian(index, dim, field), gradient, hessian)
+            bent = None if field is None else field.curvature(self.frame.felt(index, gradient, field), None)
+            curvature = curvature if bent is None else curvature + bent
         return by_rows + slope, curvature if by_sharp is None else curvature + by_sharp, couplings
 
     def _coupling(

@@ -22,7 +22,7 @@ from softprint.runtime.learned.internal.local_field import LocalField, LocalPoin
 
 @dataclass(frozen=True, eq=False)
 class InternalWeight:
-    """moment: w as a field (1, n_rows) [kg m^0] of the rows; gravity: (dim,) [m/s^2]."""
+    """moment: w as a field (1, n_rows) [kg] of the rows; gravity: (dim,) [m/s^2]."""
 
     moment: LocalField
     gravity: Array

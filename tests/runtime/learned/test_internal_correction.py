@@ -10,11 +10,12 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes, least_squares_weights
 from softprint.runtime.body.rotations import rotation_dofs, rotation_exponential
-from softprint.runtime.colliders import KeyframedPath
+from softprint.runtime.colliders import KeyframedPath, RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import KinematicHandle, Simulator
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.elastic import ElasticEnergy
+from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy, SurfaceContactEvaluation
 from softprint.runtime.dynamics.timings import Phase, Timings
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.internal.correction import (
@@ -332,3 +333,34 @@ def test_a_corrected_body_hangs_where_its_whole_energy_is_least(jelly_body, dim,
     stepped = simulator.step(result.state)
     assert stepped.converged
     np.testing.assert_allclose(stepped.state.rows, result.state.rows, atol=1e-6)  # m
+
+
+@pytest.mark.parametrize("refinement", [0, 2])
+def test_contact_of_a_corrected_surface_knows_its_derivatives(jelly_body, dim, refinement):
+    """At nodes and on facets: J^T f, and J^T H J with the curvature of the correction."""
+    body, rows = jelly_body, bent(jelly_body)
+    law = PenaltyContact(1e9, refinement=refinement, reduced_refinement=1 if refinement == 0 else 2)
+    points = CorrectedPoints(body, [], internal=InternalCorrection(made_model(body), body))
+    x = body.reduced_positions(rows)
+    # Deep enough that several points touch, and still do a step of the differences away.
+    ball = Sphere(0.02, dim=dim)
+    top = x[np.argmax(x[:, -1])]
+    poses = {"ball": RigidPose.from_rotation_vector(np.zeros(rotation_dofs(dim)), top)}
+    term = SurfaceContactEnergy(body, points, {"ball": ball}, law, None)
+    frame, phase = term.in_frame(rows), Timings().correction
+
+    def at(own: Array) -> SurfaceContactEvaluation:
+        u = points.displacement(own, poses, phase)
+        return frame.evaluate(frame.positions(own, u), poses, own, u)
+
+    def gradient(own: Array) -> Array:
+        return at(own).linearise(points.linearise(own, poses, phase), None, {}, len(own))[0]
+
+    expected = differences(lambda own: np.array(at(own).energy), rows)
+    found, hessian, _ = at(rows).linearise(points.linearise(rows, poses, phase), None, {}, len(rows))
+    assert np.abs(expected).max() > 0.0
+    # The Jacobian is in single precision.
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+    slope = differences(gradient, rows).reshape(rows.size, rows.size)
+    assert hessian is not None
+    np.testing.assert_allclose(hessian, slope, atol=1e-4 * np.abs(slope).max())
