@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from solid_mesh import mesh_solid
+from solid_mesh import mesh_solid, smooth_maximum
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.mesh import write_mesh
@@ -35,11 +35,6 @@ def finger() -> Field:
     pad = moved(ellipsoid((0.0115, 0.0076, 0.0066)), (0.0400, 0, -0.0016))
     whole = blended(FILLET, behind, joint, end, pad)
     return lambda p: smooth_maximum(whole(p), -p[:, 0], CUT_ROUNDING)
-
-
-def smooth_maximum(a: Array, b: Array, width: float) -> Array:
-    """max(a, b), rounded where the two come closer than the width."""
-    return np.maximum(a, b) + 0.25 * np.maximum(width - np.abs(a - b), 0.0) ** 2 / width
 
 
 def main() -> None:

@@ -1,4 +1,5 @@
-"""Write the recorded motions of the Hand, `hand_grasp.csv` and `hand_explore.csv`, and say where its bones are.
+"""Write the recorded motions of the Hand, `hand_grasp.csv`, `hand_explore.csv`, `hand_flat.csv` and `hand_turn.csv`,
+and say where its bones are.
 
     python meshes/hand_motion.py [--package FOLDER] [--bones] [FOLDER]
 
@@ -52,6 +53,21 @@ MOTIONS: dict[str, Sequence[Keyframe]] = {
         (2.2, (0.004, -0.003, -0.016), (0.08, 0, -0.14), (0.45, 0.6, 0.45, 0.5, 0.62)),
         (2.6, (0, 0, -0.016), (0, 0.05, 0), (0.5, 0.65, 0.65, 0.6, 0.6)),
         (3.2, (0, 0, 0.005), (0, 0, 0), (0.1, 0.1, 0.1, 0.1, 0.1)),
+    ),
+    # Flat and still: the one pose to learn from.
+    "hand_flat": (
+        (0.0, (0, 0, 0), (0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)),
+        (0.4, (0, 0, 0), (0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)),
+    ),
+    # Palm up, with an object on it: the fingers close on it and roll it to and fro, one side after the other.
+    "hand_turn": (
+        (0.0, (0, 0, 0), (0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)),
+        (0.4, (0, 0, 0), (0, 0, 0), (0.1, 0.15, 0.15, 0.15, 0.15)),
+        (0.9, (0, 0, 0), (0, 0, 0), (0.3, 0.6, 0.55, 0.5, 0.45)),
+        (1.3, (0, 0, 0), (0.15, 0, 0), (0.5, 0.8, 0.55, 0.35, 0.3)),
+        (1.7, (0, 0, 0), (-0.15, 0, 0), (0.3, 0.4, 0.6, 0.75, 0.8)),
+        (2.0, (0, 0, 0), (0, -0.1, 0), (0.4, 0.7, 0.7, 0.6, 0.5)),
+        (2.4, (0, 0, 0), (0, 0, 0), (0.1, 0.2, 0.2, 0.2, 0.2)),
     ),
 }
 

@@ -36,6 +36,11 @@ def mesh_solid(field: Field, lower: Array, upper: Array, size: Size, inside: Siz
     return in_morton_order(oriented_mesh(points, cells, "the solid"))
 
 
+def smooth_maximum(a: Array, b: Array, width: float) -> Array:
+    """max(a, b), rounded where the two come closer than the width."""
+    return np.maximum(a, b) + 0.25 * np.maximum(width - np.abs(a - b), 0.0) ** 2 / width
+
+
 def remeshed(vertices: Array, triangles: IntArray, size: Size) -> tuple[Array, IntArray]:
     """A closed surface meshed anew."""
     gmsh.initialize()
