@@ -103,7 +103,7 @@ def test_reduced_gradient_and_hessian_are_derivatives(body):
 
 @pytest.mark.parametrize("share", [1.0, 0.3])
 def test_corrections_of_corners_add_to_the_basis(body, share):
-    """With one that is linear in the rows, x = (U + C) rows, all is that of the basis U + C, with C zero at some nodes."""
+    """With one that is linear in the rows, x = (U + C) rows, all is that of the basis U + C."""
     rng = np.random.default_rng(5)
     rows = bent(body, rng)
     points = CorrectedPoints(body, [])
