@@ -71,12 +71,13 @@ def main() -> None:
     )
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="run directory (default: runs/NAME)")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the experiment")
     parser.add_argument("--model", default="ours", help="(default: ours)")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each turn (default: 10)")
     parser.add_argument("--rounds", type=int, default=3, help="turns of each kind (default: 3)")
     parser.add_argument("--browser", action="store_true", help="a real browser as the client (default: off)")
     options = parser.parse_args()
-    context = Context(options.experiment, out=options.out, quiet=True)
+    context = Context(options.experiment, tuple(options.set), out=options.out, quiet=True)
     body = body_of_run(context)
     model, mark = options.model, ""
     if model != BARE and not correction_path(context.out_dir, model).is_file():

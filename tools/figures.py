@@ -115,6 +115,10 @@ FIGURES: Mapping[str, Figure] = {
             "softprint body examples/jelly3d.toml",
             "python -m benchmarks.viewer_speed examples/jelly3d.toml",
             "python -m benchmarks.viewer_speed examples/jelly3d_small.toml --browser",
+            "python -m benchmarks.viewer_speed examples/jelly3d.toml --browser",
+            "python meshes/jelly.py --dim 3 --edge-length 0.00069 --inside 0.0085 --out runs/jelly3d_fine.vtu",
+            "python -m benchmarks.viewer_speed examples/jelly3d.toml --out runs/jelly3d_fine "
+            """--set 'body.mesh="../runs/jelly3d_fine.vtu"'""",
         ),
         (RESULTS,),
         ("demo",),
@@ -145,10 +149,11 @@ FIGURES: Mapping[str, Figure] = {
     ),
     "metamaterials": Figure(
         (
-            "softprint generate examples/accordion_small.toml",
+            "softprint run examples/accordion_small.toml",
+            "softprint run examples/auxetic_small.toml",
             "python -m reproduction.metamaterials examples/accordion_small.toml",
-            "softprint generate examples/auxetic_small.toml",
             "python -m reproduction.metamaterials examples/auxetic_small.toml",
+            "python -m benchmarks.learned_cubature examples/auxetic_small.toml",
             "python -m reproduction.reentrant_cell",
         ),
         (RESULTS, "docs/internal_corrections.md"),
