@@ -8,14 +8,10 @@ Centred at the origin. Lengths in metres.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import numpy as np
-from solid_mesh import mesh_solid
+from solid_mesh import mesh_from_command_line
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.mesh import write_mesh
 from softprint.runtime.shapes.solid import Field, ball, blended, capsule
 
 RADIUS, REACH = 0.034, 0.046  # of the ball, and of its spikes
@@ -40,21 +36,14 @@ def spiky_ball() -> Field:
     return blended(FILLET, ball(RADIUS), *spikes)
 
 
+def finer_at_tips(point: Array) -> float:
+    share = np.clip((np.linalg.norm(point) - RADIUS) / (REACH - SPIKE_TIP - RADIUS), 0.0, 1.0)
+    return float(1.0 - share * (1.0 - FINER))
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--edge-length", type=float, required=True, help="edge length at the surface [m]")
-    parser.add_argument("--inside", type=float, required=True, help="edge length in the middle [m]")
-    parser.add_argument("--out", type=Path, required=True, help="mesh file to write (.vtu, .msh, ...)")
-    arguments = parser.parse_args()
-
-    def size(point: Array) -> float:
-        share = np.clip((np.linalg.norm(point) - RADIUS) / (REACH - SPIKE_TIP - RADIUS), 0.0, 1.0)
-        return float(arguments.edge_length * (1.0 - share * (1.0 - FINER)))
-
-    box = np.full(3, REACH + 0.004)
-    mesh = mesh_solid(spiky_ball(), -box, box, size, lambda _: arguments.inside, spacing=0.001)
-    write_mesh(arguments.out, mesh)
-    print(f"{arguments.out}: {mesh.n_nodes} nodes, {mesh.n_cells} tetrahedra")
+    box, line = np.full(3, REACH + 0.004), (__doc__ or "").splitlines()[0]
+    mesh_from_command_line(line, spiky_ball(), -box, box, spacing=0.001, share=finer_at_tips)
 
 
 if __name__ == "__main__":

@@ -9,14 +9,9 @@ is, segments and their radius, which the examples make one rigid frame of.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import numpy as np
-from solid_mesh import mesh_solid, smooth_maximum
+from solid_mesh import mesh_from_command_line, smooth_maximum
 
-from softprint.runtime.arrays import Array
-from softprint.runtime.mesh import write_mesh
 from softprint.runtime.shapes.solid import Field, ball, blended, capsule, ellipsoid, moved
 
 FILLET, BOTTOM_ROUNDING = 0.0025, 0.003
@@ -41,19 +36,8 @@ def bunny() -> Field:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--edge-length", type=float, required=True, help="edge length at the surface [m]")
-    parser.add_argument("--inside", type=float, required=True, help="edge length in the middle [m]")
-    parser.add_argument("--out", type=Path, required=True, help="mesh file to write (.vtu, .msh, ...)")
-    arguments = parser.parse_args()
     lower, upper = np.array([-0.058, -0.042, -0.004]), np.array([0.060, 0.042, 0.156])
-
-    def size(_: Array) -> float:
-        return float(arguments.edge_length)
-
-    mesh = mesh_solid(bunny(), lower, upper, size, lambda _: float(arguments.inside), spacing=0.0012)
-    write_mesh(arguments.out, mesh)
-    print(f"{arguments.out}: {mesh.n_nodes} nodes, {mesh.n_cells} tetrahedra")
+    mesh_from_command_line((__doc__ or "").splitlines()[0], bunny(), lower, upper, spacing=0.0012)
 
 
 if __name__ == "__main__":

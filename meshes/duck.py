@@ -8,14 +8,9 @@ It looks along x, its flat bottom is in z = 0, and it is symmetric in y. Lengths
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import numpy as np
-from solid_mesh import mesh_solid, smooth_maximum
+from solid_mesh import mesh_from_command_line, smooth_maximum
 
-from softprint.runtime.arrays import Array
-from softprint.runtime.mesh import write_mesh
 from softprint.runtime.shapes.solid import Field, ball, blended, capsule, ellipsoid, moved, rotated
 
 FILLET, BOTTOM_ROUNDING = 0.0016, 0.002
@@ -37,19 +32,8 @@ def duck() -> Field:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--edge-length", type=float, required=True, help="edge length at the surface [m]")
-    parser.add_argument("--inside", type=float, required=True, help="edge length in the middle [m]")
-    parser.add_argument("--out", type=Path, required=True, help="mesh file to write (.vtu, .msh, ...)")
-    arguments = parser.parse_args()
     lower, upper = np.array([-0.054, -0.038, -0.003]), np.array([0.063, 0.038, 0.083])
-
-    def size(_: Array) -> float:
-        return float(arguments.edge_length)
-
-    mesh = mesh_solid(duck(), lower, upper, size, lambda _: float(arguments.inside), spacing=0.0008)
-    write_mesh(arguments.out, mesh)
-    print(f"{arguments.out}: {mesh.n_nodes} nodes, {mesh.n_cells} tetrahedra")
+    mesh_from_command_line((__doc__ or "").splitlines()[0], duck(), lower, upper, spacing=0.0008)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,9 @@ filled with tetrahedra that grow towards the inside.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
+from pathlib import Path
 
 import gmsh
 import numpy as np
@@ -15,7 +17,7 @@ from field_grid import Grid
 from scipy.sparse import coo_matrix
 
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh
+from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh, write_mesh
 from softprint.runtime.shapes.solid import Field
 
 Size = Callable[[Array], float]  # the edge length [m] that is wanted at a point (3,)
@@ -34,6 +36,23 @@ def mesh_solid(field: Field, lower: Array, upper: Array, size: Size, inside: Siz
         surface, triangles, lambda p: min(inside(p), size(p) + GROWTH * max(0.0, -grid.nearest(p)))
     )
     return in_morton_order(oriented_mesh(points, cells, "the solid"))
+
+
+def mesh_from_command_line(
+    line: str, field: Field, lower: Array, upper: Array, spacing: float, share: Size = lambda _: 1.0
+) -> None:
+    """What a script of a solid does: reads edge lengths and a file name, and writes the mesh. line: about the script;
+    share: of the edge length at the surface that is wanted at a point; otherwise see `mesh_solid`."""
+    parser = argparse.ArgumentParser(description=line)
+    parser.add_argument("--edge-length", type=float, required=True, help="edge length at the surface [m]")
+    parser.add_argument("--inside", type=float, required=True, help="edge length in the middle [m]")
+    parser.add_argument("--out", type=Path, required=True, help="mesh file to write (.vtu, .msh, ...)")
+    given = parser.parse_args()
+    mesh = mesh_solid(
+        field, lower, upper, lambda p: given.edge_length * share(p), lambda _: float(given.inside), spacing
+    )
+    write_mesh(given.out, mesh)
+    print(f"{given.out}: {mesh.n_nodes} nodes, {mesh.n_cells} tetrahedra")
 
 
 def smooth_maximum(a: Array, b: Array, width: float) -> Array:
