@@ -1,7 +1,7 @@
 """Moves a collider along a line to an exact depth below a surface.
 
-The collider's origin moves on the line p + s n, inward as s decreases, with fixed rotation. Its depth below the
-surface nodes x_i is -min_i sdf(R^T (x_i - p - s n)). The result is the *first* pose, coming from outside, at which the
+The collider's origin moves on the line p + s n, inward as s decreases, with fixed rotation. Its depth below the points
+x_i of the surface is -min_i sdf(R^T (x_i - p - s n)). The result is the *first* pose, coming from outside, at which the
 depth is reached. A signed distance has slope at most one, so steps no longer than the remaining distance cannot jump
 over it (sphere tracing); a bracketing root finder does the rest.
 """
@@ -40,8 +40,8 @@ class OutOfReach(Exception):
 class Approach:
     """A line of approach to a surface.
 
-    surface: (n, dim) nodes [m]; place: (dim,) the point aimed at [m]; normal: (dim,) unit outward normal
-    there; rotation: (dim, dim) of the collider.
+    surface: (n, dim) points [m]: nodes, and points between them where contact is on facets; place: (dim,) the point
+    aimed at [m]; normal: (dim,) unit outward normal there; rotation: (dim, dim) of the collider.
     """
 
     collider: Collider
