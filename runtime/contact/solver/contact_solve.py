@@ -14,8 +14,9 @@ phi = F^T f, the compliance is constant: v = G phi. These are the conditions for
 Newton's method treats the displacements and the penetrations e_j = -s(y_j) as separate unknowns, which keeps the stiff
 penalty law out of the linearisation: it takes two to six iterations, usually from any start. Where it fails (a collider
 so deep that a point slides off its tip, or walls so thin that it could go to either side), E is minimised instead, with
-a line search. This, too, starts from the warm start: E may have several minima, and only the one nearest to the last
-contact is a continuous motion. Only the active set, ten to a hundred points in all, enters the linear systems:
+a line search, along directions of negative curvature where it is not convex (`negative_curvature.py`). This, too,
+starts from the warm start: E may have several minima, and only the one nearest to the last contact is a continuous
+motion. Only the active set, ten to a hundred points in all, enters the linear systems:
 
     (I + G F^T D F) dv = ...,    D_j = S_j g g^T - p_j H_j,    S = dp/de,    H = dg/dy,
 
@@ -36,6 +37,7 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import SdfDerivatives
 from softprint.runtime.contact.solver import contact_point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
+from softprint.runtime.contact.solver.negative_curvature import modified_newton_change
 from softprint.runtime.lazy import lazy
 
 log = logging.getLogger(__name__)
@@ -49,9 +51,13 @@ _TOLERANCE = 1e-5
 _ITERATIONS = 12
 # A warm start needs two or three iterations. After so many Newton's method is unlikely to converge.
 _NEAR_ITERATIONS = 7
-# Newton's method stops when the residual has grown by this factor.
-_GROWTH = 10.0
+# Newton's method stops when the residual has grown by this factor, or, after so many iterations, when it is no longer
+# the smallest so far.
+_GROWTH, _SETTLED = 10.0, 4
 _DESCENT_ITERATIONS = 100
+# The line search: the least gain, as a share of what the slope promises, the shortest step, and the longest where the
+# energy is not convex, which has no natural length.
+_ENOUGH, _SHORTEST, _LONGEST = 1e-4, 1e-6, 16.0
 # An energy higher by this factor is higher by more than round-off.
 _HIGHER = 1.0 + 1e-6
 # Without a warm start: the first guess of the penetration, as a fraction of that of an undeformed body.
@@ -137,7 +143,7 @@ class ContactProblem:
             near = np.minimum(-at.value, _FIRST_GUESS * scale), at.gradient
         e, phi = near[0], self._forces(*near)
         v = self._apply(phi)
-        first = began = np.inf
+        first = began = best = np.inf
         for iteration in range(at_most + 1):
             at = self._distance(v)
             e, pressure, lag, residual = kernels.balance(G, F, k, e, v, at.value, at.gradient)
@@ -145,6 +151,8 @@ class ContactProblem:
             if iteration == 0:
                 first, began = residual, self._energy(phi, v, -at.value)
             lost = not np.isfinite(residual) or residual > _GROWTH * max(first, scale)
+            lost |= iteration >= _SETTLED and residual >= best
+            best = min(best, residual)
             if converged or lost or iteration == at_most:
                 break
             try:
@@ -168,48 +176,64 @@ class ContactProblem:
             converged = residual <= _TOLERANCE * self.depth
             if converged or iteration == _DESCENT_ITERATIONS:
                 break
-            change, along, slope = self._direction(e, at, phi, balanced, lag)
-            energy = self._energy(phi, v, e)
-            length = 1.0
-            while True:
-                trial = v + length * along
-                at = self._distance(trial)
-                gained = self._energy(phi + length * change, trial, -at.value) - energy
-                if gained <= 1e-4 * length * slope + 1e-14 * energy or length < 1e-6:
-                    break
-                length *= 0.5
-            phi, v = phi + length * change, trial
+            phi, v, at = self._descended(e, at, phi, v, balanced, lag)
         if not converged:
             log.warning(
                 "the contact solve did not converge after %d iterations: residual %.1e m", iteration, residual
             )
         return self._solution(e, at, balanced, lag, converged, iteration, residual)
 
+    def _descended(
+        self, e: Array, at: SdfDerivatives, phi: Array, v: Array, balanced: Array, lag: Array
+    ) -> tuple[Array, Array, SdfDerivatives]:
+        """Forces, displacements and distance after a step by which E decreases."""
+        change, along, slope, convex = self._direction(e, at, phi, balanced, lag)
+        energy = self._energy(phi, v, e)
+
+        def gain(length: float) -> tuple[float, SdfDerivatives]:
+            trial = v + length * along
+            reached = self._distance(trial)
+            return self._energy(phi + length * change, trial, -reached.value) - energy, reached
+
+        length, at = _line_search(gain, slope, 1e-14 * energy, 1.0 if convex else _LONGEST)
+        return phi + length * change, v + length * along, at
+
     def _direction(
         self, e: Array, at: SdfDerivatives, phi: Array, balanced: Array, lag: Array
-    ) -> tuple[Array, Array, float]:
-        """A descent direction of E: a change of the forces (m, dim), the displacements that it causes, and the slope of
-        E along it. The curvature of the distance is left out where with it the direction would not descend."""
+    ) -> tuple[Array, Array, float, bool]:
+        """A descent direction of E: a change of the forces (m, dim), the displacements that it causes, the slope of E
+        along it, and whether it is Newton's. Where that would not descend it is modified
+        (`negative_curvature.py`)."""
         pressure = self._pressure(e)
-        for curvature in (at.hessian, np.zeros_like(at.hessian)):
-            try:
-                found = kernels.descent_direction(
-                    self.compliance,
-                    self.F,
-                    self.stiffness,
-                    e,
-                    pressure,
-                    phi,
-                    balanced,
-                    lag,
-                    at.gradient,
-                    curvature,
-                )
-            except np.linalg.LinAlgError:  # with curvature only: I + G D is regular for D >= 0
-                continue
-            if found[2] < 0.0:
-                break
-        return found
+        try:
+            change, along, slope = kernels.descent_direction(
+                self.compliance,
+                self.F,
+                self.stiffness,
+                e,
+                pressure,
+                phi,
+                balanced,
+                lag,
+                at.gradient,
+                at.hessian,
+            )
+            if slope < 0.0:
+                return change, along, slope, True
+        except np.linalg.LinAlgError:  # a point is about to slide off a tip
+            pass
+        which = np.flatnonzero((e > 0.0) | phi.any(axis=1))
+        unknowns = (which[:, None] * phi.shape[1] + np.arange(phi.shape[1])).ravel()
+        g, H = at.gradient[which], at.hessian[which]
+        steepness = 2.0 * self.stiffness * np.maximum(e, 0.0)
+        D = steepness[which, None, None] * g[:, :, None] * g[:, None, :]
+        D -= pressure[which, None, None] * 0.5 * (H + H.transpose(0, 2, 1))
+        change = np.zeros_like(phi)
+        change[which] = modified_newton_change(
+            self.compliance[np.ix_(unknowns, unknowns)], self.F[which], D, phi[which], balanced[which]
+        )
+        along = self._apply(change)
+        return change, along, float(((phi - balanced) * along).sum()), False
 
     def _solution(
         self,
@@ -256,3 +280,20 @@ class ContactProblem:
     def _apply(self, phi: Array) -> Array:
         """G phi (m, dim)."""
         return kernels.product(self.compliance, phi)
+
+
+def _line_search(
+    gain: Callable[[float], tuple[float, SdfDerivatives]], slope: float, rounding: float, longest: float
+) -> tuple[float, SdfDerivatives]:
+    """A length of a step by which the energy decreases enough (Armijo), and the distance there: 1, or as far as it goes
+    on decreasing with doubled lengths, or as much shorter as is needed. gain: the change of the energy at a length."""
+    length, (gained, at) = 1.0, gain(1.0)
+    while length < longest and gained <= _ENOUGH * length * slope:
+        farther = gain(2.0 * length)
+        if farther[0] >= gained:
+            break
+        length, (gained, at) = 2.0 * length, farther
+    while gained > _ENOUGH * length * slope + rounding and length > _SHORTEST:
+        length *= 0.5
+        gained, at = gain(length)
+    return length, at
