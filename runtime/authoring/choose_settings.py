@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.farthest_points import farthest_points
 from softprint.runtime.body.placement import frame_in_box, in_box, in_general_position
-from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.mechanics.null_space_compliance import elastic_stiffness
+from softprint.runtime.mechanics.rest_response import RestResponse
 from softprint.runtime.mesh import Mesh
 from softprint.runtime.mesh.nearest_facets import SurfaceSearch
 
@@ -65,7 +63,7 @@ def choose_settings(mesh: Mesh, hold: str | Array, young: float | None) -> Setti
     Raises SoftprintError if what is held is empty, flat or everything."""
     box = hold_box(mesh, hold)
     frame = frame_in_box(mesh, "base", box)
-    sag = sag_at(mesh, frame.nodes, 1.0)
+    sag = RestResponse(mesh, frame.nodes, POISSON).sag(GRAVITY * DENSITY)
     chosen = young or rounded_up(max(_YOUNG, sag / (SAG * mesh.size)))
     thickness = float(np.quantile(thicknesses(mesh, _sample(mesh, frame.nodes)), 0.25))
     collider = _collider_size(mesh, thickness)
@@ -124,20 +122,6 @@ def _side(name: str, dim: int) -> tuple[int, int]:
             + ("-1,-1:1,0.01" if dim == 2 else "-1,-1,-1:1,1,0.01")
         )
     return sides[name]
-
-
-def sag_at(mesh: Mesh, held: IntArray, young: float) -> float:
-    """The largest displacement [m] by the body's own weight, by linear elasticity."""
-    material = make_material(
-        "stable_neo_hookean", np.full(mesh.n_cells, young), np.full(mesh.n_cells, POISSON)
-    )
-    stiffness = elastic_stiffness(mesh, material)
-    free = np.setdiff1d(np.arange(mesh.n_nodes), held)
-    unknowns = (free[:, None] * mesh.dim + np.arange(mesh.dim)).ravel()
-    load = np.zeros((mesh.n_nodes, mesh.dim))
-    load[:, -1] = -GRAVITY * DENSITY * mesh.node_volumes
-    moved = spsolve(stiffness[unknowns][:, unknowns].tocsc(), load[free].ravel())
-    return float(np.linalg.norm(moved.reshape(-1, mesh.dim), axis=1).max())
 
 
 def thicknesses(mesh: Mesh, nodes: IntArray) -> Array:

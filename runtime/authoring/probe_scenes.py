@@ -1,8 +1,8 @@
 """Scenes made automatically: a collider comes to a place of the body along its normal, leans, drags and leaves.
 
-Places are spread over the surface. At each, the collider is led as the reference solutions lead theirs
-(`runtime/colliders/approach.py`): from outside to a depth below the body at rest. So no scene begins inside the body,
-and the depth fits to the body's thickness there.
+Places are spread over the surface, where it does not just give way: a limb that bends shows no dent. At each, the
+collider is led as the reference solutions lead theirs (`runtime/colliders/approach.py`): from outside to a depth below
+the body at rest. So no scene begins inside the body, and the depth fits to the body's thickness there.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.authoring.choose_settings import Settings, thicknesses
+from softprint.runtime.authoring.choose_settings import POISSON, Settings, thicknesses
 from softprint.runtime.body.farthest_points import farthest_points
 from softprint.runtime.body.placement import in_box
 from softprint.runtime.colliders.approach import Approach, OutOfReach
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mechanics.rest_response import RestResponse
 from softprint.runtime.mesh import Mesh
 
 # A place is reached if the collider first touches the body within this many of its sizes from there.
@@ -38,6 +39,9 @@ TIMES = (0.0, 0.35, 0.7, 1.1, 1.45)  # s, at the pace of the Jelly
 # Points of the surface, over the collider's size; parts of an edge of a facet, at most.
 _FINE, _MOST_PARTS = 0.1, 6
 _CANDIDATES = 4  # places for each one wanted
+# So many times as many are looked at. Those stay that move with a force by at most this multiple of how far the firmest
+# tenth do.
+_SPREAD, _GIVES, _FIRMEST = 4, 3.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +81,18 @@ def probe_scenes(
 
 
 def _places(mesh: Mesh, settings: Settings, count: int) -> IntArray:
-    """Surface nodes in farthest-point order, away from what is held."""
+    """Surface nodes in farthest-point order, away from what is held and from limbs that give way."""
     nodes = mesh.surface_nodes
     free = nodes[~in_box(mesh.points[nodes], settings.hold)]
     held = mesh.points[in_box(mesh.points, settings.hold)]
     away = cKDTree(held).query(mesh.points[free])[0]
     roomy = free[away > 0.5 * settings.collider]
     chosen = roomy if len(roomy) >= count else free
-    return chosen[farthest_points(mesh.points[chosen], min(count, len(chosen)))]
+    spread = chosen[farthest_points(mesh.points[chosen], min(_SPREAD * count, len(chosen)))]
+    held_nodes = np.flatnonzero(in_box(mesh.points, settings.hold))
+    gives = RestResponse(mesh, held_nodes, POISSON).giving_way(spread, 0.5 * settings.collider)
+    firm = gives <= max(_GIVES * np.quantile(gives, _FIRMEST), np.sort(gives)[min(count, len(spread)) - 1])
+    return spread[firm][:count]
 
 
 def _probe(

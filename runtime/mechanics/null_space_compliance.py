@@ -39,7 +39,7 @@ class NullSpaceCompliance:
         self.shape = body.mesh.points.shape
         free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
         stiffness = rest_stiffness(body)
-        adjacent = _adjacency(body)[free][:, free]
+        adjacent = node_adjacency(body.mesh)[free][:, free]
         self._free = free[dissection_order(body.mesh.points[free], adjacent)]
         unknowns = (self._free[:, None] * body.dim + np.arange(body.dim)).ravel()
         self._stiffness = stiffness[unknowns][:, unknowns]
@@ -121,9 +121,9 @@ def dissection_order(points: Array, adjacent: sp.csr_matrix) -> IntArray:
     return np.concatenate(parts(np.arange(n)))
 
 
-def _adjacency(body: ReducedBody) -> sp.csr_matrix:
+def node_adjacency(mesh: Mesh) -> sp.csr_matrix:
     """(n_nodes, n_nodes) nodes that share a cell."""
-    cells, corners = body.mesh.cells, body.dim + 1
+    cells, corners = mesh.cells, mesh.dim + 1
     row, column = np.repeat(cells, corners, axis=1).ravel(), np.tile(cells, (1, corners)).ravel()
     ones = np.ones(len(row), dtype=np.float32)
-    return sp.csr_matrix((ones, (row, column)), shape=(body.n_nodes, body.n_nodes))
+    return sp.csr_matrix((ones, (row, column)), shape=(mesh.n_nodes, mesh.n_nodes))
