@@ -25,6 +25,7 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.dynamics.corrected_nodes import Snapshot
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.linalg.one_thread import one_thread
 
 _ENDED = "the background drawing process has ended: start another one"
 
@@ -109,6 +110,7 @@ class BackgroundDrawing:
     def _draw(self, connection: Connection) -> None:
         """The background process: draws snapshots until it receives None or its parent has ended."""
         self._ours.close()
+        one_thread()
         while True:
             try:
                 snapshot = connection.recv()

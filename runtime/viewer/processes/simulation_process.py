@@ -24,6 +24,7 @@ from types import TracebackType
 import numpy as np
 
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.linalg.one_thread import one_thread
 from softprint.runtime.viewer.processes.clock import Clock
 from softprint.runtime.viewer.processes.frame_board import FrameBoard
 from softprint.runtime.viewer.processes.frame_info import frame_info
@@ -137,7 +138,7 @@ class _Loop:
     def __init__(
         self, workshop: Workshop, models: tuple[str, ...], boards: list[FrameBoard], window: Connection
     ) -> None:
-        _one_thread()
+        one_thread()
         self.session = Session(workshop, models)
         self.boards, self.window = boards, window
         self.clock = Clock(workshop.parts.settings.time_step)
@@ -223,13 +224,6 @@ class _Loop:
         if notice is not None:
             self.writers.remove(writer)
             _tell(self.window, notice)
-
-
-def _one_thread() -> None:
-    """Small matrices gain nothing from more, and a process forked from several threads of OpenMP may hang."""
-    import torch
-
-    torch.set_num_threads(1)
 
 
 def _tell(window: Connection, event: ask.Event) -> None:
