@@ -49,11 +49,13 @@ def intrusion(points: Array, mesh: Mesh, positions: Array) -> Intrusion:
 
 
 def located(points: Array, mesh: Mesh, positions: Array) -> BoolArray:
-    """(m,) which of the points (m, dim) are in a deformed cell, inverted ones included."""
-    found = np.zeros(len(points), dtype=bool)
+    """(m,) which of the points (m, dim) are inside the deformed surface. A point in as many inverted cells as others is
+    where the body has folded over and its surface does not enclose it: there the winding number, which is the number of
+    cells over it with their orientation, is zero."""
+    turns = np.zeros(len(points))
     about = in_box(points, *bounds(positions))
     if not len(about):
-        return found
+        return turns != 0.0
     centre, radius = bounding_balls(positions, mesh.cells)
     reach = float(radius.max())
     lower, upper = bounds(points[about])
@@ -62,15 +64,16 @@ def located(points: Array, mesh: Mesh, positions: Array) -> BoolArray:
     counts = np.array([len(some) for some in near], dtype=np.int64)
     corners = positions[mesh.cells[cells[counts > 0]]]
     edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    flat = np.linalg.det(edges) == 0.0
+    volume = np.linalg.det(edges)
+    flat = volume == 0.0
     inverse = np.linalg.inv(np.where(flat[:, None, None], np.eye(mesh.dim), edges))
     inverse[flat] = np.nan  # no point is in a flat cell
     cell = np.repeat(np.arange(len(corners)), counts[counts > 0])
     point = about[np.concatenate([*near, []]).astype(np.int64)]
     share = np.einsum("kij,kj->ki", inverse[cell], points[point] - corners[cell, 0])
     within = (share >= _ON_A_FACE).all(axis=1) & (share.sum(axis=1) <= 1.0 - _ON_A_FACE)
-    found[point[within]] = True
-    return found
+    np.add.at(turns, point[within], np.sign(volume[cell[within]]))
+    return turns != 0.0
 
 
 def _surface_distance(points: Array, mesh: Mesh, positions: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import igl
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -122,6 +123,18 @@ def test_flat_and_inverted_cells_do_no_harm():
     flat, inverted = points.copy(), points.copy()
     flat[3] = [0.5, 0.5]
     inverted[3] = [0.2, 0.2]
-    asked = np.array([[0.3, 0.3], [0.6, 0.6], [0.9, 0.9]])
-    np.testing.assert_array_equal(located(asked, mesh, flat), [True, False, False])
-    np.testing.assert_array_equal(located(asked, mesh, inverted), [True, False, False])
+    asked = np.array([[0.15, 0.15], [0.3, 0.3], [0.6, 0.6], [0.9, 0.9]])
+    np.testing.assert_array_equal(located(asked, mesh, flat), [True, True, False, False])
+    # The second cell has folded over the first: the surface no longer encloses what is under both.
+    np.testing.assert_array_equal(located(asked, mesh, inverted), [True, False, False, False])
+
+
+def test_what_is_inside_is_what_the_surface_winds_around(dim):
+    """Against winding numbers, for a body so distorted that many of its cells are inverted."""
+    mesh = box_mesh([0.0] * dim, [1.0] * dim, [5] * dim)
+    rng = np.random.default_rng(4)
+    x = mesh.points + 0.15 * rng.normal(size=mesh.points.shape)
+    assert (np.linalg.det(x[mesh.cells[:, 1:]] - x[mesh.cells[:, :1]]) < 0.0).sum() > 0.02 * mesh.n_cells
+    asked = rng.uniform(-0.3, 1.3, size=(400, dim))
+    winding = igl.winding_number(x, np.ascontiguousarray(mesh.facets), asked)
+    np.testing.assert_array_equal(located(asked, mesh, x), np.abs(winding) > 0.5)
