@@ -39,8 +39,8 @@ from softprint.runtime.mechanics.local_compliance import LocalCompliance
 
 # The dent can push more points into a collider, and these again others: at most so many searches for such points.
 _SEARCHES = 3
-# The way from a warm start is cut into at most 2 to that power parts.
-_HALVINGS = 3
+# The way from a warm start is cut in half at most so often: finer parts cost more and hardly ever end elsewhere.
+_HALVINGS = 1
 
 
 class _AllPoints(NamedTuple):

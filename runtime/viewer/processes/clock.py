@@ -10,7 +10,7 @@ from softprint.runtime.viewer.processes.frame_info import Pace
 # Steps that the pace is averaged over, at most this old [s].
 _WINDOW = 1.0
 # A simulation that is late by more than this [s] does not catch up.
-_LATE = 0.05
+_LATE = 0.1
 
 
 class Clock:

@@ -10,7 +10,7 @@ import numpy as np
 
 from softprint.runtime.colliders.pose import RigidPose, rotation_matrix
 
-LAG = 0.03  # tau [s]
+LAG = 0.02  # tau [s]
 SPIN = 6.0  # rad/s, the limit of turning
 
 
