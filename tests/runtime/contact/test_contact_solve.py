@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.colliders import Box, RigidPose, Sphere
 from softprint.runtime.contact.solver.candidates import PosedCollider
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
+from softprint.runtime.contact.solver.negative_curvature import modified_newton_change
 
 A, STIFFNESS, RADIUS = 2e-3, 5e5, 0.02
 
@@ -121,3 +124,52 @@ def test_nodes_that_join_start_without_pressure(dim):
     joined, expected = problem.solve((penetration, normal)), problem.solve()
     # Both solved to 1e-5 of the depth, which pressure amplifies.
     assert np.abs(joined.force - expected.force).max() < 1e-4 * np.abs(expected.force).max()
+
+
+def imbalance(dim: int, curved: float) -> tuple[Array, Array, Array, Array, Array]:
+    """G, F, a contact stiffness D with tangential stiffness -curved, and forces phi that do not balance `balanced`."""
+    rng = np.random.default_rng(5)
+    m = 12
+    root = rng.normal(size=(m * dim, m * dim)) / np.sqrt(m * dim)
+    G = root @ root.T + 0.1 * np.eye(m * dim)
+    normal = rng.normal(size=(m, dim))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    along = normal[:, :, None] * normal[:, None, :]
+    D = 3.0 * along - curved * (np.eye(dim) - along)
+    F = np.eye(dim) + 0.1 * rng.normal(size=(m, dim, dim))
+    return G, F, D, rng.normal(size=(m, dim)), rng.normal(size=(m, dim))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_modified_step_is_newtons_where_the_energy_is_convex(dim):
+    G, F, D, phi, balanced = imbalance(dim, curved=0.0)
+    change = modified_newton_change(G, F, D, phi, balanced)
+    at_rest = scipy.linalg.block_diag(*np.einsum("jab,jac,jcd->jbd", F, D, F))
+    newton = np.linalg.solve(np.eye(len(G)) + at_rest @ G, (balanced - phi).ravel())
+    # The shift of the factor is 1e-6 of the compliance.
+    np.testing.assert_allclose(change.ravel(), newton, atol=1e-4 * np.abs(newton).max())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_modified_step_descends_where_the_energy_is_not_convex(dim):
+    G, F, D, phi, balanced = imbalance(dim, curved=3.0)
+    at_rest = scipy.linalg.block_diag(*np.einsum("jab,jac,jcd->jbd", F, D, F))
+    assert np.linalg.eigvalsh(G + G @ at_rest @ G).min() < 0.0
+    slope = G @ (phi - balanced).ravel()
+    newton = np.linalg.solve(np.eye(len(G)) + at_rest @ G, (balanced - phi).ravel())
+    change = modified_newton_change(G, F, D, phi, balanced).ravel()
+    assert slope @ change < 0.0
+    assert slope @ change < slope @ newton
+
+
+def test_a_point_that_slides_off_a_tip_is_followed_down():
+    """A surface that yields four times as much sideways: in the middle of a tip a point is in an unstable balance. Next
+    to it the energy is nearly flat, and its way down is sideways."""
+    tip = PosedCollider(Sphere(2e-3, 3, "tip"), RigidPose.identity(3))
+    compliance, position = 5e-3 * np.diag([4.0, 1.0, 1.0]), np.array([[1e-5, 0.0, -1e-3]])
+    problem = ContactProblem(compliance, np.eye(3)[None], np.array([3e6]), position, 1e-3, tip)
+    penetration = 2.1e-4  # of the unstable balance: e + 5e-3 * 3e6 e^2 = 1 mm
+    found = problem.descend((np.array([penetration]), np.array([[1e-4, 0.0, -1.0]])))
+    assert found.converged
+    assert found.displacement[0, 0] > 1e-3
+    assert found.iterations <= 12  # 10; without the curvature of the tip where it does not descend: 17
