@@ -1,7 +1,8 @@
 """Two equal colliders that come nearer: corrections of one, added up, and both solved together (thesis 4.3.1 and 4.4).
 
     softprint run examples/jelly2d_circle_small.toml
-    python -m reproduction.superposition examples/jelly2d_circle_small.toml --components 50 --widths 100 100
+    python -m reproduction.superposition examples/jelly2d_circle_small.toml --components 50 --widths 100 100 \\
+        [--picture FILE.png]
 
 Both are pressed into the top of the body at rest, side by side. Printed is, for each distance between their centres in
 units of their size, the error of the displacement by contact against full space with both,
@@ -11,7 +12,8 @@ sqrt(sum |u - u*|^2 / sum |u*|^2) over the nodes, a table in Markdown:
     object-centric, added up    r_ext of one model for each of them (eq. 4.7), learned from contact with one
     others                      corrections of the run, with both contacts solved together
 
-The last line is the error with one of them alone.
+The last line is the error with one of them alone. The picture shows the body at the second-shortest distance, and below
+it the distance of every node from full space.
 """
 
 from __future__ import annotations
@@ -24,12 +26,15 @@ import numpy as np
 from reproduction.object_centric import Recipe, arguments, context_of, learned, truth_path
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.energy.surface_contact import SurfaceContact
+from softprint.fem_truth.report.drawing.panels import save_panels
+from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.run_files import find_run_files
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.combine import Placed, SmoothUnion
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.penalty import PenaltyContact
@@ -40,6 +45,8 @@ from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.truth.truth_file import load_truth
 from softprint.surrogate.data.training_data import TrainingData
 
+FULL_SPACE = "full space, both"
+Found = Mapping[str, Array]
 # A contact is followed from its first touch in so many steps.
 STEPS = 6
 
@@ -116,6 +123,31 @@ def paths_at(
     return paths
 
 
+def picture(
+    path: Path,
+    full: FullSpace,
+    body: ReducedBody,
+    collider: Collider,
+    ends: Sequence[RigidPose],
+    found: Found,
+) -> None:
+    """The body by full space and by some models, and the error of each below."""
+    both = SmoothUnion([Placed(collider, end) for end in ends], 1e-6)
+    renderer, still = (
+        make_renderer(body.mesh, both, RigidPose.identity(body.dim)),
+        RigidPose.identity(body.dim),
+    )
+    exact = found[FULL_SPACE]
+    away = {name: np.linalg.norm(u - exact, axis=1) for name, u in found.items()}
+    worst = 1e3 * max(values.max() for values in away.values())
+    above, below = [], []
+    for name, u in found.items():
+        above.append((name, renderer.outside(full.internal + u, still, "")))
+        title = f"off by at most {1e3 * away[name].max():.2f} mm"
+        below.append((title, renderer.heat(full.internal + u, 1e3 * away[name], worst, "")))
+    save_panels(path, [above, below])
+
+
 def error(found: Array, exact: Array) -> str:
     return f"{np.sqrt(np.square(found - exact).sum() / np.square(exact).sum()):.1%}"
 
@@ -138,6 +170,7 @@ def main() -> None:
         default=[6.0, 4.0, 3.0, 2.5, 2.1],
         help="distances of the centres over the size (default: 6 4 3 2.5 2.1)",
     )
+    parser.add_argument("--picture", type=Path, metavar="FILE.png")
     given = parser.parse_args()
     context = context_of(given)
     try:
@@ -160,8 +193,12 @@ def main() -> None:
                 sum(model(rows, path[-1]) for path in paths),
                 *(together(body, own, paths) for own in corrections.values()),
             ]
-            cells = " | ".join(error(np.asarray(own), exact) for own in found)
+            fields = {name: np.asarray(own) for name, own in zip(names, found, strict=True)}
+            cells = " | ".join(error(own, exact) for own in fields.values())
             print(f"| {'one alone' if apart is None else f'{apart:g}'} | {cells} |", flush=True)
+            if given.picture and apart == given.apart[-2:][0]:
+                ends = [path[-1] for path in paths]
+                picture(given.picture, full, body, collider, ends, {FULL_SPACE: exact, **fields})
     except SoftprintError as problem:
         parser.error(str(problem))
 

@@ -75,7 +75,7 @@ class InternalModel(LearnedModel):
         scale, spread = self.coefficient_scale.double().numpy(), self.input_scale
         network = tanh_network(self.network, torch.zeros_like(spread), spread, scale)
         at_rest = 0.0 if self.options.gravity else network.value(np.zeros(len(spread)))
-        linear = scale[:, None] * (self.linear / spread).double().numpy()
+        linear = scale[:, None] * (self.linear.double() / spread.double()).numpy()
         return replace(network, offset=network.offset - at_rest, linear=linear)
 
     def _coefficients(self, scaled: Tensor, value: Tensor) -> Tensor:
