@@ -236,6 +236,7 @@ def main() -> None:
     parser.add_argument(
         "--tables", nargs="+", choices=TABLES, default=TABLES, help="some of them (default: both)"
     )
+    parser.add_argument("--samples", type=int, help="to learn from in contact (default: all)")
     given = parser.parse_args()
     context = context_of(given)
     recipe = Recipe(given.widths, given.components, given.steps)
@@ -252,6 +253,8 @@ def main() -> None:
             if TABLES[1] not in given.tables:
                 return
             data = TrainingData(truth, body, context)
+            order = np.random.default_rng(0).permutation(data.split.train)
+            data.split = replace(data.split, train=np.sort(order[: given.samples]))
             print(f"\n{len(data.split.train)} samples to learn from")
             models = in_contact(truth, data, recipe)
         motions = on_motions(context.experiment, files, body, models)

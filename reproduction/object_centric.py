@@ -9,6 +9,7 @@ batches of 512 (eqs. 4.7 to 4.9, 4.3.3), without the fade that a simulation need
 no internal correction: r is the whole of it. A table in Markdown, a line for each number of samples and each model:
 
     discarded     energy beyond the principal components
+    training      error of r on the samples that the model has learned from, at the end of training
     samples       on the samples of the held-out states, sqrt(sum |x(model) - x|^2 / sum |U q - x|^2)
     held-out      the same over the nodes and the frames in contact of the test scenes, at the full-space motion's state
 
@@ -71,10 +72,12 @@ class Recipe:
 
 
 class Learned(NamedTuple):
-    """displacement: what the model adds to U q; discarded: energy beyond the components."""
+    """displacement: what the model adds to U q; discarded: energy beyond the components; training: error of r on the
+    samples it was trained on, relative."""
 
     displacement: Displacement
     discarded: float
+    training: float
 
 
 def learned(data: TrainingData, samples: IntArray, recipe: Recipe) -> Learned:
@@ -97,9 +100,10 @@ def learned(data: TrainingData, samples: IntArray, recipe: Recipe) -> Learned:
     task = ObjectCentricTask(
         architecture, training, validation, body.mesh.node_volumes, body.n_rows, common_shape(colliders, ())
     )
-    model = train(task, recipe.settings).model
-    correction = ObjectCentricCorrection(OBJECT_CENTRIC, model, body, colliders[0])
-    return Learned(correction.bind(body.node_points()).displacement, task.targets.discarded)
+    result = train(task, recipe.settings)
+    correction = ObjectCentricCorrection(OBJECT_CENTRIC, result.model, body, colliders[0])
+    left = float(np.sqrt(result.history[-1]["loss"] + task.targets.discarded))
+    return Learned(correction.bind(body.node_points()).displacement, task.targets.discarded, left)
 
 
 def exact(truth: TruthData, sample: int, target: str = "whole") -> Array:
@@ -200,19 +204,19 @@ def main() -> None:
                 name = f"{OBJECT_CENTRIC}, {len(own)} samples"
                 models[name] = model.displacement
                 error = on_samples(truth, model.displacement, data.held_out)
-                lines[name] = [f"{model.discarded:.1e}", f"{error:.1%}"]
+                lines[name] = [f"{model.discarded:.1e}", f"{model.training:.1%}", f"{error:.1%}"]
         motions = on_motions(experiment, files, body, models)
     except SoftprintError as error:
         parser.error(str(error))
     print(
-        "| model | discarded | samples | "
+        "| model | discarded | training | samples | "
         + " | ".join(motions)
         + " |\n"
-        + "| --- " * (3 + len(motions))
+        + "| --- " * (4 + len(motions))
         + "|"
     )
     for name in next(iter(motions.values())):
-        first = lines.get(name, ["", ""])
+        first = lines.get(name, ["", "", ""])
         print(f"| {name} | {' | '.join([*first, *(f'{own[name]:.1%}' for own in motions.values())])} |")
 
 
