@@ -103,7 +103,7 @@ def test_from_truth_to_report(tmp_path, dim, capsys):
 
 
 @pytest.mark.parametrize("dim", [2])
-def test_on_an_internal_correction(tmp_path, dim):
+def test_on_an_internal_correction(tmp_path, dim, capsys):
     """x = U q + F (r_int + r_ext): both are in the motion and in the report."""
     models = """
 [training.thesis4]
@@ -134,6 +134,13 @@ steps = 50
     report = json.loads((run / "report.json").read_text())
     assert report["errors"]["apart"]["relative_rms"] != report["errors"]["own"]["relative_rms"]
     assert read_header(run / "corrections" / "apart.safetensors").added_to == "own"
+    (run / "internal" / "own.safetensors").rename(run / "internal" / "other.safetensors")
+    for verb in (("report", "--no-pictures"), ("simulate", "--model", "apart", "--no-resume")):
+        capsys.readouterr()
+        assert main([verb[0], *here, *verb[1:]]) == 1
+        said = capsys.readouterr().err
+        assert "own" in said, said
+        assert "Traceback" not in said
 
 
 def with_balls(folder: Path) -> Path:

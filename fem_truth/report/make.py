@@ -46,6 +46,7 @@ from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.contact.penalty import CONTACT_VERSION
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import content_hash
 from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.learned.internal.correction import InternalCorrection
@@ -59,8 +60,7 @@ from softprint.runtime.truth.truth_file import load_truth
 
 if TYPE_CHECKING:
     from softprint.runtime.cli.context import Context
-    from softprint.runtime.errors import SoftprintError
-from softprint.runtime.experiment import Experiment, SceneSpec
+    from softprint.runtime.experiment import Experiment, SceneSpec
 
 
 @dataclass(frozen=True)
