@@ -11,7 +11,7 @@
 
 The last state is held out, with contacts of its own; models learn from the first 1, 3, ... of the others. Models:
 
-    object-centric    the method of chapter 4 (`reproduction/object_centric.py`)
+    object-centric    the method of chapter 4 (form `thesis4`)
     sparse, dense     the contact-centric network of chapter 5, with weighted handle rows (eq. 5.4), and with all rows
                       without weights (eq. 5.3)
     mechanics, ours   linear mechanics, and what is learned on top of it
@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 from reproduction.ablation import trained as train_variant
-from reproduction.object_centric import OBJECT_CENTRIC, contact_alone, on_samples, trained
+from reproduction.object_centric import OBJECT_CENTRIC, Recipe, learned, on_samples
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.errors import SoftprintError
@@ -55,8 +55,8 @@ def spec_of(model: str, neurons: Sequence[int]) -> ModelSpec:
 def error(data: TrainingData, model: str, neurons: Sequence[int]) -> float:
     """On the held-out state, of a model trained on the data."""
     if model == OBJECT_CENTRIC:
-        own = trained(data.truth, data.body, data.split.train, neurons, 100, 4000, contact_alone)
-        return on_samples(data.truth, own, data.held_out, contact_alone)
+        own = learned(data, data.split.train, Recipe(neurons, 100, 4000, "contact"))
+        return on_samples(data.truth, own.displacement, data.held_out, "contact")
     spec, experiment = spec_of(model, neurons), data.context.experiment
     task = TRAININGS[spec.form].task(data, spec)
     if model == MECHANICS:

@@ -16,7 +16,7 @@ from softprint.fem_truth.report.assemble import JudgedScene, ReportInputs, assem
 from softprint.fem_truth.report.drawing.picture import Renderer
 from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.headline import Card, console_lines
-from softprint.fem_truth.report.measurements.body_alone import InternalDisplacement, NoCollider
+from softprint.fem_truth.report.measurements.body_alone import InternalDisplacement, NoCollider, WithInternal
 from softprint.fem_truth.report.measurements.comparison import evenly_spaced
 from softprint.fem_truth.report.measurements.held_out import (
     Comparer,
@@ -46,8 +46,9 @@ from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.contact.penalty import CONTACT_VERSION
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import content_hash
-from softprint.runtime.learned.correction_file import load_correction
+from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.learned.static_correction import StaticCorrection
@@ -176,14 +177,28 @@ def state_corrections(
     experiment: Experiment, files: RunFiles, body: ReducedBody, collider: Collider
 ) -> dict[str, StateCorrection]:
     """Every correction of the run directory, and static condensation beside internal ones."""
+    internals = _internal_displacements(experiment, files, body)
     found: dict[str, StateCorrection] = {}
     if not isinstance(collider, NoCollider):
         for name, path in files.corrections.items():
-            found[name] = StaticCorrection(load_correction(path, body, collider), body)
+            trained = read_correction(path, body)
+            correction, below = StaticCorrection(trained.on(collider), body), trained.header.added_to
+            if below and below not in internals:
+                raise SoftprintError(
+                    f"{path}: is added to the internal correction {below!r}, which is missing"
+                )
+            found[name] = WithInternal(correction, internals[below]) if below else correction
+    return {**found, **internals}
+
+
+def _internal_displacements(
+    experiment: Experiment, files: RunFiles, body: ReducedBody
+) -> dict[str, InternalDisplacement]:
+    """Every internal correction of the run directory, and static condensation beside them."""
     if not files.internal:
-        return found
+        return {}
     condensation = compute_static_condensation(body, experiment.dynamics.gravity, NullSpaceCompliance(body))
-    found[CONDENSED] = InternalDisplacement(body, condensation, None)
+    found = {CONDENSED: InternalDisplacement(body, condensation, None)}
     for name, path in files.internal.items():
         internal = InternalCorrection(load_internal(path, body).model, body)
         own = condensation if internal.on_condensation else None

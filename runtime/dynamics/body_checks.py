@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction import InternalField
@@ -18,11 +21,16 @@ def check_mechanics(body: ReducedBody, mechanics: BodyMechanics | None) -> None:
         )
 
 
-def check_internal(internal: InternalField | None, mechanics: BodyMechanics | None) -> None:
-    """Raises SoftprintError for an internal correction with other mechanics than it was trained on, and with condensed
-    contact, which does not see it."""
+def check_internal(internal: InternalField | None, mechanics: BodyMechanics | None, gravity: Array) -> None:
+    """Raises SoftprintError for an internal correction with other mechanics than it was trained on, for one that was
+    trained under another gravity (dim,) [m/s^2], and with condensed contact, which does not see it."""
     if internal is None:
         return
+    if internal.gravity and not np.allclose(internal.gravity, gravity, rtol=1e-6, atol=1e-9):
+        raise SoftprintError(
+            f"the internal correction was trained under a gravity of {list(internal.gravity)} m/s^2, not of "
+            f"{gravity.tolist()}: train it for this one"
+        )
     condensed = mechanics is not None and mechanics.condensation is not None
     if internal.on_condensation and not condensed:
         raise SoftprintError(

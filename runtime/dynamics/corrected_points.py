@@ -8,13 +8,16 @@ internal correction of the body is one of them, which depends on the rows alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.dynamics.timings import Phase
+from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import (
     BoundField,
     BoundInternal,
@@ -109,14 +112,44 @@ class CorrectedPoints:
 
 
 def _sum_of(fields: Sequence[CorrectionField]) -> CorrectionField:
+    """The sum of several fields."""
+    return fields[0] if len(fields) == 1 else SumOfFields(fields)
+
+
+class SumOfFields(CorrectionField):
     """The sum of several fields, on the union of their points."""
-    if len(fields) == 1:
-        return fields[0]
-    index = np.unique(np.concatenate([field.index for field in fields]))
-    displacement = np.zeros((len(index), fields[0].displacement.shape[1]))
-    jacobian = np.zeros((len(index), *fields[0].jacobian.shape[1:]))
-    for field in fields:
-        at = np.searchsorted(index, field.index)
-        displacement[at] += field.displacement
-        jacobian[at] += field.jacobian
-    return CorrectionField(index, displacement, jacobian)
+
+    def __init__(self, fields: Sequence[CorrectionField]) -> None:
+        index = np.unique(np.concatenate([field.index for field in fields]))
+        parts = [(field, np.searchsorted(index, field.index)) for field in fields]
+        self.__dict__ |= {"_parts": parts, "index": index}
+        self.__dict__["displacement"] = self._sum([field.displacement for field in fields])
+
+    _parts: Sequence[tuple[CorrectionField, IntArray]]
+
+    @lazy
+    def jacobian(self) -> Array:
+        """See `CorrectionField`."""
+        return self._sum([field.jacobian for field, _ in self._parts])
+
+    def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
+        """See `CorrectionField`."""
+        every = [field.along(directions).reshape(*field.displacement.shape, -1) for field, _ in self._parts]
+        return self._sum(every).reshape(self.displacement.size, -1)
+
+    def pulled_back(self, forces: Array) -> Array:
+        """See `CorrectionField`."""
+        return np.asarray(sum(field.pulled_back(forces[at]) for field, at in self._parts))
+
+    def curvature(self, forces: Array, directions: Array | None) -> Array | None:
+        """See `CorrectionField`; of the fields that know theirs."""
+        every = [field.curvature(forces[at], directions) for field, at in self._parts]
+        known = [own for own in every if own is not None]
+        return sum(known[1:], start=known[0]) if known else None
+
+    def _sum(self, values: Sequence[NDArray[np.floating[Any]]]) -> Array:
+        """(n, ...) of values at the points of each field."""
+        total = np.zeros((len(self.index), *values[0].shape[1:]))
+        for own, (_, at) in zip(values, self._parts, strict=True):
+            total[at] += own
+        return total

@@ -90,7 +90,7 @@ class Simulator:
         self.settings = settings or DynamicsSettings()
         self._gravity = acceleration(body, gravity)
         check_mechanics(body, mechanics)
-        check_internal(internal, mechanics)
+        check_internal(internal, mechanics, self._gravity)
         check_colliders(self.colliders, body, mechanics, contact)
         self.mechanics = None if mechanics is None else mechanics.under(self._gravity)
         self.hold = Hold.of(body, springs, kinematic, self.settings.time_step)

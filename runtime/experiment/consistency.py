@@ -185,6 +185,7 @@ def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
             "is the library, but the truth is made with one collider",
             'set sampling.collider = "library" too',
         )
+    yield from _added_to(experiment)
     if experiment.training.collider == LIBRARY:
         for number, model in enumerate(experiment.training.models):
             if not FORMS[model.form].any_collider:
@@ -194,6 +195,22 @@ def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
                     f"use {' or '.join(name for name, form in FORMS.items() if form.any_collider)}",
                     model.form,
                 )
+
+
+def _added_to(experiment: Experiment) -> Iterator[Problem]:
+    """Of models that are added to internal corrections."""
+    names = [own.name for own in experiment.training.internal]
+    for number, model in enumerate(experiment.training.models):
+        here = f"training.models[{number}]"
+        if model.added_to:
+            yield from _known(f"{here}.added_to", model.added_to, names, "correction of [[training.internal]]")
+        if model.added_to and model.target == "whole":
+            yield Problem(
+                f"{here}.target",
+                "is all that the subspace lacks, which the internal correction would add twice",
+                'leave it out, or leave "added_to" out',
+                model.target,
+            )
 
 
 def _scene(experiment: Experiment, number: int, scene: SceneSpec) -> Iterator[Problem]:

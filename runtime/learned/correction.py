@@ -144,9 +144,10 @@ class CorrectionWeight(Protocol):
 
 class InternalField(Protocol):
     """An internal correction of a body. on_condensation: whether it adds to the body's static condensation, or to the
-    subspace alone."""
+    subspace alone; gravity: (dim,) [m/s^2] under which it was learned, empty without."""
 
     on_condensation: bool
+    gravity: tuple[float, ...]
 
     def bind(self, nodes: IntArray | None = None) -> BoundInternal:
         """The correction at some nodes (n,) of the body, all by default, prepared once."""

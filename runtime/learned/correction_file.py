@@ -58,6 +58,11 @@ class CorrectionHeader:
     provenance: dict[str, str]
     shape: list[float] = field(default_factory=list)
 
+    @property
+    def added_to(self) -> str:
+        """The name of the internal correction that it is added to, empty for none."""
+        return str(self.options.get("added_to", ""))
+
 
 def save_correction(
     path: Path,

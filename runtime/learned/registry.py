@@ -35,6 +35,10 @@ FORMS: Mapping[str, Registered] = {
     "force": Registered(
         True, "a network corrects the contact forces of the body's linear mechanics, for any collider"
     ),
+    "thesis4": Registered(
+        True,
+        "principal components of the displacement by colliders of one shape, object-centric (thesis, eq. 4.7)",
+    ),
     "thesis5": Registered(False, "a network is the displacement field of one collider (thesis, eq. 5.4)"),
     "thesis6": Registered(True, "the displacement from a local descriptor of any collider (thesis, eq. 6.5)"),
 }

@@ -214,15 +214,21 @@ def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, p
     from softprint.runtime.learned.correction_file import read_correction
 
     trained = read_correction(path, body)
-    corrections = [trained.on(placed.collider) for placed in parts.colliders if trained.is_for(placed.collider)]
+    corrections = [
+        trained.on(placed.collider) for placed in parts.colliders if trained.is_for(placed.collider)
+    ]
     if not corrections:
         raise SoftprintError(
             f"scene {scene.name!r} has no collider {trained.header.collider!r}, for which {path.name} was trained: "
             f"play it with the model {BARE!r}"
         )
+    if trained.header.added_to:
+        own = corrected_body(body, internal_path(path.parent.parent, trained.header.added_to), parts.gravity)
+        simulator = scene_simulator(own.body, parts, corrections, own.mechanics, own.internal)
+        return ReducedModel(simulator, parts.held)
     # The correction's own mechanics, which may be without static condensation.
-    own = (c.mechanics for c in corrections if isinstance(c, ContactCorrection))
-    return ReducedModel(scene_simulator(body, parts, corrections, next(own, None)), parts.held)
+    mechanics = (c.mechanics for c in corrections if isinstance(c, ContactCorrection))
+    return ReducedModel(scene_simulator(body, parts, corrections, next(mechanics, None)), parts.held)
 
 
 def _announced() -> list[str]:

@@ -71,8 +71,11 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         # Imported here, because torch takes a second to load and the other models do not need it.
         from softprint.runtime.learned.correction_file import read_header
 
+        header = read_header(correction)
         content["correction"] = file_hash(correction)
-        content["mechanics"] = read_header(correction).mechanics_hash
+        content["mechanics"] = header.mechanics_hash
+        if header.added_to:
+            content["internal"] = file_hash(internal_path(out, header.added_to))
     return content_hash(content)
 
 

@@ -5,6 +5,7 @@ r = F^-1 (x_full - U q),    or, on static condensation,    r = F^-1 (x_full - U 
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,10 +25,12 @@ _HELD_OUT = 0.1
 
 @dataclass(frozen=True, eq=False)
 class InternalData:
-    """inputs: z (s, n_rows*dim), see `inputs.py`; fields: r (s, n_nodes, dim) [m]; volumes: of the nodes (n_nodes,);
-    train, held_out: rows of these. A recorded state and its disturbed ones are on the same side."""
+    """inputs: z (s, n_inputs), see `inputs.py`; gravity: (dim,) [m/s^2] of the truth, empty without; fields: r (s,
+    n_nodes, dim) [m]; volumes: of the nodes (n_nodes,); train, held_out: rows of these. A recorded state and its
+    disturbed ones are on the same side."""
 
     inputs: Array
+    gravity: tuple[float, ...]
     fields: Array
     volumes: Array
     train: IntArray
@@ -37,14 +40,15 @@ class InternalData:
 def read_internal_data(
     truth: TruthData, body: ReducedBody, condensation: StaticCondensation | None, seed: int = 0
 ) -> InternalData:
-    """All states of a truth file. condensation: of all nodes, for a correction on static condensation. Raises
-    SoftprintError for a truth under gravity, and for too few states to hold some out."""
-    gravity = truth.header.made_from.get("dynamics.gravity", "")
-    if any(character in gravity for character in "123456789"):
-        raise SoftprintError(
-            f"{truth.path}: was made under gravity {gravity}: internal corrections are learned without gravity"
-        )
-    rows, gradient, encode = truth.states["rows"], basis_gradient_at_nodes(body), RigidFreeRows.of(body)
+    """All states of a truth file. condensation: of all nodes, under the same gravity, for a correction on static
+    condensation. Raises SoftprintError for too few states to hold out some."""
+    given = json.loads(truth.header.made_from.get("dynamics.gravity", "[]"))
+    gravity = tuple(map(float, given)) if any(given) else ()
+    rows, gradient, encode = (
+        truth.states["rows"],
+        basis_gradient_at_nodes(body),
+        RigidFreeRows.of(body, gravity),
+    )
     fields = []
     for state, own in enumerate(rows):
         u = truth.internal(state)
@@ -61,6 +65,7 @@ def read_internal_data(
         )
     return InternalData(
         np.array([encode(own) for own in rows]),
+        gravity,
         np.array(fields),
         body.mesh.node_volumes,
         np.flatnonzero(~out),

@@ -35,5 +35,5 @@ def train_internal(
     a linear part is fitted before the network is trained. The thesis has widths (100, 100), 15 components, and no
     linear part (table 4.1). Raises SoftprintError as `read_internal_data` and `principal_components`."""
     data = read_internal_data(truth, body, condensation, settings.seed)
-    options = InternalOptions(widths, components, linear, condensation is not None)
+    options = InternalOptions(widths, components, linear, condensation is not None, data.gravity)
     return train(InternalTask(options, data, body.n_rows), settings, progress=progress)

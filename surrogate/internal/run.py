@@ -54,7 +54,9 @@ def _train_one(
     """Train a correction and write it with its curves."""
     path, recipe = internal_path(context.out_dir, spec.name), _recipe(context, spec, truth)
     data = read_internal_data(truth, body, condensation, context.seed)
-    options = InternalOptions(spec.hidden, spec.components, spec.linear, condensation is not None)
+    options = InternalOptions(
+        spec.hidden, spec.components, spec.linear, condensation is not None, data.gravity
+    )
     task = InternalTask(options, data, body.n_rows)
     settings = TrainingSettings(
         spec.steps, spec.batch, spec.learning_rate, spec.weight_decay, spec.validations, context.seed

@@ -1,20 +1,15 @@
-"""The training task of an internal correction (thesis 4.3.3): coefficients of principal components from a state.
-
-The components are orthonormal in the volume, so that the mean squared error of coefficients is that of the displacement
-over the volume. The held-out error is that of the whole field, with what the components leave out.
-"""
+"""The training task of an internal correction (thesis 4.3.3): coefficients of principal components from a state."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
 from softprint.runtime.learned.network import spread
-from softprint.surrogate.internal.components import principal_components
+from softprint.surrogate.data.component_targets import ComponentTargets
 from softprint.surrogate.internal.data import InternalData
 from softprint.surrogate.learning_task import HeldOutError, seeded
 
@@ -28,17 +23,10 @@ class InternalTask:
 
     def __init__(self, options: InternalOptions, data: InternalData, n_rows: int) -> None:
         self._options, self._n_rows = options, n_rows
-        components = principal_components(data.fields[data.train], data.volumes, options.components)
-        self._discarded = components.discarded
-        self._modes = torch.from_numpy(components.modes).float()
         self._z = torch.from_numpy(data.inputs[data.train]).float()
-        self._target = torch.from_numpy(components.coefficients).float()
-        self._scale = self._target.square().mean(0).sqrt()
-        fields, volumes = data.fields[data.held_out], data.volumes
         self._held_z = torch.from_numpy(data.inputs[data.held_out]).float()
-        projected = np.einsum("snd,knd,n->sk", fields, components.modes, volumes, optimize=True)
-        self._held_target = torch.from_numpy(projected)
-        self._held_energy = torch.from_numpy(np.einsum("snd,n->s", fields**2, volumes))
+        fields = data.fields[data.train], data.fields[data.held_out]
+        self._targets = ComponentTargets(*fields, data.volumes, options.components)
 
     @property
     def n_samples(self) -> int:
@@ -55,16 +43,18 @@ class InternalTask:
     @property
     def notes(self) -> dict[str, Any]:
         """discarded: the energy beyond the principal components, as a share of that of the training fields."""
-        return {"discarded": self._discarded}
+        return {"discarded": self._targets.discarded}
 
     @torch.no_grad()
     def fresh_model(self, seed: int) -> InternalModel:
         """Initial weights from the seed; components and scales from the data."""
-        _, n_nodes, dim = self._modes.shape
+        _, n_nodes, dim = self._targets.modes.shape
         model = seeded(lambda: InternalModel(self._options, dim, self._n_rows, n_nodes), seed)
-        model.modes.copy_(self._modes)
-        model.coefficient_scale.copy_(self._scale)
+        model.modes.copy_(self._targets.modes)
+        model.coefficient_scale.copy_(self._targets.scale)
         model.input_scale.copy_(spread(self._z))
+        if self._options.gravity:  # a direction, which may hardly change
+            model.input_scale[-dim:] = 1.0
         if self._options.linear:
             model.linear.copy_(self._fitted(model))
             for weights in (model.network.head.weight, model.network.head.bias):
@@ -73,27 +63,19 @@ class InternalTask:
 
     def _fitted(self, model: InternalModel) -> Tensor:
         """L by ridge regression of the coefficients on the inputs, both scaled."""
-        z, target = (self._z / model.input_scale).double(), (self._target / self._scale).double()
+        targets = self._targets
+        z, target = (self._z / model.input_scale).double(), (targets.target / targets.scale).double()
         gram = z.T @ z + _RIDGE * len(z) * torch.eye(z.shape[1], dtype=z.dtype)
         return torch.linalg.solve(gram, z.T @ target).T.float()
 
     def loss(self, model: InternalModel, index: Tensor) -> Tensor:
-        """Squared error of the field over the volume, relative to the mean square of the targets."""
-        error = (model(self._z[index]) - self._target[index]).square().sum(1)
-        return error.mean() / self._scale.square().sum()
+        """See `ComponentTargets`."""
+        return self._targets.loss(model(self._z[index]), index)
 
     @torch.no_grad()
     def held_out_error(self, model: InternalModel) -> HeldOutError:
         """Error of r over the volume, relative to r itself."""
-        found = model(self._held_z).double()
-        beyond = self._held_energy - self._held_target.square().sum(1)
-        error = (found - self._held_target).square().sum(1) + beyond.clamp(min=0.0)
-        whole = self._held_energy
-        return HeldOutError(
-            float((error.sum() / whole.sum()).sqrt()),
-            float((error / whole.clamp(min=1e-6 * whole.mean())).max().sqrt()),
-            len(whole),
-        )
+        return self._targets.held_out_error(model(self._held_z))
 
     def finish(self, model: InternalModel) -> None:
         """Nothing to set."""

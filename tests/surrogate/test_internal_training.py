@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
 from softprint.runtime.body.cubature import dof_scale
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
+from softprint.runtime.body.rotations import rotation_exponential
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient
 from softprint.runtime.elasticity.materials import make_material
@@ -27,7 +29,7 @@ from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 from softprint.runtime.mesh import box_mesh
 from softprint.runtime.truth.truth_file import TruthHeader, create_truth, load_truth
-from softprint.surrogate.internal.components import principal_components
+from softprint.surrogate.data.components import principal_components
 from softprint.surrogate.internal.cubature import fitted_cubature, force_system
 from softprint.surrogate.internal.data import read_internal_data
 from softprint.surrogate.internal.entry import train_internal
@@ -60,13 +62,22 @@ def condensation(body: ReducedBody) -> StaticCondensation:
 @pytest.fixture(scope="module")
 def truth_path(body: ReducedBody, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Internal equilibria of a bar that is stretched, and of disturbed states."""
-    problem = ConstrainedProblem(FullSpaceElasticity(body), None, PenaltyContact(1e9), body)
+    return written_truth(body, tmp_path_factory.mktemp("truth") / "truth.h5", (0.0, 0.0))
+
+
+def written_truth(
+    body: ReducedBody, path: Path, gravity: tuple[float, float], told: tuple[float, float] = (0.0, 0.0)
+) -> Path:
+    """Of a bar that is stretched; under gravity it is turned, too. told: the gravity that the file names."""
+    problem = ConstrainedProblem(FullSpaceElasticity(body), np.array(gravity), PenaltyContact(1e9), body)
     states = []
     for step in range(FRAMES):
         rows = body.rest_rows.copy()
         pull = 0.02 * (step + 1) / FRAMES
         rows[:3, 0] += pull * body.rest_rows[:3, 0] / 0.08
         rows[body.handles.rows_of("right")][-1, 0] += pull
+        if any(gravity):
+            rows = rows @ rotation_exponential(np.array([0.5 * step])).T
         states.append(rows)
     rows = disturbed_states(body, np.array(states), DISTURBED, 0.004, np.random.default_rng(3))
     columns: dict[str, list[object]] = {}
@@ -84,8 +95,7 @@ def truth_path(body: ReducedBody, tmp_path_factory: pytest.TempPathFactory) -> P
         row |= {name: getattr(solved, name) for name in measures.split()}
         for name, value in row.items():
             columns.setdefault(name, []).append(value)
-    path = tmp_path_factory.mktemp("truth") / "truth.h5"
-    header = TruthHeader(body.content_hash, "", 0, (), 0, {"dynamics.gravity": "[0.0, 0.0]"})
+    header = TruthHeader(body.content_hash, "", 0, (), 0, {"dynamics.gravity": json.dumps(told)})
     with create_truth(path, header, body) as truth:
         truth.append("states", columns)
     return path
@@ -123,12 +133,14 @@ def energy(fields: Array, volumes: Array) -> float:
     return float(np.einsum("snd,n->", fields**2, volumes))
 
 
-def test_the_truncation_error_of_components_is_the_discarded_energy():
+@pytest.mark.parametrize("nodes", [50, 10])
+def test_the_truncation_error_of_components_is_the_discarded_energy(nodes):
+    """With fewer fields than values in one, and with more."""
     rng = np.random.default_rng(4)
     fields = np.einsum(
-        "sk,knd->snd", rng.normal(size=(30, 8)) * 0.5 ** np.arange(8), rng.normal(size=(8, 50, 2))
+        "sk,knd->snd", rng.normal(size=(30, 8)) * 0.5 ** np.arange(8), rng.normal(size=(8, nodes, 2))
     )
-    volumes = rng.uniform(0.5, 2.0, 50)
+    volumes = rng.uniform(0.5, 2.0, nodes)
     for count in (3, 8):
         found = principal_components(fields, volumes, count)
         gram = np.einsum("knd,lnd,n->kl", found.modes, found.modes, volumes)
@@ -191,15 +203,22 @@ def test_a_linear_part_is_fitted_before_training(body, truth_path):
     assert not torch.any(without.model.linear)
 
 
-def test_a_truth_under_gravity_is_refused(body, truth_path, tmp_path):
-    header = TruthHeader(body.content_hash, "", 0, (), 0, {"dynamics.gravity": "[0.0, -9.81]"})
-    with create_truth(tmp_path / "truth.h5", header, body):
-        pass
-    with (
-        load_truth(tmp_path / "truth.h5", body) as truth,
-        pytest.raises(SoftprintError, match="without gravity"),
-    ):
-        read_internal_data(truth, body, None)
+def test_a_correction_learned_under_gravity_knows_how_the_body_lies(body, tmp_path):
+    """In a heavy body that is turned every way; what is not told cannot."""
+    gravity, errors = (0.0, -100.0), []
+    for number, told in enumerate((gravity, (0.0, 0.0))):
+        with load_truth(written_truth(body, tmp_path / f"{number}.h5", gravity, told), body) as truth:
+            result = train_internal(truth, body, None, (16, 16), 10, settings=SETTINGS)
+            truth_hash = truth.content_hash
+        errors.append(result.held_out.rms)
+        path = tmp_path / f"{number}.safetensors"
+        save_internal(path, result.model, body, truth_hash, result.held_out.rms)
+        model = load_internal(path, body).model
+        assert model.options == result.model.options
+        assert model.options.gravity == (told if any(told) else ())
+        at_rest = InternalCorrection(model, body).bind().displacement(body.rest_rows)
+        assert bool(np.abs(at_rest).max() > 1e-5) == any(told)  # m: it sags
+    assert errors[0] < 0.5 * errors[1]
 
 
 @pytest.mark.parametrize("condensed", [False, True])

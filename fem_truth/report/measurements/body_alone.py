@@ -1,4 +1,5 @@
-"""A body without a collider in a report: what stands for the collider, and internal corrections state by state."""
+"""A body without a collider in a report: what stands for the collider, and internal corrections state by state, alone
+and below a correction of contact."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from softprint.runtime.colliders.collider import ColliderBase
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.learned.correction import InternalField
+from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 
@@ -50,3 +52,11 @@ class InternalDisplacement:
         if self._condensation is not None:
             u += self._condensation.corotated(rows).displacement(rows)
         return u if self._internal is None else u + self._internal.displacement(rows)
+
+
+class WithInternal:
+    """A correction of contact that is added to an internal one, with the methods of a `StaticCorrection`."""
+
+    def __init__(self, correction: StaticCorrection, internal: InternalDisplacement) -> None:
+        self.solve, self.displacement_of = correction.solve, correction.displacement_of
+        self.condensed_displacement = internal.condensed_displacement

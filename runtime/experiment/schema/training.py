@@ -55,9 +55,23 @@ class ModelSpec(Section):
     patch_inputs: bool = Field(
         False, description="form thesis5: also inputs that describe the whole contact patch"
     )
+    components: Count = Field(50, description="form thesis4: principal components of the displacement")
+    parameters: tuple[Literal["size"], ...] = Field(
+        (),
+        description="form thesis4: what colliders of one shape differ in, inputs of the network too; size: half of the "
+        "largest extent, of a sphere its radius",
+    )
+    target: Literal["contact", "whole"] = Field(
+        "contact",
+        description="form thesis4: learn what contact adds (thesis eq. 4.9), or all that the subspace lacks in contact",
+    )
+    added_to: str = Field(
+        "", description="form thesis4: name of a correction of [[training.internal]] that it is added to"
+    )
     fade: Literal["saturating", "proportional"] = Field(
         "saturating",
-        description="form thesis5: the displacement vanishes as contact opens, or is proportional to its depth",
+        description="forms thesis4 and thesis5: the displacement vanishes as contact opens, or is proportional to its "
+        "depth",
     )
     differences: Annotated[int, Field(ge=0)] = Field(
         16, description="form thesis6: sets of finite differences that smooth the normal; 0: not smoothed"
@@ -92,6 +106,16 @@ class InternalSpec(Section):
     batch: Count = Field(128, description="states of one optimiser step")
     learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(1e-4, description="decoupled weight decay (AdamW)")
+    validations: Count = Field(20, description="number of times that a run measures the held-out error")
+
+
+class Thesis4TrainingSpec(Section):
+    """`[training.thesis4]`: how models of form thesis4 are trained."""
+
+    steps: Count = Field(4000, description="optimiser steps for each model")
+    batch: Count = Field(512, description="samples of one optimiser step")
+    learning_rate: Positive = Field(1e-3, description="at the start; falls to zero along a cosine")
+    weight_decay: NotNegative = Field(0.0, description="decoupled weight decay (AdamW)")
     validations: Count = Field(20, description="number of times that a run measures the held-out error")
 
 
@@ -132,8 +156,8 @@ class Thesis6TrainingSpec(Section):
 
 
 class TrainingSpec(Section):
-    """`[training]`: settings of all models; keys that `[training.thesis5]` or `[training.thesis6]` also have apply to
-    models of form force."""
+    """`[training]`: settings of all models; keys that the tables of other forms, such as `[training.thesis5]`, also
+    have apply to models of form force."""
 
     collider: str = Field(
         "",
@@ -151,6 +175,7 @@ class TrainingSpec(Section):
     validations: Count = Field(20, description="number of times that a run measures the held-out error")
     validation_samples: Count = Field(200, description="limit of held-out samples, chosen evenly")
     device: Literal["cpu", "cuda"] = Field("cpu", description="device on which the networks are trained")
+    thesis4: Thesis4TrainingSpec = Thesis4TrainingSpec()
     thesis5: Thesis5TrainingSpec = Thesis5TrainingSpec()
     thesis6: Thesis6TrainingSpec = Thesis6TrainingSpec()
     models: tuple[ModelSpec, ...] = Field((), description="the corrections to train")

@@ -11,6 +11,7 @@ body. Elastic energy and contact are taken at the corrected positions, and force
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -34,8 +35,9 @@ JACOBIANS: tuple[Jacobian, ...] = get_args(Jacobian)
 
 
 class InternalCorrection:
-    """The trained correction of a body. on_condensation: whether it adds to static condensation; jacobian: of figure
-    4.4, see `MappedField`. Raises SoftprintError for a body with other nodes or handles."""
+    """The trained correction of a body. on_condensation: whether it adds to static condensation; gravity: of its
+    training, empty without; jacobian: of figure 4.4, see `MappedField`. Raises SoftprintError for a body with other
+    nodes or handles."""
 
     def __init__(self, model: InternalModel, body: ReducedBody, jacobian: Jacobian = "full") -> None:
         require_body("internal", model.dim, model.n_rows, body)
@@ -47,7 +49,8 @@ class InternalCorrection:
         self.on_condensation = model.options.on_condensation
         self.jacobian = _known(jacobian)
         self._network, self._modes = model.as_arrays(), model.modes.double().numpy()
-        self._inputs = RigidFreeRows.of(body)
+        self.gravity = model.options.gravity
+        self._inputs = RigidFreeRows.of(body, self.gravity)
         self._gradient = basis_gradient_at_nodes(body)
 
     def bind(self, nodes: IntArray | None = None) -> MappedField:
@@ -75,6 +78,12 @@ class MappedField:
         # By node, axis and row: F is then one product of matrices.
         self.by_row = np.ascontiguousarray(gradient.transpose(0, 2, 1))
         self.by_row_single = self.by_row.astype(np.float32)
+
+    def of(self, local: LocalField) -> MappedField:
+        """The same of another r, at the same nodes."""
+        other = copy(self)
+        other.local = local
+        return other
 
     def displacement(self, rows: Array) -> Array:
         """u (n, dim) [m] at handle rows (n_rows, dim)."""

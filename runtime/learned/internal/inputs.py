@@ -4,44 +4,48 @@
 
 with t the mean translation of the rows, a their affine part (`Handles.affine_part`), G the gradient of the basis
 averaged over the body, and rest the same rows at rest. A rigid motion x -> Q x + s takes rows to rows Q^T + a s and R
-to Q R, and leaves z as it was.
+to Q R, and leaves z as it was. Of a body under gravity the network also reads d R, with d the direction of gravity: how
+the body lies.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.body.rotations import nearest_rotation, rotation_dofs, skew
 from softprint.runtime.lazy import lazy
-
-# Skew matrices of the turns about every axis.
-_GENERATORS = {dim: np.array([skew(axis) for axis in np.eye(rotation_dofs(dim))]) for dim in (2, 3)}
+from softprint.runtime.learned.row_rotation import RowRotation, mean_gradient
 
 
 @dataclass(frozen=True, eq=False)
 class RigidFreeRows:
-    """rest: centred rows at rest (n_rows, dim); gradient: G (n_rows, dim) [1/m]; affine_part: a (n_rows,)."""
+    """rest: centred rows at rest (n_rows, dim); gradient: G (n_rows, dim) [1/m]; affine_part: a (n_rows,); down: d
+    (dim,), empty without gravity."""
 
     rest: Array
     gradient: Array
     affine_part: Array
+    down: Array
 
     @classmethod
-    def of(cls, body: ReducedBody) -> RigidFreeRows:
-        """Those of a body."""
-        volumes = body.mesh.cell_volumes
-        weights = np.einsum("c,caj->caj", volumes / volumes.sum(), body.mesh.cell_gradients)
-        gradient = np.einsum("caj,car->rj", weights, body.basis[body.mesh.cells])
-        affine = body.handles.affine_part
-        rest = body.rest_rows
-        return cls(rest - np.outer(affine, affine @ rest / affine.sum()), gradient, affine)
+    def of(cls, body: ReducedBody, gravity: Sequence[float] = ()) -> RigidFreeRows:
+        """Those of a body; gravity: (dim,) [m/s^2], empty or zero without."""
+        affine, rest = body.handles.affine_part, body.rest_rows
+        strength = float(np.linalg.norm(gravity))
+        down = np.asarray(gravity) / strength if strength else np.empty(0)
+        return cls(rest - np.outer(affine, affine @ rest / affine.sum()), mean_gradient(body), affine, down)
+
+    @property
+    def n_inputs(self) -> int:
+        """The length of z."""
+        return self.rest.size + len(self.down)
 
     def __call__(self, rows: Array) -> Array:
-        """z (n_rows*dim,) of handle rows (n_rows, dim)."""
+        """z (n_inputs,) of handle rows (n_rows, dim)."""
         return self.at(rows).value
 
     @lazy
@@ -52,12 +56,10 @@ class RigidFreeRows:
 
     def at(self, rows: Array) -> RigidFreePoint:
         """z at handle rows (n_rows, dim), with its derivatives."""
-        F = rows.T @ self.gradient
-        R = nearest_rotation(F)
-        return RigidFreePoint(self, self._centred(rows), R, R.T @ F)
+        return RigidFreePoint(self, self._centred(rows), RowRotation.at(self.gradient, rows))
 
     def derivative(self, rows: Array) -> Array:
-        """dz/drows (n_rows*dim, n_rows*dim)."""
+        """dz/drows (n_inputs, n_rows*dim)."""
         return self.at(rows).derivative
 
     def _centred(self, rows: Array) -> Array:
@@ -66,83 +68,48 @@ class RigidFreeRows:
 
 @dataclass(frozen=True, eq=False)
 class RigidFreePoint:
-    """z at one state: centred rows C (n_rows, dim), R and S (dim, dim) of F = R S.
-
-    A change dF of F rotates R by dR = R W, where W S + S W = T - T^T and T = R^T dF. Along a second change dF',
-
-        S' = T' - W' S,    d2R = R (W' W + X),    X S + S X = - W' T - T^T W' - W S' - S' W.
-    """
+    """z at one state: centred rows C (n_rows, dim), and the rotation R of the body."""
 
     inputs: RigidFreeRows
     centred: Array
-    R: Array
-    S: Array
+    rotation: RowRotation
 
     @property
     def value(self) -> Array:
-        """z (n_rows*dim,)."""
-        return np.asarray((self.centred @ self.R - self.inputs.rest).ravel())
-
-    @lazy
-    def _towards(self) -> Array:
-        """T (n_rows*dim, dim, dim) of the change of every row along every axis: dF = e_b (x) G_s."""
-        dim = len(self.R)
-        every = self.inputs.gradient[:, None, None, :] * self.R[None, :, :, None]
-        return every.reshape(-1, dim, dim)
-
-    @lazy
-    def _generators(self) -> Array:
-        return _GENERATORS[len(self.R)]
-
-    @lazy
-    def _stiffness(self) -> Array:
-        both = self._generators @ self.S + self.S @ self._generators
-        return np.einsum("gij,hij->gh", self._generators, both) / 2.0
-
-    @lazy
-    def _turns(self) -> Array:
-        """W (n_rows*dim, dim, dim)."""
-        T, E = self._towards, self._generators
-        skewed = np.einsum("gij,nij->gn", E, T - T.swapaxes(1, 2)) / 2.0
-        return np.einsum("gn,gij->nij", np.linalg.solve(self._stiffness, skewed), E)
+        """z (n_inputs,)."""
+        moved, down = self.centred @ self.rotation.R - self.inputs.rest, self.inputs.down
+        return np.concatenate([moved.ravel(), down @ self.rotation.R]) if len(down) else moved.ravel()
 
     @lazy
     def derivative(self) -> Array:
-        """dz/drows (n_rows*dim, n_rows*dim)."""
-        n, dim = self.centred.shape
-        direct = self._centring[:, None, :, None] * self.R.T[None, :, None, :]
-        turned = np.tensordot(self.centred @ self.R, self._turns, axes=(1, 1))  # (row, change, axis)
-        return np.asarray(direct.reshape(n * dim, n * dim) + turned.swapaxes(1, 2).reshape(n * dim, n * dim))
-
-    @property
-    def _centring(self) -> Array:
-        """dC/drows of one axis (n_rows, n_rows)."""
-        return self.inputs.centring
+        """dz/drows (n_inputs, n_rows*dim)."""
+        (n, dim), R = self.centred.shape, self.rotation.R
+        direct = self.inputs.centring[:, None, :, None] * R.T[None, :, None, :]
+        turned = np.tensordot(self.centred @ R, self.rotation.turns, axes=(1, 1))  # (row, change, axis)
+        of_rows = direct.reshape(n * dim, n * dim) + turned.swapaxes(1, 2).reshape(n * dim, n * dim)
+        if not len(self.inputs.down):
+            return np.asarray(of_rows)
+        return np.vstack([of_rows, ((self.inputs.down @ R) @ self.rotation.turns).T])
 
     def pulled_back(self, along: Array) -> Array:
-        """d(a . z)/drows (n_rows*dim,) of a direction a (n_rows*dim,), without the whole derivative."""
-        a, E = along.reshape(self.centred.shape), self._generators
-        N = self.R.T @ (self.centred.T @ a)
-        V = np.tensordot(np.linalg.solve(self._stiffness, np.einsum("gij,ij->g", E, N)), E, axes=1)
-        turned = self.inputs.gradient @ V.T
-        return np.asarray(((self._centring.T @ a + turned) @ self.R.T).ravel())
+        """d(a . z)/drows (n_rows*dim,) of a direction a (n_inputs,), without the whole derivative."""
+        a, A = self._parts(along)
+        direct = self.inputs.centring.T @ a @ self.rotation.R.T
+        return np.asarray((direct + self.rotation.pulled_back(A)).ravel())
 
     def curvature(self, along: Array) -> Array:
-        """d2(a . z)/drows2 (n_rows*dim, n_rows*dim) of a direction a (n_rows*dim,)."""
-        n, dim = self.centred.shape
-        size, a, W, T, R = n * dim, along.reshape(n, dim), self._turns, self._towards, self.R
-        # C along one change, and R along the other.
-        moved = self._centring.T @ a
-        cross = np.tensordot(moved, R @ W, axes=(1, 2)).transpose(0, 2, 1).reshape(size, size)
-        # R along both: N : (W' W + X), with W' and S' over the rows of the result; N : X = V : (X S + S X).
-        N = R.T @ (self.centred.T @ a)
-        flat = W.reshape(size, -1)
-        twice = flat @ (N @ W.swapaxes(1, 2)).reshape(size, -1).T
-        E = self._generators
-        pulled = np.linalg.solve(self._stiffness, np.einsum("gij,ij->g", E, N))
-        V = np.einsum("g,gij->ij", pulled, E) / 2.0
-        S = T - W @ self.S
-        twice -= flat @ (V @ T.swapaxes(1, 2) + T @ V).reshape(size, -1).T
-        twice -= S.reshape(size, -1) @ (W.swapaxes(1, 2) @ V + V @ W.swapaxes(1, 2)).reshape(size, -1).T
-        total = cross + cross.T + twice
+        """d2(a . z)/drows2 (n_rows*dim, n_rows*dim) of a direction a (n_inputs,)."""
+        a, A = self._parts(along)
+        # C along one change and R along the other, and R along both.
+        cross = self.rotation.crossed(self.inputs.centring.T @ a)
+        total = cross + cross.T + self.rotation.curvature(A)
         return np.asarray(0.5 * (total + total.T))
+
+    def _parts(self, along: Array) -> tuple[Array, Array]:
+        """The part of a direction that belongs to the rows (n_rows, dim), and A (dim, dim) with a . z = A : R and what
+        does not depend on R."""
+        a, down = along[: self.centred.size].reshape(self.centred.shape), self.inputs.down
+        A: Array = self.centred.T @ a
+        if len(down):
+            A += np.outer(down, along[self.centred.size :])
+        return a, A

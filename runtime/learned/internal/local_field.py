@@ -1,7 +1,9 @@
-"""r of an internal correction as a function of the handle rows, at fixed nodes, with two derivatives."""
+"""r of a correction as a function of the handle rows, at fixed nodes, with two derivatives: principal components, whose
+coefficients a network computes from its inputs."""
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -10,7 +12,6 @@ from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.internal.inputs import RigidFreePoint, RigidFreeRows
 from softprint.runtime.learned.internal.tanh_network import NetworkPoint, TanhNetwork
 
 
@@ -47,17 +48,50 @@ class LocalField(Protocol):
         ...
 
 
+class InputPoint(Protocol):
+    """The inputs z of a network at one state, with their derivatives by the handle rows."""
+
+    @property
+    def value(self) -> Array:
+        """z (n_inputs,)."""
+        ...
+
+    @property
+    def derivative(self) -> Array:
+        """dz/drows (n_inputs, n_rows*dim)."""
+        ...
+
+    def pulled_back(self, along: Array) -> Array:
+        """d(a . z)/drows (n_rows*dim,) of a direction a (n_inputs,)."""
+        ...
+
+    def curvature(self, along: Array) -> Array:
+        """d2(a . z)/drows2 (n_rows*dim, n_rows*dim) of a direction a (n_inputs,)."""
+        ...
+
+
+class Inputs(Protocol):
+    """The inputs of a network as a function of the handle rows."""
+
+    def __call__(self, rows: Array) -> Array: ...
+    def at(self, rows: Array) -> InputPoint: ...
+
+
 class ModelField:
     """r of a trained model at some nodes."""
 
-    def __init__(
-        self, network: TanhNetwork, modes: Array, inputs: RigidFreeRows, nodes: IntArray | None
-    ) -> None:
+    def __init__(self, network: TanhNetwork, modes: Array, inputs: Inputs, nodes: IntArray | None) -> None:
         own = modes if nodes is None else modes[:, nodes]
         self.network, self.inputs, self.shape = network, inputs, own.shape
         self.modes = np.ascontiguousarray(own.reshape(len(own), -1))
         # Only the Hessian multiplies these: it gives Newton's method a direction, for which single precision is enough.
         self.by_node = np.ascontiguousarray(self.modes.T, dtype=np.float32)
+
+    def reading(self, inputs: Inputs) -> ModelField:
+        """The same with other inputs of its network."""
+        other = copy(self)
+        other.inputs = inputs
+        return other
 
     def value(self, rows: Array) -> Array:
         """See `LocalField`."""
@@ -74,7 +108,7 @@ class ModelPoint:
     """A `LocalPoint` of a trained model."""
 
     field: ModelField
-    inputs: RigidFreePoint
+    inputs: InputPoint
     network: NetworkPoint
 
     @lazy

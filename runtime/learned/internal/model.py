@@ -4,20 +4,22 @@
 
 with z the rigid-free rows (`inputs.py`), N a network of tanh layers, m_k the principal components, orthonormal in the
 volumes of the nodes, and s their spreads. L, where there is one, is the linear part, fitted before N is trained: with
-it the network learns what is nonlinear. Without gravity the correction at rest is zero, and so it is here.
+it the network learns what is nonlinear. Without gravity the correction at rest is zero, and so it is here; under
+gravity z knows how the body lies, and N(0) is not subtracted.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from softprint.runtime.learned.form import LearnedModel, ModelOptions
-from softprint.runtime.learned.internal.tanh_network import TanhNetwork
+from softprint.runtime.learned.internal.tanh_network import TanhNetwork, tanh_network
 from softprint.runtime.learned.network import Mlp
 
 
@@ -25,18 +27,24 @@ from softprint.runtime.learned.network import Mlp
 class InternalOptions(ModelOptions):
     """Architecture of an internal correction. widths: neurons of each hidden layer; components: number of principal
     components; linear: whether there is a linear part; on_condensation: whether it adds to the static condensation of
-    the body, or to U q alone."""
+    the body, or to U q alone; gravity: (dim,) [m/s^2] of its training, empty without."""
 
     widths: tuple[int, ...]
     components: int
     linear: bool
     on_condensation: bool
+    gravity: tuple[float, ...] = ()
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Self:
+        """See `ModelOptions`."""
+        return super().from_json({**values, "gravity": tuple(values.get("gravity", ()))})
 
 
 class InternalModel(LearnedModel):
     """r(z) of a body with n_nodes nodes and n_rows handle rows in dim dimensions. Buffers: modes m (components,
-    n_nodes, dim) [m^(-dim/2)], coefficient_scale s (components,) [m m^(dim/2)], input_scale s_z (n_rows*dim,), linear
-    L (components, n_rows*dim), zero where there is none."""
+    n_nodes, dim) [m^(-dim/2)], coefficient_scale s (components,) [m m^(dim/2)], input_scale s_z (n_inputs,), linear
+    L (components, n_inputs), zero where there is none."""
 
     form: ClassVar[str] = "internal"
     options: InternalOptions
@@ -48,15 +56,15 @@ class InternalModel(LearnedModel):
     def __init__(self, options: InternalOptions, dim: int, n_rows: int, n_nodes: int) -> None:
         super().__init__()
         self.options, self.dim, self.n_rows = options, dim, n_rows
-        count = options.components
-        self.network = Mlp(n_rows * dim, 0, options.widths, count, "tanh")
+        count, n_inputs = options.components, n_rows * dim + len(options.gravity)
+        self.network = Mlp(n_inputs, 0, options.widths, count, "tanh")
         self.register_buffer("modes", torch.zeros(count, n_nodes, dim))
         self.register_buffer("coefficient_scale", torch.ones(count))
-        self.register_buffer("input_scale", torch.ones(n_rows * dim))
-        self.register_buffer("linear", torch.zeros(count, n_rows * dim))
+        self.register_buffer("input_scale", torch.ones(n_inputs))
+        self.register_buffer("linear", torch.zeros(count, n_inputs))
 
     def forward(self, z: Tensor) -> Tensor:
-        """Coefficients of the components (..., components) of inputs z (..., n_rows*dim)."""
+        """Coefficients of the components (..., components) of inputs z (..., n_inputs)."""
         scaled = z / self.input_scale
         value = self.network(scaled, z.new_zeros(*z.shape[:-1], 0))
         return self._coefficients(scaled, value)
@@ -64,21 +72,15 @@ class InternalModel(LearnedModel):
     @torch.no_grad()
     def as_arrays(self) -> TanhNetwork:
         """The same function of one input z, in NumPy and double precision."""
-        arrays = {name: tensor.double().numpy() for name, tensor in self.state_dict().items()}
-        layers = ["network.local", *(f"network.hidden.{k}" for k in range(len(self.options.widths) - 1))]
-        weights = [arrays[f"{layer}.weight"] for layer in layers]
-        weights[0] = weights[0] / arrays["input_scale"]
-        scale = arrays["coefficient_scale"]
-        network = TanhNetwork(
-            tuple(weights),
-            tuple(arrays[f"{layer}.bias"] for layer in layers),
-            scale[:, None] * arrays["network.head.weight"],
-            np.zeros(len(scale)),
-            scale[:, None] * arrays["linear"] / arrays["input_scale"],
-        )
-        return replace(network, offset=-network.value(np.zeros(weights[0].shape[1])))
+        scale, spread = self.coefficient_scale.double().numpy(), self.input_scale
+        network = tanh_network(self.network, torch.zeros_like(spread), spread, scale)
+        at_rest = 0.0 if self.options.gravity else network.value(np.zeros(len(spread)))
+        linear = scale[:, None] * (self.linear.double() / spread.double()).numpy()
+        return replace(network, offset=network.offset - at_rest, linear=linear)
 
     def _coefficients(self, scaled: Tensor, value: Tensor) -> Tensor:
         """Of scaled inputs and the network's value there."""
-        at_rest = self.network(scaled.new_zeros(1, scaled.shape[-1]), scaled.new_zeros(0))[0]
-        return self.coefficient_scale * (scaled @ self.linear.T + value - at_rest)
+        found = scaled @ self.linear.T + value
+        if not self.options.gravity:
+            found = found - self.network(scaled.new_zeros(1, scaled.shape[-1]), scaled.new_zeros(0))[0]
+        return self.coefficient_scale * found

@@ -12,11 +12,17 @@ For one input at a time this takes a small part of the time of the same in torch
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.lazy import lazy
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from softprint.runtime.learned.network import Mlp
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,3 +96,17 @@ class NetworkPoint:
             total += J.T @ ((-2.0 * adjoint * self.hidden[layer] * slope)[:, None] * J)
             adjoint = own.weights[layer].T @ (adjoint * slope)
         return total
+
+
+def tanh_network(network: Mlp, mean: Tensor, spread: Tensor, scale: Array) -> TanhNetwork:
+    """scale * N((z - mean) / spread) of a torch network N of tanh layers with local inputs alone, without a linear
+    part; mean, spread: (n_in,), scale: (n_out,)."""
+    arrays = {name: tensor.double().numpy() for name, tensor in network.state_dict().items()}
+    layers = ["local", *(f"hidden.{k}" for k in range(len(network.hidden)))]
+    weights, biases = ([arrays[f"{layer}.{part}"] for layer in layers] for part in ("weight", "bias"))
+    weights[0] = weights[0] / spread.double().numpy()
+    biases[0] = biases[0] - weights[0] @ mean.double().numpy()
+    head, offset = scale[:, None] * arrays["head.weight"], scale * arrays["head.bias"]
+    return TanhNetwork(
+        tuple(weights), tuple(biases), head, offset, np.zeros((len(scale), weights[0].shape[1]))
+    )

@@ -36,9 +36,11 @@ STEP = 1e-6
 CONTACT = PenaltyContact(1e9)
 
 
-def made_model(body: ReducedBody, on_condensation: bool = False, size: float = 1e-3) -> InternalModel:
+def made_model(
+    body: ReducedBody, on_condensation: bool = False, size: float = 1e-3, gravity: tuple[float, ...] = ()
+) -> InternalModel:
     """Random weights, smooth components, and corrections of about this size [m]; none in the frames."""
-    options = InternalOptions((12, 12), 4, True, on_condensation)
+    options = InternalOptions((12, 12), 4, True, on_condensation, gravity)
     model = InternalModel(options, body.dim, body.n_rows, body.n_nodes)
     generator = torch.Generator().manual_seed(2)
     for parameter in model.parameters():
@@ -48,6 +50,8 @@ def made_model(body: ReducedBody, on_condensation: bool = False, size: float = 1
     model.modes.copy_(torch.from_numpy(waves))
     model.coefficient_scale.fill_(size)
     model.input_scale.fill_(0.01)
+    if gravity:
+        model.input_scale[-body.dim :] = 1.0
     model.linear.copy_(0.1 * torch.randn(model.linear.shape, generator=generator))
     return model
 
@@ -124,12 +128,29 @@ def test_the_network_in_numpy_is_that_in_torch_and_knows_its_derivatives(jelly_b
     close(at.curvature(a), differences(lambda own: a @ network.at(own).slope, z))
 
 
-def test_inputs_know_their_second_derivative(jelly_body):
+@pytest.mark.parametrize("gravity", [False, True])
+def test_inputs_know_their_second_derivative(jelly_body, dim, gravity):
     """The rotation turns twice: as part of z, and with the strain of the body."""
-    encode, rows = RigidFreeRows.of(jelly_body), bent(jelly_body)
-    a = np.random.default_rng(3).normal(size=rows.size)
+    encode = RigidFreeRows.of(jelly_body, np.linspace(1.0, -9.0, dim) if gravity else ())
+    rows = bent(jelly_body)
+    a = np.random.default_rng(3).normal(size=encode.n_inputs)
+    pulled = differences(lambda at: a @ encode(at), rows).ravel()
+    close(encode.at(rows).pulled_back(a), pulled)
+    close(a @ encode.derivative(rows), pulled)
     slope = differences(lambda at: a @ encode.derivative(at), rows).reshape(rows.size, rows.size)
     close(encode.at(rows).curvature(a), slope)
+
+
+def test_under_gravity_inputs_know_how_the_body_lies(jelly_body, dim):
+    """A rigid motion of body and gravity is not seen, one of the body alone is."""
+    down, rows = np.linspace(1.0, -9.0, dim), bent(jelly_body)
+    before = RigidFreeRows.of(jelly_body, down)(rows)
+    tilted = moved(jelly_body, rows, 0.8, np.zeros(dim))
+    both = RigidFreeRows.of(jelly_body, rotation(dim, 0.8) @ down)(tilted)
+    np.testing.assert_allclose(both, before, atol=1e-13)
+    alone = RigidFreeRows.of(jelly_body, down)(tilted)
+    np.testing.assert_allclose(alone[: rows.size], before[: rows.size], atol=1e-13)
+    assert np.abs(alone[rows.size :] - before[rows.size :]).max() > 0.1
 
 
 @pytest.mark.parametrize("jacobian", JACOBIANS)
@@ -278,19 +299,22 @@ def test_what_does_not_fit_is_refused(jelly2d_body, jelly3d_body):
     mechanics = compute_mechanics(flat, 50, True)
     alone = BodyMechanics(None, mechanics.condensation)
     plain, condensed = (InternalCorrection(made_model(flat, on), flat) for on in (False, True))
+    heavy = InternalCorrection(made_model(flat, gravity=(0.0, -9.81)), flat)
     for internal, given, message in (
         (plain, alone, "subspace alone"),
         (condensed, None, "give the mechanics"),
         (condensed, mechanics, "condensed contact does not see"),
+        (heavy, None, r"under a gravity of \[0.0, -9.81\] m/s\^2, not of \[0.0, 0.0\]"),
     ):
         with pytest.raises(SoftprintError, match=message):
             Simulator(flat, contact=CONTACT, mechanics=given, internal=internal)
 
 
-def test_the_weight_of_a_correction_is_that_of_its_displacements(jelly_body, dim):
-    """Without a sum over nodes; its gradient and Hessian are the derivatives."""
-    body, rows = jelly_body, bent(jelly_body)
-    correction, gravity = InternalCorrection(made_model(body), body), np.linspace(1.0, -9.0, dim)
+@pytest.mark.parametrize("under", [False, True])
+def test_the_weight_of_a_correction_is_that_of_its_displacements(jelly_body, dim, under):
+    """Without a sum over nodes; its gradient and Hessian are the derivatives. Learned without gravity, and under it."""
+    body, rows, gravity = jelly_body, bent(jelly_body), np.linspace(1.0, -9.0, dim)
+    correction = InternalCorrection(made_model(body, gravity=tuple(gravity) if under else ()), body)
     weight, bound = correction.weight(body.node_mass, gravity), correction.bind()
 
     def energy(at: Array) -> Array:

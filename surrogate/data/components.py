@@ -27,14 +27,18 @@ def principal_components(fields: Array, volumes: Array, count: int) -> Component
     """
     root = np.sqrt(volumes)[:, None]
     flat = (fields * root).reshape(len(fields), -1)
-    energy, vectors = np.linalg.eigh(flat @ flat.T)
+    # Of the smaller of the two matrices with the same eigenvalues: over the fields, or over their values.
+    of_fields = len(flat) <= flat.shape[1]
+    energy, vectors = np.linalg.eigh(flat @ flat.T if of_fields else flat.T @ flat)
     energy, vectors = energy[::-1], vectors[:, ::-1]
     found = int(np.count_nonzero(energy > 1e-12 * energy[0])) if energy[0] > 0.0 else 0
     if found < count:
         raise SoftprintError(
-            f"{count} principal components are asked for, but the {len(fields)} states have {found}: "
-            "ask for fewer, or generate more states"
+            f"{count} principal components are asked for, but the {len(fields)} fields have {found}: "
+            "ask for fewer, or generate more states or samples"
         )
-    scale = np.sqrt(energy[:count])
-    modes = ((vectors[:, :count] / scale).T @ flat).reshape(count, *fields.shape[1:]) / root
-    return Components(modes, vectors[:, :count] * scale, float(energy[count:].clip(0.0).sum() / energy.sum()))
+    first = vectors[:, :count]
+    directions = (first / np.sqrt(energy[:count])).T @ flat if of_fields else first.T
+    modes = directions.reshape(count, *fields.shape[1:]) / root
+    discarded = float(energy[count:].clip(0.0).sum() / energy.sum())
+    return Components(modes, flat @ directions.T, discarded)

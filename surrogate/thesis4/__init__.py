@@ -1,0 +1,1 @@
+"""The object-centric external correction of thesis chapter 4: training data, loss and task."""
