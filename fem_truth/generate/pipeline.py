@@ -87,6 +87,7 @@ def generate(
     began = time.monotonic()
     groups = Groups.of(comm, options.ranks_per_solve)
     truth, folder = out / "truth.h5", out / "shards"
+    on_first_rank(comm, lambda: _refuse_unchosen(experiment))
     made_from = on_first_rank(comm, lambda: fingerprint(experiment, body))
     with _only_generator(comm, out):
         if on_first_rank(comm, lambda: options.resume and _is_complete(truth, made_from)):
@@ -269,6 +270,15 @@ def _refuse_barrier(experiment: Experiment) -> None:
         raise SoftprintError(
             f'{experiment.path}: contact.model = "barrier" is for motions in full space (`softprint simulate --model '
             "full`); reference samples are solved with a penalty: leave contact.model out to generate them"
+        )
+
+
+def _refuse_unchosen(experiment: Experiment) -> None:
+    if "" in experiment.sampled_colliders:
+        names = ", ".join(repr(spec.name) for spec in experiment.colliders)
+        raise SoftprintError(
+            f"{experiment.path}: sampling.collider is missing, and there are several colliders: name the one that "
+            f'samples are made with ({names}), or "library" for those of a [library] table'
         )
 
 

@@ -203,7 +203,9 @@ def _added_to(experiment: Experiment) -> Iterator[Problem]:
     for number, model in enumerate(experiment.training.models):
         here = f"training.models[{number}]"
         if model.added_to:
-            yield from _known(f"{here}.added_to", model.added_to, names, "correction of [[training.internal]]")
+            yield from _known(
+                f"{here}.added_to", model.added_to, names, "correction of [[training.internal]]"
+            )
         if model.added_to and model.target == "whole":
             yield Problem(
                 f"{here}.target",

@@ -549,3 +549,12 @@ def test_unknown_verb(softprint):
     assert done.returncode == 2
     assert "genrate" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_several_colliders_and_none_to_sample_with(bench2d):
+    pytest.importorskip("dolfinx")
+    before = bench2d.experiment.read_text()
+    other = '\n[[colliders]]\nname = "other"\nshape = "circle"\nradius = 0.01\n'
+    bench2d.experiment.write_text(before + other)
+    assert bench2d.call("body")[0] == 0
+    bench2d.refused("generate", words=("sampling.collider", "'disc', 'other'", "library"))

@@ -58,9 +58,7 @@ _KNOWN = (
         "#f0b93a",
         _DASH_DOT,
     ),
-    ModelStyle(
-        "thesis4", "thesis4", "the thesis's correction (ch. 4)", "#0072b2", "#56b4e9", _DASHED
-    ),
+    ModelStyle("thesis4", "thesis4", "the thesis's correction (ch. 4)", "#0072b2", "#56b4e9", _DASHED),
     ModelStyle("thesis5", "thesis5", "the thesis's network (ch. 5)", "#0072b2", "#56b4e9", _DASHED),
     ModelStyle("thesis6", "thesis6", "the thesis's network (ch. 6)", "#6a3d9a", "#c3a5e8", _DASHED),
     ModelStyle(

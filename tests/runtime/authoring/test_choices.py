@@ -42,7 +42,9 @@ def test_a_column_sags_as_in_textbooks():
     held = np.flatnonzero(mesh.points[:, 2] == 0.0)
     expected = DENSITY * GRAVITY * height**2 / (2.0 * young)
     # What is held cannot widen, which stiffens the lowest tenth of the column.
-    assert RestResponse(mesh, held, POISSON).sag(GRAVITY * DENSITY) / young == pytest.approx(expected, rel=0.04)
+    assert RestResponse(mesh, held, POISSON).sag(GRAVITY * DENSITY) / young == pytest.approx(
+        expected, rel=0.04
+    )
 
 
 def test_a_cantilever_gives_way_as_in_textbooks_and_a_block_does_not():
