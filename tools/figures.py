@@ -300,6 +300,15 @@ FIGURES: Mapping[str, Figure] = {
         ("jelly_library_small",),
         pictures=("docs/thin_shapes.png",),
     ),
+    "superposition": Figure(
+        (
+            "softprint run examples/jelly2d_circle_small.toml",
+            "python -m reproduction.superposition examples/jelly2d_circle_small.toml --components 50 --widths 100 100 "
+            "--picture docs/superposition.png",
+        ),
+        ("docs/chapters_4_and_5.md",),
+        pictures=("docs/superposition.png",),
+    ),
     "hat": Figure(
         (
             f"softprint simulate examples/hat_small.toml --out runs/jelly_library_small {_MODELS}",
