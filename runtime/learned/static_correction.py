@@ -41,6 +41,16 @@ class StaticCorrection:
         points, start = self._contact.in_frame(rows), self._contact.resume(near)
         return self._contact.evaluate(points, rows, {self._name: pose}, start).solved
 
+    def confidence(self, solved: SolvedContact | None) -> float | None:
+        """The factor in [0, 1] that reduces the correction outside the range of training; None without contact, and for
+        a correction without one."""
+        # Imported here, because torch takes a second to load and other corrections do not need it.
+        from softprint.runtime.learned.force.correction import BoundForceCorrection
+
+        if solved is None or self._contact is None or not isinstance(self._bound, BoundForceCorrection):
+            return None
+        return self._bound.confidence(solved)
+
     def displacement(self, rows: Array, pose: RigidPose, near: SolvedContact | None = None) -> Array:
         """u (n, dim) [m] by contact, in the world frame; near: see `solve`."""
         return self.displacement_of(self.solve(rows, pose, near), rows, pose)

@@ -17,7 +17,7 @@ from softprint.runtime.learned.force.model import ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.data import ForceData, join_force_data, read_force_data
-from softprint.surrogate.force.energy import EnergyErrors, energy_of
+from softprint.surrogate.force.energy import ContactMaker, EnergyErrors, energy_of
 from softprint.surrogate.force.loss import ForceMetric
 from softprint.surrogate.force.task import ForceTask
 from softprint.surrogate.form import TrainingForm
@@ -74,17 +74,22 @@ def force_data(
     return join_force_data(touching)
 
 
-def _energy(
-    data: TrainingData, spec: ModelSpec, options: ForceModelOptions
-) -> tuple[LearnedEnergy | None, EnergyErrors] | None:
-    """The energy of contact, learned once for all networks on the same mechanics."""
+def contact_maker(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) -> ContactMaker:
+    """Makes the contact of the body with a collider, under an energy."""
     own = mechanics(data, spec)
 
     def contact_of(collider: Collider, learned: LearnedEnergy) -> ContactStateProbe:
         return ContactStateProbe(data.body, collider, own, options.law, options.band, learned)
 
+    return contact_of
+
+
+def _energy(
+    data: TrainingData, spec: ModelSpec, options: ForceModelOptions
+) -> tuple[LearnedEnergy | None, EnergyErrors] | None:
+    """The energy of contact, learned once for all networks on the same mechanics."""
     key = ("energy", spec.contact_nodes, spec.static_condensation, options.band, options.law)
-    return data.once(key, lambda: energy_of(data, contact_of))
+    return data.once(key, lambda: energy_of(data, contact_maker(data, spec, options)))
 
 
 def _read(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) -> tuple[ForceData, ForceData]:

@@ -11,12 +11,12 @@ from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.truth.truth_file import TruthHeader, create_truth, load_truth
 from softprint.runtime.truth.truth_schema import TABLES
-from softprint.surrogate.force.energy import (
+from softprint.surrogate.force.energy import learn_energy
+from softprint.surrogate.force.sampled_contacts import (
     LABELS,
     N_PARAMETERS,
     SampledContacts,
     by_parameters,
-    learn_energy,
 )
 
 LAW = PenaltyContact(1e10, 4)

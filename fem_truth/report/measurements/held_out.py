@@ -126,6 +126,10 @@ class Comparer:
         self._near[name] = solved
         return correction.displacement_of(solved, rows, pose)
 
+    def last_contact(self, name: str) -> SolvedContact | None:
+        """The contact in the last evaluation of one correction."""
+        return self._near.get(name)
+
     def lead_to(self, frame: int, contact: IntArray) -> None:
         """Call before a single frame: follows the contact through the frames in contact up to it."""
         self.begin()

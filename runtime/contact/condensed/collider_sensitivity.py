@@ -39,6 +39,10 @@ class ColliderSensitivity:
         """dW/dtwist (n_twist,)."""
         return -(self._force.ravel() @ self._position_jacobian)
 
+    def along(self, forces: Array, moved: Array) -> Array:
+        """(n_twist, n) of -lambda . dxi - nu . dphi, for lambda and nu (k*dim, n) of `hardened_contact.py`."""
+        return np.asarray(-(self._position_jacobian.T @ forces + self._force_jacobian.T @ moved))
+
     def blocks(self) -> tuple[Array, Array]:
         """d2W/drows dtwist (n_rows*dim, n_twist) and d2W/dtwist2 (n_twist, n_twist)."""
         contact, by_force, c = self._contact, self._force_jacobian, self._c

@@ -324,6 +324,7 @@ class CondensedContact:
             candidates.position[which],
             candidates.depth,
             distance.among(which),
+            tight=self.learned is not None and self.learned.network is not None,
         )
 
     def _pushed_in(

@@ -54,7 +54,7 @@ class CondensedFriction:
         before = start.contact_points(active.index, contact)
         lagged = LaggedContact(
             index=np.arange(len(active.index)),
-            force=active.pressure * length,
+            force=np.maximum(active.pressure, 0.0) * length,
             normal=normal,
             anchor=pose.apply(start.poses[name].apply_inverse(before)),
             pose=pose,

@@ -12,6 +12,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray, RowHessian
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
 from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSensitivity
+from softprint.runtime.contact.condensed.hardened_contact import HardenedContact, PointForces
 from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
 from softprint.runtime.contact.contact_force import ContactForce, FrictionForces, SurfaceForces, resultant
@@ -39,7 +40,7 @@ class ActivePoints:
     """The k active points of one collider. index: (k,) contact points; position, normal: (k, dim) deformed position and
     gradient of the signed distance there, world frame; pressure: p (k,) [N]; penetration: e (k,) > 0 [m]; jacobian:
     computes d position / d rows (k, dim, n_rows*dim) with the displacement fixed in rest coordinates; surface: computes
-    how they give way, and are carried along."""
+    how they give way, and are carried along; across, lever: see `PointForces`, 0.0 for no lever."""
 
     index: IntArray
     position: Array
@@ -48,6 +49,8 @@ class ActivePoints:
     penetration: Array
     jacobian: Callable[[], Array]
     surface: Callable[[], CarriedCompliance]
+    across: Array | None = None
+    lever: Array | float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,47 +89,33 @@ class ContactEvaluation:
         """W [J]."""
         if self.contact is None:
             return 0.0
-        mechanics = self.contact.solved.solution.energy
-        return mechanics if self.learned is None else self.learned.energy(mechanics)
+        return self.contact.solved.solution.energy if self._hardened is None else self._hardened.energy
 
     @property
     def gradient(self) -> Array:
         """dW/drows (n_rows, dim) [N]."""
-        return np.zeros_like(self.rows) if self._active is None else self._slope * self._active.gradient
+        if self._active is None:
+            return np.zeros_like(self.rows)
+        return self._active.gradient if self._hardened is None else self._hardened.gradient
 
     @property
     def hessian(self) -> RowHessian | None:
         """d2W/drows2, computed when called; None where no point is active."""
-        contact = self._active
-        if contact is None:
+        if self._active is None:
             return None
-        return contact.hessian if self.learned is None else partial(self._hardened, contact)
-
-    def _hardened(self, contact: LinearisedContact, along: Array | None = None) -> Array:
-        """See `RowHessian`."""
-        slope = contact.gradient.ravel()
-        slope = slope if along is None else slope @ along
-        return self._slope * contact.hessian(along) + self._curvature * np.outer(slope, slope)
-
-    @lazy
-    def _slope(self) -> float:
-        """dW/dW_mechanics: what the forces of mechanics are multiplied by."""
-        if self.contact is None or self.learned is None:
-            return 1.0
-        return self.learned.slope(self.contact.solved.solution.energy)
-
-    @lazy
-    def _curvature(self) -> float:
-        """d2W/dW_mechanics2 [1/J]."""
-        if self.contact is None or self.learned is None:
-            return 0.0
-        return self.learned.curvature(self.contact.solved.solution.energy)
+        return self._active.hessian if self._hardened is None else self._hardened.hessian
 
     @property
     def _active(self) -> LinearisedContact | None:
         """The contact, if any point is active."""
         contact = self.contact
         return None if contact is None or not contact.solved.solution.active.size else contact
+
+    @lazy
+    def _hardened(self) -> HardenedContact | None:
+        """The contact under the learned energy; None where it is that of mechanics."""
+        contact = self._active
+        return None if contact is None or self.learned is None else HardenedContact(contact, self.learned)
 
     def active_points(self, name: str) -> ActivePoints:
         """The active points in contact with one collider."""
@@ -138,15 +127,17 @@ class ContactEvaluation:
             jacobian, carrier = np.empty((0, dim, n_rows * dim)), np.empty((0, dim, dim))
             nothing = CarriedCompliance(np.empty((0, 0)), carrier, np.empty((0, n_rows, dim)))
             return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: jacobian, lambda: nothing)
-        solved = contact.solved
+        solved, hardened = contact.solved, self._hardened
         b = solved.solution.active[owned]
-        position = solved.deformed_position[b]
+        forces = PointForces(solved.solution.pressure[b])
+        if hardened is not None:
+            forces = hardened.point_forces.among(owned)
         shape = len(solved.active), self.rows.shape[1], self.rows.size
         return ActivePoints(
             solved.index[b],
-            position,
+            solved.deformed_position[b],
             solved.solution.normal[b],
-            self._slope * solved.solution.pressure[b],
+            forces.pressure,
             solved.solution.penetration[b],
             lambda: contact.position_jacobian.reshape(shape)[owned],
             lambda: CarriedCompliance(
@@ -154,6 +145,8 @@ class ContactEvaluation:
                 solved.F[b],
                 solved.scale[b, None, None] * contact.motion.basis_gradient[owned],
             ),
+            forces.across,
+            forces.lever,
         )
 
     def forces(self) -> dict[str, ContactForce]:
@@ -163,8 +156,10 @@ class ContactEvaluation:
     def _force(self, name: str) -> ContactForce:
         active = self.active_points(name)
         # A point pushes the collider against the gradient of its signed distance.
-        push = -active.pressure[:, None] * active.normal
-        parts = [self.surface_forces(active.index, active.position, push)]
+        push, at = -active.pressure[:, None] * active.normal, active.position
+        parts = [self.surface_forces(active.index, at + active.lever, push)]
+        if active.across is not None:
+            parts.append(self.surface_forces(active.index, at, -active.across, tangential=True))
         origin = (
             np.zeros(self.rows.shape[1])
             if self.solved is None or name not in self.solved.poses
@@ -193,29 +188,19 @@ class ContactEvaluation:
             for name, mine in owned.items()
             if mine.any()
         }
+        pairs = [(one, other) for one in touched for other in touched if one < other]
+        of = self._hardened
+        if of is None:
+            couplings = [Coupling(name, own.gradient, own.blocks) for name, own in touched.items()]
+            return couplings, [
+                Link(one, other, partial(touched[one].link, touched[other])) for one, other in pairs
+            ]
         couplings = [
-            Coupling(name, self._slope * own.gradient, partial(self._blocks, contact, own))
-            for name, own in touched.items()
+            Coupling(name, of.twist_gradient(own), partial(of.blocks, own)) for name, own in touched.items()
         ]
-        pairs = ((one, other) for one in touched for other in touched if one < other)
         return couplings, [
-            Link(*pair, partial(self._link, *(touched[name] for name in pair))) for pair in pairs
+            Link(one, other, partial(of.link, touched[one], touched[other])) for one, other in pairs
         ]
-
-    def _blocks(self, contact: LinearisedContact, own: ColliderSensitivity) -> tuple[Array, Array]:
-        """See `ColliderSensitivity`."""
-        mixed, twice = own.blocks()
-        if self.learned is None:
-            return mixed, twice
-        mixed = self._slope * mixed + self._curvature * np.outer(contact.gradient, own.gradient)
-        return mixed, self._slope * twice + self._curvature * np.outer(own.gradient, own.gradient)
-
-    def _link(self, one: ColliderSensitivity, other: ColliderSensitivity) -> Array:
-        """See `ColliderSensitivity`."""
-        found = one.link(other)
-        if self.learned is None:
-            return found
-        return self._slope * found + self._curvature * np.outer(one.gradient, other.gradient)
 
     def deformed_positions(
         self, index: IntArray, of: ContactEvaluation | None = None, friction: FrictionForces | None = None

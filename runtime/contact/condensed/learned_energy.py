@@ -11,52 +11,84 @@ so that the forces are g' times those of the contact solve, and
 
     dW~ = g' dW,    d2W~ = g' d2W + g'' dW dW^T
 
-are exact, whatever the solve depends on. x / (x + x_0) is between 0 and 1: beyond the dents of training, and for any
-coefficients with a > 0 and b > -1, g grows and forces stay within a and a (1 + b) of those of mechanics. Contacts with
-several colliders are one dent.
+are exact, whatever the solve depends on. A small network (`runtime/contact/solver/dent_network.py`) multiplies g by
+exp eta, of the shape of the dent and what bears it. x / (x + x_0) is between 0 and 1: beyond the dents of training, and
+for any coefficients with a > 0 and b > -1, g grows, and forces stay within a and a (1 + b) of those of mechanics, times
+what the network makes of them. Contacts with several colliders are one dent.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.solver.dent_network import N_MEASURES, DentNetwork
 
-#: The number of values of `LearnedEnergy.values`.
+#: The number of values of `LearnedEnergy.values` without a network.
 N_VALUES = N_COEFFICIENTS + 3
+
+
+class EnergyTerms(NamedTuple):
+    """W~ [J], and its derivatives by the n measures (log W, phi, rho) that it depends on (n,), (n, n) [J]."""
+
+    value: float
+    slope: Array
+    curvature: Array
 
 
 @dataclass(frozen=True)
 class LearnedEnergy:
-    """scale: of the compliance; first: a, growth: b, and size: x_0 [J^(1/3)] of the module."""
+    """scale: of the compliance; first: a, growth: b, and size: x_0 [J^(1/3)] of the module; network: None without."""
 
     scale: ComplianceScale
     first: float
     growth: float
     size: float
+    network: DentNetwork | None = None
 
     @classmethod
     def of(cls, values: tuple[float, ...]) -> LearnedEnergy:
         """From `values`. Raises ValueError where they are not of an energy that grows with that of mechanics."""
-        if len(values) != N_VALUES or not np.isfinite(values).all():
-            raise ValueError(f"a learned energy has {N_VALUES} finite values, not {values}")
-        *coefficients, first, growth, size = values
+        if len(values) < N_VALUES or not np.isfinite(values).all():
+            raise ValueError(
+                f"a learned energy has {N_VALUES} finite values, and those of its network, not {values}"
+            )
+        *coefficients, first, growth, size = values[:N_VALUES]
         if first <= 0.0 or growth <= -1.0 or size <= 0.0:
             raise ValueError(
                 f"a learned energy with a = {first:g}, b = {growth:g}, x_0 = {size:g} does not grow: it needs a > 0, "
                 "b > -1 and x_0 > 0"
             )
-        return cls(ComplianceScale(tuple(coefficients)), first, growth, size)
+        network = DentNetwork.of(values[N_VALUES:]) if len(values) > N_VALUES else None
+        return cls(ComplianceScale(tuple(coefficients)), first, growth, size, network)
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The coefficients of the scale, a, b and x_0 (N_VALUES,)."""
-        return *self.scale.coefficients, self.first, self.growth, self.size
+        """The coefficients of the scale, a, b and x_0 (N_VALUES,), and those of the network."""
+        own = *self.scale.coefficients, self.first, self.growth, self.size
+        return own if self.network is None else (*own, *self.network.values)
+
+    def terms(self, measures: Array) -> EnergyTerms:
+        """W~ at measures (W, phi, rho) of `dent_network.py`, W positive; without a network, of W alone."""
+        W = measures[0]
+        g, slope = self.energy(W), self.slope(W) * W
+        second = slope + self.curvature(W) * W**2
+        if self.network is None:
+            return EnergyTerms(g, np.array([slope]), np.array([[second]]))
+        eta = self.network.factor(measures)
+        own, crossed = np.eye(N_MEASURES)[0], np.zeros((N_MEASURES, N_MEASURES))
+        crossed[0] = slope * eta.slope
+        curvature = second * np.outer(own, own) + crossed + crossed.T
+        curvature += g * (np.outer(eta.slope, eta.slope) + eta.curvature)
+        factor = float(np.exp(eta.value))
+        return EnergyTerms(factor * g, factor * (slope * own + g * eta.slope), factor * curvature)
 
     def energy(self, mechanics: float) -> float:
-        """g [J] of the energy W [J] of mechanics."""
+        """g [J] of the energy W [J] of mechanics, without the network."""
         risen = 3.0 * self.size**3 * _risen(np.cbrt(mechanics) / self.size)
         return float(self.first * (mechanics + self.growth * risen))
 

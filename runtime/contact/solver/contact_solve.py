@@ -48,6 +48,8 @@ StartingPoint = tuple[Array, Array]
 # Converged when the residual of every point is below this fraction of the deepest penetration. E is then right to the
 # square of it.
 _TOLERANCE = 1e-5
+# Of that, what Newton's method goes on to, if it can, where the forces themselves matter to first order.
+_TIGHTER = 0.01
 _ITERATIONS = 12
 # A warm start needs two or three iterations. After so many Newton's method is unlikely to converge.
 _NEAR_ITERATIONS = 7
@@ -111,7 +113,8 @@ class ContactProblem:
 
     compliance: G (m*dim, m*dim) [m/N] at rest, in any precision; F (m, dim, dim); stiffness: a_j k (m,) [N/m^2];
     position: x (m, dim) [m] in the world; depth: estimate of the contact displacement [m]; distance: computes the
-    signed distance with derivatives at positions (m, dim).
+    signed distance with derivatives at positions (m, dim); tight: whether something depends on the forces to first
+    order, as the network of a learned energy does.
     """
 
     compliance: NDArray[np.floating[Any]]
@@ -120,6 +123,7 @@ class ContactProblem:
     position: Array
     depth: float
     distance: Callable[[Array], SdfDerivatives]
+    tight: bool = False
 
     def solve(self, start: StartingPoint | None = None) -> ContactSolution:
         """The equilibrium contact forces; start: the warm start. Logs a warning where they do not converge."""
@@ -137,6 +141,7 @@ class ContactProblem:
         """The solution by Newton's method, and E at its starting point. A solution with a higher E is not the minimum
         next to the starting point."""
         G, F, k, scale = self.compliance, self.F, self.stiffness, self.depth
+        enough = _TOLERANCE * scale * (_TIGHTER if self.tight else 1.0)
         at_most = _ITERATIONS if near is None else _NEAR_ITERATIONS
         if near is None:
             at = self.distance(self.position)
@@ -147,19 +152,19 @@ class ContactProblem:
         for iteration in range(at_most + 1):
             at = self._distance(v)
             e, pressure, lag, residual = kernels.balance(G, F, k, e, v, at.value, at.gradient)
-            converged = residual <= _TOLERANCE * scale
             if iteration == 0:
                 first, began = residual, self._energy(phi, v, -at.value)
             lost = not np.isfinite(residual) or residual > _GROWTH * max(first, scale)
             lost |= iteration >= _SETTLED and residual >= best
             best = min(best, residual)
-            if converged or lost or iteration == at_most:
+            if residual <= enough or lost or iteration == at_most:
                 break
             try:
                 v, e = kernels.newton_step(G, F, k, e, pressure, v, lag, *at)
             except np.linalg.LinAlgError:  # a point is about to slide off a tip
                 break
         phi = kernels.pulled_back(F, pressure, at.gradient)
+        converged = residual <= _TOLERANCE * scale
         return self._solution(e, at, phi, lag, converged, iteration, residual), began
 
     def descend(self, near: StartingPoint | None) -> ContactSolution:
@@ -181,7 +186,9 @@ class ContactProblem:
             log.warning(
                 "the contact solve did not converge after %d iterations: residual %.1e m", iteration, residual
             )
-        return self._solution(e, at, balanced, lag, converged, iteration, residual)
+        found = self._solution(e, at, balanced, lag, converged, iteration, residual)
+        tighter = self.follow((found.penetration, found.normal)) if self.tight and converged else None
+        return found if tighter is None else tighter
 
     def _descended(
         self, e: Array, at: SdfDerivatives, phi: Array, v: Array, balanced: Array, lag: Array

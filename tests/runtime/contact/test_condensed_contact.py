@@ -17,6 +17,7 @@ from softprint.runtime.contact.solver.candidates import PointDistance, PosedColl
 from softprint.runtime.contact.solver.compliance_scale import ComplianceScale
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
+from softprint.runtime.contact.solver.dent_network import DentNetwork
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 
@@ -24,6 +25,18 @@ STIFFNESS = 1e10  # N/m^4
 RADIUS = 0.02
 # Twice what is learned on the Jelly.
 LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8, -0.8)), 0.85, 1.0, 0.3)
+# With a network of random weights, near whose range the ball of these tests is.
+NETWORK = replace(
+    LEARNED,
+    network=DentNetwork(
+        -0.8,
+        np.array([-1.2, 0.0, 0.8]),
+        np.array([-0.5, 0.3, 0.95]),
+        np.random.default_rng(1).normal(size=(4, 3)),
+        np.zeros(4),
+        0.2 * np.random.default_rng(2).normal(size=4),
+    ),
+)
 
 
 def doubled(mechanics):
@@ -76,13 +89,13 @@ def law(request):
     return PenaltyContact(STIFFNESS, *request.param)
 
 
-@pytest.fixture(params=["subspace", "condensation", "learned energy"])
+@pytest.fixture(params=["subspace", "condensation", "learned energy", "learned network"])
 def pressed(jelly_body, dim, law, request):
     """A strained body with a ball 6 mm deep in its top."""
     gravity = np.append(np.zeros(dim - 1), -9.81)
     mechanics = doubled(compute_mechanics(jelly_body, 400, request.param != "subspace", gravity))
     pose = into_the_top(dim, [0.3] if dim == 2 else [0.3, -0.2, 0.5])
-    learned = LEARNED if request.param == "learned energy" else None
+    learned = {"learned energy": LEARNED, "learned network": NETWORK}.get(request.param)
     return PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose, law, learned)
 
 
@@ -150,11 +163,16 @@ def test_derivatives(pressed, monkeypatch):
         change = (ahead.gradient - behind.gradient) / (2 * h)
         found = (here.hessian() @ direction.ravel()).reshape(pressed.rows.shape)
         # Exact as well; the penalty's second derivative has a kink where a node begins to bear pressure.
-        assert np.abs(found - change).max() < 1e-4 * np.abs(change).max()
+        # With a network, second derivatives of its inputs are estimated: only the direction of a step depends on them,
+        # and with a few points that come and go, at nodes in the plane, they are off most.
+        exact = 1e-4 if pressed.contact.learned is not NETWORK else 0.4
+        assert np.abs(found - change).max() < exact * np.abs(change).max()
 
 
 def test_gradient_is_the_contact_force_through_the_position_jacobian(pressed):
     here = pressed.at()
+    if pressed.contact.learned is NETWORK:  # some of its forces act across the normals: the next test
+        here = replace(here, learned=LEARNED)
     active = here.active_points("ball")
     expected = -(active.pressure[:, None] * active.normal).ravel() @ here.contact.position_jacobian
     # The same sums in another order.
@@ -221,6 +239,8 @@ def test_force_on_the_collider_is_the_slope_of_the_energy_along_its_path(pressed
         slope = (ahead.energy - behind.energy) / (2 * h)
         # Central differences over 1e-7 m, as above.
         assert -slope == pytest.approx(force @ axis, abs=1e-5 * np.linalg.norm(force))
+    # Turning a ball changes nothing; forces are in the single precision of the compliance.
+    assert np.abs(here.forces()["ball"].torque).max() < 1e-5 * RADIUS * np.linalg.norm(force)
 
 
 def test_giving_way_costs_less_than_a_rigid_surface(pressed, jelly_body, dim):
@@ -240,7 +260,7 @@ def test_nothing_out_of_contact(pressed):
     assert away.converged
 
 
-@pytest.mark.parametrize("learned", [None, LEARNED], ids=["mechanics", "learned energy"])
+@pytest.mark.parametrize("learned", [None, LEARNED, NETWORK], ids=["mechanics", "learned energy", "network"])
 def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim, law, learned):
     """Gravity, which does not move along, is left out."""
     mechanics = doubled(compute_mechanics(jelly_body, 400, condensation=True))

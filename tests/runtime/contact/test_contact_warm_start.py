@@ -124,7 +124,7 @@ def test_points_that_a_thin_rod_comes_to_start_where_the_dent_has_taken_them(
 
 
 def test_a_contact_that_is_lost_on_the_way_is_followed_in_parts(jelly2d_body, mechanics, monkeypatch):
-    """As if Newton's method could not follow a rod that moves by more than a millimetre at a time."""
+    """As if Newton's method could not follow a rod that moves by more than two millimetres at a time."""
     rod, rows = Capsule([-0.012, 0.0], [0.012, 0.0], RADIUS, "rod"), jelly2d_body.rest_rows
     contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, PenaltyContact(STIFFNESS))
     points, down = contact.in_frame(rows), [{"rod": lying(0.5 * RADIUS)}]
@@ -136,7 +136,7 @@ def test_a_contact_that_is_lost_on_the_way_is_followed_in_parts(jelly2d_body, me
     def follow(problem, start, found=ContactProblem.follow):
         (collider,) = problem.distance.colliders
         there = collider.pose.translation[0]
-        if start is None or there - places[-1] > 0.0011:
+        if start is None or there - places[-1] > 0.0021:
             return None
         places.append(there)
         return found(problem, start)
@@ -145,8 +145,8 @@ def test_a_contact_that_is_lost_on_the_way_is_followed_in_parts(jelly2d_body, me
     monkeypatch.setattr(ContactProblem, "follow", follow)
     found = contact.evaluate(points, rows, end, before.warm_start)
     ways = np.diff(np.unique(np.round(places, 9)))
-    np.testing.assert_allclose(ways, 0.001, rtol=1e-6)
-    assert len(ways) == 4
+    np.testing.assert_allclose(ways, 0.002, rtol=1e-6)
+    assert len(ways) == 2
     # Both are balanced to 1e-5 of the depth.
     assert found.energy == pytest.approx(expected.energy, rel=1e-8)
 

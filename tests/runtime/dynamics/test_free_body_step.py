@@ -49,11 +49,14 @@ def posed(dim, rotation, *position):
     )
 
 
-def learned_on(shape, body, mechanics, refinement):
+ENERGY = (0.5, -0.8, -0.4, 0.9, 0.6, 0.3)
+# A network of random weights, centred where these contacts are.
+WEIGHTS = (-1.5, -2.0, 0.0, 0.7, -1.0, 0.5, 1.0, *np.random.default_rng(6).normal(size=5 * 4))
+
+
+def learned_on(shape, body, mechanics, refinement, energy):
     """A correction with a learned energy, which is of all contacts of the body."""
-    options = ForceModelOptions(
-        (4, 4), "silu", 5e-4, 3e-3, STIFFNESS, refinement=refinement, energy=(0.5, -0.8, -0.4, 0.9, 0.6, 0.3)
-    )
+    options = ForceModelOptions((4, 4), "silu", 5e-4, 3e-3, STIFFNESS, refinement=refinement, energy=energy)
     return ForceCorrection("learned", ForceModel(options, body.dim, body.n_rows), body, shape, mechanics)
 
 
@@ -72,7 +75,9 @@ def scene(body, dim, mechanics, refinement, sharp, learned):
         spin = [3.0] if dim == 2 else [3.0, -2.0, 1.0]
         velocity = np.linspace(-0.2, 0.1, dim)
         free = free_collider(shape, pose, density=2000.0, velocity=velocity, spin=spin)
-        correction = learned_on(shape, body, mechanics, refinement) if learned and name == "low" else None
+        correction = (
+            learned_on(shape, body, mechanics, refinement, learned) if learned and name == "low" else None
+        )
         colliders.append(PlacedCollider(name, shape, free=free, correction=correction))
     wall = KeyframedPath([0.0], [[0.048, *[0.0] * (dim - 1)]])
     colliders.append(PlacedCollider("wall", Plane(-np.eye(dim)[0], "wall"), wall))
@@ -90,12 +95,13 @@ def scene(body, dim, mechanics, refinement, sharp, learned):
 
 @pytest.fixture(
     params=[
-        ("penalty", 0, False, False),
-        ("condensed", 0, False, False),
-        ("penalty", 1, False, False),
-        ("condensed", 1, False, False),
-        ("penalty", 1, True, False),
-        ("condensed", 1, False, True),
+        ("penalty", 0, False, ()),
+        ("condensed", 0, False, ()),
+        ("penalty", 1, False, ()),
+        ("condensed", 1, False, ()),
+        ("penalty", 1, True, ()),
+        ("condensed", 1, False, ENERGY),
+        ("condensed", 1, False, ENERGY + WEIGHTS),
     ],
     ids=[
         "penalty",
@@ -104,6 +110,7 @@ def scene(body, dim, mechanics, refinement, sharp, learned):
         "condensed on facets",
         "penalty of sharp points",
         "learned energy",
+        "learned network",
     ],
 )
 def step(jelly_body, dim, request, monkeypatch):
@@ -130,6 +137,12 @@ def step(jelly_body, dim, request, monkeypatch):
     return problem, problem.point(x.body), rng
 
 
+def has_exact_hessian(x):
+    """Whether no second derivative is estimated: see `hardened_contact.py`."""
+    contact = x.body.contact
+    return contact is None or contact.learned is None or contact.learned.network is None
+
+
 def test_derivatives(step, dim):
     problem, x, rng = step
     at, n_rows = problem.linearise(x), x.body.at.rows[: -1 - dim].size
@@ -140,7 +153,7 @@ def test_derivatives(step, dim):
     assert 0.0 < among[0] < contact  # body and colliders, and colliders among themselves
     assert 0.0 < among[1] < friction
     assert at.energy == pytest.approx(problem.energy(x), rel=1e-12)  # the same sums in another order
-    n = len(at.gradient)
+    n, exact = len(at.gradient), has_exact_hessian(x)
     assert n == n_rows + 3 * (dim + dim * (dim - 1) // 2)
     np.testing.assert_allclose(at.hessian, at.hessian.T, atol=2e-6 * np.abs(at.hessian).max())
     ways = rng.normal(size=(6, n))
@@ -155,7 +168,7 @@ def test_derivatives(step, dim):
         h = 1e-5
         e = [problem.energy(problem.retract(x, k * h * way)) for k in (-2, -1, 0, 1, 2)]
         bent = (-e[0] + 16 * e[1] - 30 * e[2] + 16 * e[3] - e[4]) / (12 * h**2)
-        assert way @ at.hessian @ way == pytest.approx(bent, rel=1e-3)
+        assert way @ at.hessian @ way == pytest.approx(bent, rel=1e-3 if exact else 0.1)
 
 
 def test_mixed_derivatives(step, dim):
@@ -178,7 +191,8 @@ def test_mixed_derivatives(step, dim):
         found = a @ at.hessian @ b
         # Of second order in 5e-6 m; against the stiffness of the contact, of which this is a part.
         stiff = np.sqrt(abs(a @ at.hessian @ a) * abs(b @ at.hessian @ b))
-        assert found == pytest.approx(mixed, rel=2e-3, abs=1e-5 * stiff)
+        exact = has_exact_hessian(x)
+        assert found == pytest.approx(mixed, rel=2e-3 if exact else 0.1, abs=(1e-5 if exact else 0.1) * stiff)
         # High does not touch the body; low and beside are coupled through it if contact is condensed.
         through = x.body.contact is not None and (one, other) == (1, 3)
         assert ((one, other) in ((0, 2), (1, 3)) and not through) == (found == 0.0)

@@ -1,0 +1,159 @@
+"""A small network in the learned energy of contact: how a dent hardens by its size, its shape, and what bears it.
+
+The energy W [J] of mechanics knows how large a dent is. How steep it is shows in the contact forces f_j = p_j g_j [N]:
+where the surface wraps around a tip they turn away from each other, and their resultant is smaller than their sum,
+
+    rho = sum_c |sum_{j touches c} f_j| / sum_j p_j,
+
+over colliders c. And where a collider is curved more finely than contact points are apart, sharp points of it press the
+body (`runtime/contact/solver/pressed_points.py`): they bear the share
+
+    phi = sum_pressed p_j / sum_j p_j.
+
+The energy is multiplied by exp eta,
+
+    eta = t R tanh(o / R),    o = v . tanh(V y + b),    y = (sigma(z_1 - c), phi, rho),    z = (log W^(1/3), phi, rho),
+
+sigma(z) = 1 / (1 + exp -z), with c the median of training. The confidence
+
+    t = 1 / (1 + sum_k n_k^2 / n_0^2)
+
+takes eta back to nothing where z_k is outside of the range of training, by n_k of the widths of that range. All this is
+known of every contact, whatever the collider, and no direction is in it, so that rotating body and collider changes
+nothing; whatever the weights are, exp eta is between e^-R and e^R.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.contact.solver.solved_contact import SolvedContact
+
+#: The number of measures, W, phi and rho, and of inputs.
+N_MEASURES = 3
+#: R.
+BOUND = 0.7
+# n_0, as of the confidence of the drawn correction.
+_BEYOND = 0.5
+
+
+def dent_measures(solved: SolvedContact) -> Array:
+    """(W [J], phi, rho) of a solved contact with active points."""
+    solution = solved.solution
+    p = solution.pressure[solution.active]
+    resultants = _resultants(solved)
+    return np.array([solution.energy, p[solved.is_pressed].sum() / p.sum(), resultants.sum() / p.sum()])
+
+
+def measure_slopes(solved: SolvedContact) -> Array:
+    """omega (k, dim, 2) [1/m] of the k active points: phi and rho change by -sum_j omega_j . dy_j with the deformed
+    positions y, of the penalty law p ~ e^2."""
+    solution, b = solved.solution, solved.solution.active
+    p, e, g = solution.pressure[b], solution.penetration[b], solution.normal[b]
+    owner, total = solved.owner[b], p.sum()
+    stiff = (2.0 * p / e)[:, None] * g
+    lengths = _resultants(solved)
+    units = np.zeros((len(solved.names), g.shape[1]))
+    np.add.at(units, owner, p[:, None] * g)
+    along = np.divide(units, lengths[:, None], out=np.zeros_like(units), where=lengths[:, None] > 0.0)[owner]
+    by_force = stiff * (g * along).sum(axis=1, keepdims=True)
+    by_force -= p[:, None] * np.einsum("kab,kb->ka", solution.curvature[b], along)
+    share = p[solved.is_pressed].sum() / total
+    by_share = stiff * (solved.is_pressed - share)[:, None]
+    by_shape = by_force - lengths.sum() / total * stiff
+    return np.stack([by_share, by_shape], axis=2) / total
+
+
+def _resultants(solved: SolvedContact) -> Array:
+    """(n_colliders,) [N] the length of the resultant on each collider."""
+    force = solved.solution.force[solved.solution.active]
+    sums = np.zeros((len(solved.names), force.shape[1]))
+    np.add.at(sums, solved.owner[solved.solution.active], force)
+    return np.asarray(np.linalg.norm(sums, axis=1))
+
+
+class Factor(NamedTuple):
+    """eta, or a part of it, and its derivatives by n arguments (n,), (n, n)."""
+
+    value: float
+    slope: Array
+    curvature: Array
+
+
+@dataclass(frozen=True, eq=False)
+class DentNetwork:
+    """centre: c; lowest, highest: the range of z in training (N_MEASURES,); hidden: V (h, N_MEASURES); bias: b (h,);
+    output: v (h,)."""
+
+    centre: float
+    lowest: Array
+    highest: Array
+    hidden: Array
+    bias: Array
+    output: Array
+
+    @classmethod
+    def of(cls, values: tuple[float, ...]) -> DentNetwork:
+        """From `values`. Raises ValueError where there are not as many as of any network, or not finite, or a range is
+        empty."""
+        first = 1 + 2 * N_MEASURES
+        h, left = divmod(len(values) - first, N_MEASURES + 2)
+        if left or h < 1 or not np.isfinite(values).all():
+            raise ValueError(
+                f"the network of a learned energy has {first} + {N_MEASURES + 2} h finite values with h neurons, not "
+                f"{len(values)}"
+            )
+        ends = np.cumsum([1, N_MEASURES, N_MEASURES, N_MEASURES * h, h])
+        centre, lowest, highest, hidden, bias, output = np.split(np.asarray(values, dtype=np.float64), ends)
+        if not (lowest < highest).all():
+            raise ValueError(
+                f"the network of a learned energy has an empty range, from {lowest} to {highest}: it needs samples "
+                "that differ"
+            )
+        return cls(float(centre[0]), lowest, highest, hidden.reshape(h, N_MEASURES), bias, output)
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """All of it as plain numbers."""
+        parts = self.lowest, self.highest, self.hidden.ravel(), self.bias, self.output
+        return (self.centre, *map(float, np.concatenate(parts)))
+
+    def factor(self, measures: Array) -> Factor:
+        """eta at (W, phi, rho), W positive, with derivatives by (log W, phi, rho)."""
+        z = np.array([np.log(measures[0]) / 3.0, *measures[1:]])
+        t, own = self.confidence(z), self._learned(z)
+        crossed = np.outer(t.slope, own.slope)
+        by_z = t.value * own.slope + t.slope * own.value
+        second = t.value * own.curvature + crossed + crossed.T + own.value * t.curvature
+        return Factor(t.value * own.value, by_z * _BY_LOG, second * np.outer(_BY_LOG, _BY_LOG))
+
+    def confidence(self, z: Array) -> Factor:
+        """t at z (N_MEASURES,)."""
+        scale = (self.highest - self.lowest) * _BEYOND
+        n = (np.maximum(z - self.highest, 0.0) - np.maximum(self.lowest - z, 0.0)) / scale
+        t = 1.0 / (1.0 + n @ n)
+        slope = 2.0 * n / scale
+        bend = np.diag(2.0 * (n != 0.0) / scale**2)
+        return Factor(float(t), -slope * t**2, 2.0 * np.outer(slope, slope) * t**3 - bend * t**2)
+
+    def _learned(self, z: Array) -> Factor:
+        """R tanh(o / R) at z (N_MEASURES,)."""
+        size = 1.0 / (1.0 + np.exp(self.centre - z[0]))
+        rise = np.array([size * (1.0 - size), 1.0, 1.0])
+        s = np.tanh(self.hidden @ np.array([size, *z[1:]]) + self.bias)
+        bounded = np.tanh(self.output @ s / BOUND)
+        rate = self.output * (1.0 - s * s)
+        along, left = rate @ self.hidden, 1.0 - bounded**2
+        bend = (self.hidden.T * (-2.0 * s * rate)) @ self.hidden
+        bend -= 2.0 / BOUND * bounded * np.outer(along, along)
+        second = left * bend * np.outer(rise, rise)
+        second[0, 0] += left * along[0] * rise[0] * (1.0 - 2.0 * size)
+        return Factor(float(BOUND * bounded), left * along * rise, second)
+
+
+# d z / d(log W, phi, rho).
+_BY_LOG = np.array([1.0 / 3.0, 1.0, 1.0])

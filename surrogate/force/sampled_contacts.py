@@ -1,0 +1,185 @@
+"""Solved contacts at samples of a truth, with the derivatives of forces and energy by the parameters of the energy.
+
+Condensed contact with parameters p = (c, log a, b) gives W~ = g(W) and h~ = g' h, and their derivatives follow from one
+contact solve,
+
+    dW/dc = -sum_j e_j dtheta_j/dc,    e_j = f_j . u_j,
+    dh/dc = c_q^T D (I + G_w D)^-1 c_c - dphi_q^T G dphi_c
+            - sum_j [ f_j . (dA_j v_j) dtheta_j/dc + e_j d2theta_j/dq dc ],
+
+in the symbols of `runtime/contact/condensed/linearised_contact.py`, with c_c = u dtheta/dc + A G dphi_c and dphi_c =
+phi dtheta/dc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact.condensed.hardened_contact import dent_slopes, measure_response
+from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
+from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.solver.dent_network import dent_measures
+from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.dynamics.handle_forces import HandleCoordinates
+from softprint.runtime.errors import SoftprintError
+from softprint.runtime.learned.force.contact_state import ContactStateProbe
+from softprint.runtime.truth.truth_file import TruthData
+
+#: The kinds of residuals: forces on the handles, the force on the collider, and the energy.
+LABELS = ("handles", "collider", "energy")
+N_PARAMETERS = N_COEFFICIENTS + 2
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
+    N_PARAMETERS), of an energy without a network. measures: (W, phi, rho) (s, 3) of `dent_network.py`, and by kind but
+    the energy the derivatives of (log W, phi, rho) (s, n_k, 3)."""
+
+    samples: IntArray
+    truth: Mapping[str, Array]
+    found: Mapping[str, Array]
+    slopes: Mapping[str, Array]
+    measures: Array
+    measure_slopes: Mapping[str, Array]
+
+    def errors(self, samples: IntArray) -> dict[str, float]:
+        """See `EnergyErrors`, over some of the samples."""
+        which = np.isin(self.samples, samples)
+        return {
+            kind: float(np.linalg.norm(self.found[kind][which] - true[which]) / np.linalg.norm(true[which]))
+            for kind, true in self.truth.items()
+        }
+
+    @property
+    def free_of_frames(self) -> IntArray:
+        """The samples that do not press a rigid frame."""
+        true = self.truth["collider"]
+        miss = np.linalg.norm(self.found["collider"] - true, axis=1)
+        return self.samples[miss <= 0.5 * np.linalg.norm(true, axis=1)]
+
+
+class SampledContacts:
+    """The contacts of samples of a truth, followed along their approach once and then from the last ones found.
+    by_collider: the colliders of some samples, each with its own; contact_of: makes the contact of the body with a
+    collider; handles: along which coordinates forces are compared; origins: (n_rows,) 1 for rows that are positions."""
+
+    def __init__(
+        self,
+        truth: TruthData,
+        by_collider: Callable[[IntArray], Iterator[tuple[Collider, IntArray]]],
+        contact_of: Callable[[Collider, LearnedEnergy], ContactStateProbe],
+        handles: HandleCoordinates,
+        origins: Array,
+    ) -> None:
+        self._truth, self._by_collider, self._contact_of = truth, by_collider, contact_of
+        self._handles, self._origins = handles, origins
+        self._last: dict[int, SolvedContact] = {}
+
+    def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled:
+        """Those of the samples in which the reduced body touches the collider."""
+        truth, columns = self._truth, list[dict[str, tuple[Array, Array, Array]]]()
+        taken, measures, by_measure = list[int](), list[Array](), list[dict[str, Array]]()
+        for collider, part in self._by_collider(samples):
+            probe = self._contact_of(collider, learned)
+            for sample in map(int, part):
+                progress(1)
+                rows = truth.states["rows"][truth.sample_state[sample]]
+                solved = self._solved(probe, sample, rows)
+                if solved is None or not len(solved.active):
+                    continue
+                found = probe.evaluation(solved)
+                contact = found.contact
+                assert contact is not None  # some points are active
+                by_energy, by_force = by_parameters(contact, learned)
+                h, true = found.gradient, truth.contact_handle_force(sample)
+                logs = dent_slopes(contact, measure_response(contact))
+                by_measure.append(
+                    {
+                        "handles": self._along(rows, logs.reshape(*h.shape, -1)),
+                        "collider": np.einsum("r,rak->ak", self._origins, logs.reshape(*h.shape, -1)),
+                    }
+                )
+                columns.append(
+                    {
+                        "handles": self._compared(rows, true, h, by_force),
+                        "collider": self._summed(true, h, by_force),
+                        "energy": (
+                            np.array([truth.contact_energy(sample)]),
+                            np.array([found.energy]),
+                            by_energy[None],
+                        ),
+                    }
+                )
+                taken.append(sample)
+                measures.append(dent_measures(solved))
+        if not columns:
+            raise SoftprintError(
+                f"{truth.path}: in none of {len(samples)} samples does the reduced body touch the collider"
+            )
+        of_truth, of_contact, slopes = (
+            {kind: np.stack([one[kind][k] for one in columns]) for kind in LABELS} for k in range(3)
+        )
+        of_measures = {kind: np.stack([one[kind] for one in by_measure]) for kind in by_measure[0]}
+        return Sampled(np.array(taken), of_truth, of_contact, slopes, np.array(measures), of_measures)
+
+    def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
+        """Along the coordinates of the handles."""
+        return self._handles.along(rows, true), self._handles.along(rows, found), self._along(rows, slopes)
+
+    def _along(self, rows: Array, slopes: Array) -> Array:
+        """(n_free, n) of derivatives (n_rows, dim, n)."""
+        along = [np.ascontiguousarray(slope) for slope in np.moveaxis(slopes, -1, 0)]
+        return np.stack([self._handles.along(rows, slope) for slope in along], axis=1)
+
+    def _summed(self, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
+        """The force on the body."""
+        return self._origins @ true, self._origins @ found, np.einsum("r,rak->ak", self._origins, slopes)
+
+    def _solved(self, probe: ContactStateProbe, sample: int, rows: Array) -> SolvedContact | None:
+        poses, solved = self._truth.approach_path(sample), self._last.get(sample)
+        for pose in poses if solved is None else poses[-1:]:
+            solved = probe.solve(rows, pose, solved)
+        if solved is not None:
+            self._last[sample] = solved
+        return solved
+
+
+def by_parameters(contact: LinearisedContact, learned: LearnedEnergy) -> tuple[Array, Array]:
+    """d g/dp (N_PARAMETERS,) [J] and d(g' h)/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points."""
+    W, h, size = contact.solved.solution.energy, contact.gradient, learned.size
+    energy, force = _by_coefficients(contact, learned.scale)
+    x, slope = np.cbrt(W), learned.slope(W)
+    hardened = LearnedEnergy(learned.scale, learned.first, 1.0, size).energy(W) - learned.first * W
+    by_energy = np.concatenate([slope * energy, [learned.energy(W), hardened]])
+    by_scale = slope * force.reshape(*h.shape, -1) + learned.curvature(W) * h[..., None] * energy
+    by_first, by_growth = slope * h, learned.first * x / (x + size) * h
+    return by_energy, np.concatenate([by_scale, by_first[..., None], by_growth[..., None]], axis=2)
+
+
+def _by_coefficients(contact: LinearisedContact, scale: ComplianceScale) -> tuple[Array, Array]:
+    """dW/dc (N_COEFFICIENTS,) and dh/dc (R, N_COEFFICIENTS)."""
+    solved, points, factor = contact.solved, contact.points, contact.factor
+    b, index = solved.solution.active, solved.active
+    u, phi, f = solved.solution.displacement[b], solved.rest_force, solved.solution.force[b]
+    by_theta, by_slope = scale.by_coefficients(
+        points.deformation(solved.rows, index), points.surface_normals(index)
+    )
+    k, dim = u.shape
+    phi_c = (phi[..., None] * by_theta[:, None]).reshape(k * dim, -1)
+    c_c = (u[..., None] * by_theta[:, None]).reshape(k * dim, -1)
+    c_c = c_c + factor.to_world(factor.rest_displacement(phi_c))
+    stretch = contact.position_jacobian.reshape(k, dim, -1) - contact.motion.position
+    along = np.einsum("ka,kar->kr", f, stretch)  # f . dA v
+    gradient = contact.motion.basis_gradient
+    mixed = np.einsum("kcab,krb->kcra", by_slope, gradient).reshape(k, N_COEFFICIENTS, -1)  # d2theta/dq dc
+    work = (f * u).sum(axis=1)
+    force = contact.force_response.T @ c_c - contact.displacement_jacobian.T @ phi_c
+    force = force - along.T @ by_theta - np.einsum("k,kcr->rc", work, mixed)
+    return -work @ by_theta, np.asarray(force)
