@@ -9,7 +9,7 @@ collider goes up and down at the top of the body, so that the contact changes in
 time. Latency is measured from a new target of the collider in this process to the picture in which the body has given
 way, as it is handed to the server; with --browser also from a mouse event to a changed mesh in the browser, drawn in
 software, and with the triangles left out, as if a graphics card drew them in no time. Without a
-trained model of form force an untrained one is used, marked *, which costs as much.
+trained model of form force an untrained one is used, marked *: it draws as slowly, but has no learned energy.
 """
 
 from __future__ import annotations
