@@ -138,6 +138,8 @@ class _Loop:
     def __init__(
         self, workshop: Workshop, models: tuple[str, ...], boards: list[FrameBoard], window: Connection
     ) -> None:
+        import torch  # noqa: F401  # models load it later: it has to be there to be limited
+
         one_thread()
         self.session = Session(workshop, models)
         self.boards, self.window = boards, window
