@@ -6,9 +6,9 @@ import sys
 
 
 def one_thread() -> None:
-    """From now on BLAS, OpenMP and torch, where it is loaded, use one thread in this process. The matrices of a step gain
-    nothing from more, and threads that wait for each other take the cores from the process beside: with two cores a
-    step beside the drawing of its surface takes up to half as long again. A process forked from several threads of
+    """From now on BLAS, OpenMP and torch, where it is loaded, use one thread in this process. The matrices of a step
+    gain nothing from more, and threads that wait for each other take the cores from the process beside: with two cores
+    a step beside the drawing of its surface takes up to half as long again. A process forked from several threads of
     OpenMP may hang."""
     from threadpoolctl import threadpool_limits
 
