@@ -175,11 +175,11 @@ def _by_coefficients(contact: LinearisedContact, scale: ComplianceScale) -> tupl
     phi_c = (phi[..., None] * by_theta[:, None]).reshape(k * dim, -1)
     c_c = (u[..., None] * by_theta[:, None]).reshape(k * dim, -1)
     c_c = c_c + factor.to_world(factor.rest_displacement(phi_c))
-    stretch = contact.position_jacobian.reshape(k, dim, -1) - contact.motion.position
-    along = np.einsum("ka,kar->kr", f, stretch)  # f . dA v
-    gradient = contact.motion.basis_gradient
+    stretch, _ = contact.carrier_motion(f, solved.solution.rest_displacement[b])
+    along = np.einsum("ka,kar->kr", f, stretch.reshape(k, dim, -1))  # f . dA v
+    gradient = contact.derivatives.basis_gradient
     mixed = np.einsum("kcab,krb->kcra", by_slope, gradient).reshape(k, N_COEFFICIENTS, -1)  # d2theta/dq dc
     work = (f * u).sum(axis=1)
-    force = contact.force_response.T @ c_c - contact.displacement_jacobian.T @ phi_c
+    force = contact.motions.reaction.T @ c_c - contact.motions.displacement.T @ phi_c
     force = force - along.T @ by_theta - np.einsum("k,kcr->rc", work, mixed)
     return -work @ by_theta, np.asarray(force)

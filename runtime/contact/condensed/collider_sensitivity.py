@@ -15,64 +15,54 @@ from __future__ import annotations
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.contact.condensed.contact_motions import ContactMotions
 from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
-from softprint.runtime.lazy import lazy
-from softprint.runtime.rigid.twist import point_motion, relative_curvature, rotation_derivatives
+from softprint.runtime.rigid.twist import own_curvature, point_motion, relative_curvature, rotation_derivatives
 
 
 class ColliderSensitivity:
     """The derivatives for one collider. contact: one with active points; centre: c (dim,) [m]; owned: (k,) which of the
-    active points touch this collider. Points that touch another collider do not move with this one."""
+    active points touch this collider. Points that touch another collider do not move with this one.
+
+    arms: a (k, dim) [m]; motions: by the twist, n_twist of them."""
 
     def __init__(self, contact: LinearisedContact, centre: Array, owned: BoolArray) -> None:
-        self._contact = contact
+        self._contact, self._owned = contact, owned
         solved = contact.solved
-        b = solved.solution.active
-        self._force = np.where(owned[:, None], solved.solution.force[b], 0.0)
-        self._arms = solved.deformed_position[b] - centre
-        motion = -point_motion(self._arms)
-        motion[~owned] = 0.0
-        self._position_jacobian = motion.reshape(self._force.size, -1)
+        self._force = solved.solution.force[solved.solution.active]
+        self.arms = solved.deformed_position[solved.solution.active] - centre
+        position = -self._mine(point_motion(self.arms))
+        self.motions = ContactMotions(contact.factor, position, contact.factor.to_rest(self.rotated(self._force)))
 
     @property
     def gradient(self) -> Array:
         """dW/dtwist (n_twist,)."""
-        return -(self._force.ravel() @ self._position_jacobian)
-
-    def along(self, forces: Array, moved: Array) -> Array:
-        """(n_twist, n) of -lambda . dxi - nu . dphi, for lambda and nu (k*dim, n) of `hardened_contact.py`."""
-        return np.asarray(-(self._position_jacobian.T @ forces + self._force_jacobian.T @ moved))
+        return -(self._force.ravel() @ self.motions.position)
 
     def blocks(self) -> tuple[Array, Array]:
         """d2W/drows dtwist (n_rows*dim, n_twist) and d2W/dtwist2 (n_twist, n_twist)."""
-        contact, by_force, c = self._contact, self._force_jacobian, self._c
-        mixed = contact.force_response.T @ c - contact.displacement_jacobian.T @ by_force
-        mixed -= contact.position_jacobian.T @ self._rotated_force
-        factor = contact.factor
-        own = c.T @ factor.effective_stiffness(c) - by_force.T @ factor.rest_displacement(by_force)
-        return mixed, own + relative_curvature(self._arms, -self._force)
+        by_rows, force = self._contact.motions, self._force
+        mixed = by_rows.second(self.motions) - by_rows.position.T @ self.rotated(force)
+        return mixed, self.motions.second(self.motions) + self.curvature(self.arms, -force)
 
     def link(self, other: ColliderSensitivity) -> Array:
         """d2W/dtwist dtwist' (n_twist, n_twist) with the twist of another collider in the same contact: the coupling of
         the two colliders through the body."""
-        factor = self._contact.factor
-        return np.asarray(
-            self._c.T @ factor.effective_stiffness(other._c)
-            - self._force_jacobian.T @ factor.rest_displacement(other._force_jacobian)
-        )
+        return np.asarray(self.motions.second(other.motions))
 
-    @lazy
-    def _c(self) -> Array:
-        """c (k*dim, n_twist)."""
-        factor = self._contact.factor
-        return self._position_jacobian + factor.to_world(factor.rest_displacement(self._force_jacobian))
+    def rotated(self, vectors: Array) -> Array:
+        """(0, E_k v) (k*dim, n_twist) of vectors (k, dim) at the points of this collider, zero at others."""
+        return self._mine(rotation_derivatives(vectors))
 
-    @lazy
-    def _rotated_force(self) -> Array:
-        """(0, E_k f) (k*dim, n_twist)."""
-        return np.asarray(rotation_derivatives(self._force).reshape(self._force.size, -1))
+    def curvature(self, arms: Array, gradient: Array) -> Array:
+        """The second derivative (n_twist, n_twist) by the twist of sum g . x at points of this collider, at arms a and
+        with gradients g (k, dim)."""
+        return relative_curvature(arms, np.where(self._owned[:, None], gradient, 0.0))
 
-    @lazy
-    def _force_jacobian(self) -> Array:
-        """dphi (k*dim, n_twist)."""
-        return self._contact.factor.to_rest(self._rotated_force)
+    def turned_curvature(self, vectors: Array, gradient: Array) -> Array:
+        """The same of vectors that the twist only turns."""
+        return own_curvature(vectors, np.where(self._owned[:, None], gradient, 0.0))
+
+    def _mine(self, motion: Array) -> Array:
+        """(k*dim, n_twist) of (k, dim, n_twist), zero at points of other colliders."""
+        return np.where(self._owned[:, None, None], motion, 0.0).reshape(self._force.size, -1)

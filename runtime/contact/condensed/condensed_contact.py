@@ -165,7 +165,8 @@ class CondensedContact:
         if solved is not None and start is not None:
             together = self._with(solved.pressed)
             loaded, every = together.loaded, together.in_frame(points)
-            contact = LinearisedContact(start, every)
+            colliders = (PosedCollider(self.searches[name].collider, solved.poses[name]) for name in solved.names)
+            contact = LinearisedContact(start, every, tuple(colliders))
         names = tuple(self.searches)
         return ContactEvaluation(loaded, self.nodes, points, every, rows, names, contact, self.learned)
 

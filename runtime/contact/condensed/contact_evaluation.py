@@ -139,11 +139,11 @@ class ContactEvaluation:
             solved.solution.normal[b],
             forces.pressure,
             solved.solution.penetration[b],
-            lambda: contact.position_jacobian.reshape(shape)[owned],
+            lambda: contact.motions.position.reshape(shape)[owned],
             lambda: CarriedCompliance(
                 contact.start.compliance.among(solved.index[b]).astype(np.float64),
                 solved.F[b],
-                solved.scale[b, None, None] * contact.motion.basis_gradient[owned],
+                solved.scale[b, None, None] * contact.derivatives.basis_gradient[owned],
             ),
             forces.across,
             forces.lever,

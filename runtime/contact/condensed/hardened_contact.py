@@ -11,19 +11,21 @@ f_j, and by moments A nu x f: forces and moments on body and collider balance. I
 
     dW~ = W~_l . dl,    d2W~ = dl . W~_ll dl + W~_l . d2l,
 
-where d2l is exact for log W and left out for the others, as it would need third derivatives of the distance: only the
-direction of a Newton step depends on it.
+with d2l of phi and rho in `measure_curvature.py`.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, Self, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSensitivity
+from softprint.runtime.contact.condensed.contact_motions import ContactMotions
 from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
+from softprint.runtime.contact.condensed.measure_curvature import MeasureCurvature, MeasuredMotions
 from softprint.runtime.contact.solver.dent_network import dent_measures, measure_slopes
 from softprint.runtime.lazy import lazy
 
@@ -43,27 +45,14 @@ class PointForces(NamedTuple):
         return PointForces(self.pressure[which], self.across[which], self.lever[which])
 
 
-class Sensitivity(Protocol):
-    """What moving one collider does to the energy of mechanics: `ColliderSensitivity`."""
-
-    @property
-    def gradient(self) -> Array: ...
-    def along(self, forces: Array, moved: Array, /) -> Array: ...
-    def blocks(self) -> tuple[Array, Array]: ...
-    def link(self, other: Self, /) -> Array: ...
-
-
-SensitivityT = TypeVar("SensitivityT", bound=Sensitivity)
-
-
 class HardenedContact:
     """The learned energy of a contact with active points."""
 
     def __init__(self, contact: LinearisedContact, learned: LearnedEnergy) -> None:
         self._contact, self._learned = contact, learned
-        measures = dent_measures(contact.solved)
-        self._mechanics = measures[0]
-        self._terms = learned.terms(measures)
+        self._measures = dent_measures(contact.solved)
+        self._mechanics = self._measures[0]
+        self._terms = learned.terms(self._measures)
 
     @property
     def energy(self) -> float:
@@ -81,24 +70,38 @@ class HardenedContact:
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W~/drows2, see `RowHessian`."""
-        slopes = self._row_slopes if along is None else along.T @ self._row_slopes
-        second = self._stiffened * self._contact.hessian(along)
-        return np.asarray(second + slopes @ self._outer @ slopes.T)
+        contact, moments = self._contact, self._stiffened * self._contact.moments
+        motions, slopes = contact.motions.along(along), self._slopes_along(along)
+        found = self._stiffened * motions.second(motions) + slopes @ self._outer @ slopes.T
+        if self._curvature is not None:
+            own = self._measured_rows(self._curvature, along)
+            found, moments = found + self._curvature.between(own, own), moments + self._curvature.moments
+        bent = contact.bending(moments, along)
+        return np.asarray(found if bent is None else found - bent)
 
-    def twist_gradient(self, own: Sensitivity) -> Array:
+    def twist_gradient(self, own: ColliderSensitivity) -> Array:
         """dW~/dtwist (n_twist,) of a collider."""
         return np.asarray(self._twist_slopes(own) @ self._terms.slope)
 
-    def blocks(self, own: Sensitivity) -> tuple[Array, Array]:
+    def blocks(self, own: ColliderSensitivity) -> tuple[Array, Array]:
         """See `ColliderSensitivity`."""
         (mixed, twice), slopes = own.blocks(), self._twist_slopes(own)
         mixed = self._stiffened * mixed + self._row_slopes @ self._outer @ slopes.T
-        return mixed, self._stiffened * twice + slopes @ self._outer @ slopes.T
+        twice = self._stiffened * twice + slopes @ self._outer @ slopes.T
+        if self._curvature is not None:
+            twist, rows = self._measured_twist(self._curvature, own), self._measured_rows(self._curvature)
+            mixed = mixed + self._curvature.mixed(rows, own, twist)
+            twice = twice + self._curvature.twice(own, twist)
+        return mixed, twice
 
-    def link(self, one: SensitivityT, other: SensitivityT) -> Array:
+    def link(self, one: ColliderSensitivity, other: ColliderSensitivity) -> Array:
         """See `ColliderSensitivity`."""
         outer = self._twist_slopes(one) @ self._outer @ self._twist_slopes(other).T
-        return np.asarray(self._stiffened * one.link(other) + outer)
+        found = self._stiffened * one.link(other) + outer
+        if self._curvature is not None:
+            twists = (self._measured_twist(self._curvature, of) for of in (one, other))
+            found = found + self._curvature.between(*twists)
+        return np.asarray(found)
 
     @lazy
     def point_forces(self) -> PointForces:
@@ -127,10 +130,29 @@ class HardenedContact:
         """dl (R, n) of the measures that the energy depends on, by the rows."""
         return dent_slopes(self._contact, self._response)
 
-    def _twist_slopes(self, own: Sensitivity) -> Array:
+    def _slopes_along(self, along: Array | None) -> Array:
+        """The same along some directions."""
+        return self._row_slopes if along is None else np.asarray(along.T @ self._row_slopes)
+
+    def _twist_slopes(self, own: ColliderSensitivity) -> Array:
         """dl (n_twist, n) by the motion of a collider."""
         by_energy = own.gradient[:, None] / self._mechanics
-        return by_energy if self._response is None else np.hstack([by_energy, own.along(*self._response)])
+        if self._response is None:
+            return by_energy
+        return np.hstack([by_energy, -_work(own.motions, self._response)])
+
+    @lazy
+    def _curvature(self) -> MeasureCurvature | None:
+        """d2l of phi and rho, times W~_l; None without a network."""
+        if self._response is None:
+            return None
+        return MeasureCurvature(self._contact, self._response, self._terms.slope[1:], self._measures[1:])
+
+    def _measured_rows(self, of: MeasureCurvature, along: Array | None = None) -> MeasuredMotions:
+        return of.by_rows(self._slopes_along(along)[:, 1:] @ self._terms.slope[1:], along)
+
+    def _measured_twist(self, of: MeasureCurvature, own: ColliderSensitivity) -> MeasuredMotions:
+        return of.by_twist(own, self._twist_slopes(own)[:, 1:] @ self._terms.slope[1:])
 
     @property
     def _stiffened(self) -> float:
@@ -159,9 +181,13 @@ def dent_slopes(contact: LinearisedContact, response: tuple[Array, Array] | None
     by_energy = contact.gradient.reshape(-1, 1) / contact.solved.solution.energy
     if response is None:
         return by_energy
+    return np.hstack([by_energy, -_work(contact.motions, response)])
+
+
+def _work(motions: ContactMotions, response: tuple[Array, Array]) -> Array:
+    """lambda . dxi + nu . dphi (n, 2) of n motions."""
     forces, moved = response
-    found = contact.position_jacobian.T @ forces + contact.force_jacobian.T @ moved
-    return np.hstack([by_energy, -found])
+    return np.asarray(motions.position.T @ forces + motions.force.T @ moved)
 
 
 def _divided(moments: Array, pressure: Array) -> Array:

@@ -26,22 +26,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.solver import contact_point_kernels as kernels
+from softprint.runtime.contact.condensed.contact_motions import ContactMotions
+from softprint.runtime.contact.solver import contact_point_kernels as point_kernels
+from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
+from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
 from softprint.runtime.contact.solver.compliance_scale import ScaleDerivatives
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints, PointMotion
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
 from softprint.runtime.lazy import lazy
-from softprint.runtime.linalg.sparse_directions import between_directions, times_directions
+from softprint.runtime.linalg.sparse_directions import between_directions
+
+# The step of differences of the Hessian of a distance, as a share of the depth of the contact.
+_SMALL = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class LinearisedContact:
-    """A solved contact in the corotated frame of a step; k points are active, R = n_rows * dim."""
+    """A solved contact in the corotated frame of a step; k points are active, R = n_rows * dim. colliders: those that
+    the body touches, in the order of `SolvedContact.names`."""
 
     start: WarmStart
     points: CorotatedPoints
+    colliders: tuple[PosedCollider, ...]
 
     @property
     def solved(self) -> SolvedContact:
@@ -66,76 +74,72 @@ class LinearisedContact:
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
-        kind = self.start.compliance.dtype
-        by_position, by_force = (jacobian.astype(kind, copy=False) for jacobian in self._jacobians)
-        if along is not None:
-            by_position, by_force = times_directions(by_position, along), times_directions(by_force, along)
-        by_displacement = self.factor.rest_displacement(by_force)
-        c = by_position + self.factor.to_world(by_displacement)
-        found = self.factor.stiffness_form(c) - by_force.T @ by_displacement
-        if self._scales is not None:
-            bending = self._bending if along is None else between_directions(self._bending, along)
-            found = found - bending
-        return np.asarray(found, dtype=np.float64)
-
-    @property
-    def position_jacobian(self) -> Array:
-        """dx + dA v (k*dim, R) of the active points: their motion with the displacement v fixed in rest coordinates."""
-        return self._jacobians[0]
-
-    @property
-    def force_jacobian(self) -> Array:
-        """dphi = dA^T f (k*dim, R) of the active points: the change of their rest forces with the contact forces
-        fixed."""
-        return self._jacobians[1]
+        motions = self.motions.along(along)
+        found = motions.second(motions)
+        bent = self.bending(self.moments, along)
+        return np.asarray(found if bent is None else found - bent, dtype=np.float64)
 
     @lazy
-    def displacement_jacobian(self) -> Array:
-        """G dphi (k*dim, R)."""
-        return self.factor.rest_displacement(self.force_jacobian)
+    def motions(self) -> ContactMotions:
+        """By the rows: R motions."""
+        solution, b = self.solved.solution, self.solved.solution.active
+        carried, pulled_back = self.carrier_motion(solution.force[b], solution.rest_displacement[b])
+        carried += self.derivatives.position.reshape(carried.shape)
+        return ContactMotions(self.factor, carried, pulled_back)
 
-    @lazy
-    def force_response(self) -> Array:
-        """D (I + G_w D)^-1 c (k*dim, R)."""
-        c = self.position_jacobian + self.factor.to_world(self.displacement_jacobian)
-        return self.factor.effective_stiffness(c)
-
-    @lazy
-    def _jacobians(self) -> tuple[Array, Array]:
-        solution = self.solved.solution
-        b = solution.active
-        motion, scales = self.motion, self._scales
-        v, f = solution.rest_displacement[b], solution.force[b]
+    def carrier_motion(self, f: Array, v: Array) -> tuple[Array, Array]:
+        """dA v and dA^T f (k*dim, R) of the active points by the rows, of vectors f and v (k, dim)."""
+        gradient, scales = self.derivatives.basis_gradient, self._scales
         if scales is None:
-            return kernels.contact_jacobians(v, f, motion.position, motion.basis_gradient)
-        s = scales.scale[:, None]
-        by_position, by_force = kernels.contact_jacobians(
-            s * v, s * f, motion.position, motion.basis_gradient
-        )
-        by_theta = scales.by_rows(motion.basis_gradient)[:, None]
-        by_position += (solution.displacement[b][..., None] * by_theta).reshape(by_position.shape)
-        by_force += (self.solved.rest_force[..., None] * by_theta).reshape(by_force.shape)
-        return by_position, by_force
+            return point_kernels.carrier_jacobians(v, f, gradient)
+        s, A = scales.scale[:, None], self.solved.F[self.solved.solution.active]
+        carried, pulled_back = point_kernels.carrier_jacobians(s * v, s * f, gradient)
+        by_theta = scales.by_rows(gradient)[:, None]
+        carried += (solve_kernels.to_world(A, v)[..., None] * by_theta).reshape(carried.shape)
+        at_rest = solve_kernels.pulled_back(A, np.ones(len(f)), f)
+        pulled_back += (at_rest[..., None] * by_theta).reshape(carried.shape)
+        return carried, pulled_back
 
     @lazy
-    def motion(self) -> PointMotion:
-        """The motion of the active points by the rows."""
+    def derivatives(self) -> PointMotion:
+        """Of the active points by the rows."""
         return self.points.motion(self.solved.active)
+
+    def curvature_change(self, directions: Array) -> Array:
+        """t . d3s (k, dim, dim): how the Hessian of the distance at the active points changes along directions t (k,
+        dim), by a forward difference. Planes of sharp points have none."""
+        solved, b = self.solved, self.solved.solution.active
+        found, bent = np.zeros((*directions.shape, directions.shape[1])), np.flatnonzero(~solved.is_pressed)
+        lengths, h = np.linalg.norm(directions[bent], axis=1), _SMALL * solved.depth
+        if not (len(bent) and h > 0.0):
+            return found
+        units = directions[bent] / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+        distance = PointDistance(solved.names, self.colliders, solved.owner[b[bent]])
+        ahead = distance(solved.deformed_position[b[bent]] + h * units).hessian
+        found[bent] = (lengths / h)[:, None, None] * (ahead - solved.solution.curvature[b[bent]])
+        return found
 
     @lazy
     def _scales(self) -> ScaleDerivatives | None:
         """Of the active points."""
         return self.points.scale_derivatives(self.solved.rows, self.solved.active)
 
-    @lazy
-    def _bending(self) -> Array:
-        """sum_j f_j . d2A_j v_j (R, R) of a compliance that is scaled."""
-        scales, solution = self._scales, self.solved.solution
-        assert scales is not None
-        b, gradient, slope = solution.active, self.motion.basis_gradient, scales.slope
-        v, f = solution.rest_displacement[b], solution.force[b]
-        work = (f * solution.displacement[b]).sum(axis=1)[:, None, None, None, None]
-        stretched = (scales.scale[:, None] * f)[:, :, None] * v[:, None, :]
+    @property
+    def moments(self) -> Array:
+        """f (x) v (k, dim, dim) of the active points."""
+        solution, b = self.solved.solution, self.solved.solution.active
+        return np.asarray(solution.force[b][:, :, None] * solution.rest_displacement[b][:, None, :])
+
+    def bending(self, moments: Array, along: Array | None = None) -> Array | None:
+        """sum_j M_j : d2A_j (R, R) of moments M (k, dim, dim); along: see `RowHessian`. None for zero, where the
+        compliance is not scaled."""
+        scales = self._scales
+        if scales is None:
+            return None
+        A = self.solved.F[self.solved.solution.active]
+        gradient, slope = self.derivatives.basis_gradient, scales.slope
+        work = (A * moments).sum(axis=(1, 2))[:, None, None, None, None]
+        stretched = scales.scale[:, None, None] * moments
         crossed = slope[:, :, :, None, None] * stretched[:, None, None]
         by_F = work * (slope[:, :, :, None, None] * slope[:, None, None] + scales.curvature)
         by_F += crossed + crossed.transpose(0, 3, 4, 1, 2)
@@ -145,6 +149,6 @@ class LinearisedContact:
             half.reshape(k, n_rows * dim * dim, dim).transpose(1, 0, 2).reshape(n_rows * dim * dim, k * dim)
         )
         whole = left @ gradient.transpose(0, 2, 1).reshape(k * dim, n_rows)
-        return (
-            whole.reshape(n_rows, dim, dim, n_rows).transpose(0, 1, 3, 2).reshape(n_rows * dim, n_rows * dim)
-        )
+        by_rows = whole.reshape(n_rows, dim, dim, n_rows).transpose(0, 1, 3, 2)
+        by_rows = by_rows.reshape(n_rows * dim, n_rows * dim)
+        return by_rows if along is None else between_directions(by_rows, along)

@@ -120,17 +120,14 @@ def expanded(point: IntArray, w: Array, y: Floats, size: int) -> Floats:
 
 
 @compiled
-def contact_jacobians(v: Array, force: Array, position: Array, basis_gradient: Array) -> tuple[Array, Array]:
-    """The position Jacobian dx + dF v and the force Jacobian dF^T f, both (n*dim, n_rows*dim), of n points.
+def carrier_jacobians(v: Array, force: Array, basis_gradient: Array) -> tuple[Array, Array]:
+    """dF v and dF^T f, both (n*dim, n_rows*dim), of n points.
 
-    v, force: f (n, dim); position: dx (n, dim, n_rows*dim); basis_gradient: dU (n, n_rows, dim), so that dF_aj =
-    sum_r drow_ra dU_rj.
+    v, force: f (n, dim); basis_gradient: dU (n, n_rows, dim), so that dF_aj = sum_r drow_ra dU_rj.
     """
     n, n_rows, dim = basis_gradient.shape
-    by_position, by_force = np.empty((n * dim, n_rows * dim)), np.empty((n * dim, n_rows * dim))
+    by_position, by_force = np.zeros((n * dim, n_rows * dim)), np.empty((n * dim, n_rows * dim))
     for i in range(n):
-        for a in range(dim):
-            by_position[i * dim + a] = position[i, a]
         for r in range(n_rows):
             along = 0.0
             for j in range(dim):
@@ -139,7 +136,7 @@ def contact_jacobians(v: Array, force: Array, position: Array, basis_gradient: A
                 for b in range(dim):
                     by_force[i * dim + j, r * dim + b] = slope * force[i, b]
             for a in range(dim):
-                by_position[i * dim + a, r * dim + a] += along
+                by_position[i * dim + a, r * dim + a] = along
     return by_position, by_force
 
 

@@ -45,8 +45,10 @@ def dent_measures(solved: SolvedContact) -> Array:
     """(W [J], phi, rho) of a solved contact with active points."""
     solution = solved.solution
     p = solution.pressure[solution.active]
-    resultants = _resultants(solved)
-    return np.array([solution.energy, p[solved.is_pressed].sum() / p.sum(), resultants.sum() / p.sum()])
+    total = p.sum()
+    return np.array(
+        [solution.energy, p[solved.is_pressed].sum() / total, resultants(solved).lengths.sum() / total]
+    )
 
 
 def measure_slopes(solved: SolvedContact) -> Array:
@@ -56,10 +58,8 @@ def measure_slopes(solved: SolvedContact) -> Array:
     p, e, g = solution.pressure[b], solution.penetration[b], solution.normal[b]
     owner, total = solved.owner[b], p.sum()
     stiff = (2.0 * p / e)[:, None] * g
-    lengths = _resultants(solved)
-    units = np.zeros((len(solved.names), g.shape[1]))
-    np.add.at(units, owner, p[:, None] * g)
-    along = np.divide(units, lengths[:, None], out=np.zeros_like(units), where=lengths[:, None] > 0.0)[owner]
+    lengths, directions = resultants(solved)
+    along = directions[owner]
     by_force = stiff * (g * along).sum(axis=1, keepdims=True)
     by_force -= p[:, None] * np.einsum("kab,kb->ka", solution.curvature[b], along)
     share = p[solved.is_pressed].sum() / total
@@ -68,12 +68,20 @@ def measure_slopes(solved: SolvedContact) -> Array:
     return np.stack([by_share, by_shape], axis=2) / total
 
 
-def _resultants(solved: SolvedContact) -> Array:
-    """(n_colliders,) [N] the length of the resultant on each collider."""
+class Resultants(NamedTuple):
+    """Of the forces on each collider: lengths (n_colliders,) [N] and directions (n_colliders, dim)."""
+
+    lengths: Array
+    directions: Array
+
+
+def resultants(solved: SolvedContact) -> Resultants:
+    """Of a solved contact; a resultant of zero has no direction, zeros."""
     force = solved.solution.force[solved.solution.active]
     sums = np.zeros((len(solved.names), force.shape[1]))
     np.add.at(sums, solved.owner[solved.solution.active], force)
-    return np.asarray(np.linalg.norm(sums, axis=1))
+    lengths = np.linalg.norm(sums, axis=1)
+    return Resultants(lengths, sums / np.where(lengths > 0.0, lengths, 1.0)[:, None])
 
 
 class Factor(NamedTuple):

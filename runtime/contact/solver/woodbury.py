@@ -44,18 +44,19 @@ class WoodburyFactor:
             self._compliance, self._F, np.arange(len(active)), *state, *distance, _NEGLIGIBLE
         )
         self._displacements, K = solve_kernels.woodbury_system(
-            self._compliance, self._node, stiff, v.astype(self._kind)
+            self._compliance, self._node, stiff, v.astype(self.dtype)
         )
         # Points that barely touch have no significant direction.
         self._factor = lu_factor(K, overwrite_a=True, check_finite=False) if len(K) else None
 
     @property
-    def _kind(self) -> np.dtype[np.floating[Any]]:
+    def dtype(self) -> np.dtype[np.floating[Any]]:
+        """Its precision."""
         return self._compliance.dtype
 
     def rest_displacement(self, forces: Floats) -> Floats:
         """G phi, the displacements by forces phi, both in rest coordinates."""
-        return np.asarray(self._compliance @ forces.astype(self._kind, copy=False))
+        return np.asarray(self._compliance @ forces.astype(self.dtype, copy=False))
 
     def to_world(self, v: Floats) -> Floats:
         """F v, in the world frame."""
@@ -67,22 +68,21 @@ class WoodburyFactor:
 
     def effective_stiffness(self, c: Floats) -> Floats:
         """D (I + G_w D)^-1 c: the contact forces by displacements c of the compliant body."""
-        return point_kernels.expanded(self._node, self._w, self._solve(self._projected(c)), len(c))
+        return self.expanded(self.solve(self.projected(c)), len(c))
 
     def relaxed(self, c: Floats) -> Floats:
         """(I + G_w D)^-1 c: displacements c after the contact forces have relaxed the compliant body."""
-        return np.asarray(c - self.to_world(self._displacements.T @ self._solve(self._projected(c))))
+        return np.asarray(c - self.to_world(self._displacements.T @ self.solve(self.projected(c))))
 
-    def stiffness_form(self, c: Floats) -> Floats:
-        """c^T D (I + G_w D)^-1 c (n, n)."""
-        projected = self._projected(c)
-        return np.asarray(projected.T @ self._solve(projected))
-
-    def _projected(self, c: Floats) -> Floats:
+    def projected(self, c: Floats) -> Floats:
         """W^T c (r, n)."""
-        return point_kernels.projected(self._node, self._w, c.astype(self._kind, copy=False))
+        return point_kernels.projected(self._node, self._w, c.astype(self.dtype, copy=False))
 
-    def _solve(self, right: Floats) -> Floats:
+    def expanded(self, y: Floats, size: int) -> Floats:
+        """W y (size, n), size = k*dim."""
+        return point_kernels.expanded(self._node, self._w, y, size)
+
+    def solve(self, right: Floats) -> Floats:
         """K^-1 right (r, n)."""
         if self._factor is None:
             return right

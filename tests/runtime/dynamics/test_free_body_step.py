@@ -137,12 +137,6 @@ def step(jelly_body, dim, request, monkeypatch):
     return problem, problem.point(x.body), rng
 
 
-def has_exact_hessian(x):
-    """Whether no second derivative is estimated: see `hardened_contact.py`."""
-    contact = x.body.contact
-    return contact is None or contact.learned is None or contact.learned.network is None
-
-
 def test_derivatives(step, dim):
     problem, x, rng = step
     at, n_rows = problem.linearise(x), x.body.at.rows[: -1 - dim].size
@@ -153,7 +147,7 @@ def test_derivatives(step, dim):
     assert 0.0 < among[0] < contact  # body and colliders, and colliders among themselves
     assert 0.0 < among[1] < friction
     assert at.energy == pytest.approx(problem.energy(x), rel=1e-12)  # the same sums in another order
-    n, exact = len(at.gradient), has_exact_hessian(x)
+    n = len(at.gradient)
     assert n == n_rows + 3 * (dim + dim * (dim - 1) // 2)
     np.testing.assert_allclose(at.hessian, at.hessian.T, atol=2e-6 * np.abs(at.hessian).max())
     ways = rng.normal(size=(6, n))
@@ -168,7 +162,7 @@ def test_derivatives(step, dim):
         h = 1e-5
         e = [problem.energy(problem.retract(x, k * h * way)) for k in (-2, -1, 0, 1, 2)]
         bent = (-e[0] + 16 * e[1] - 30 * e[2] + 16 * e[3] - e[4]) / (12 * h**2)
-        assert way @ at.hessian @ way == pytest.approx(bent, rel=1e-3 if exact else 0.1)
+        assert way @ at.hessian @ way == pytest.approx(bent, rel=1e-3)
 
 
 def test_mixed_derivatives(step, dim):
@@ -191,8 +185,7 @@ def test_mixed_derivatives(step, dim):
         found = a @ at.hessian @ b
         # Of second order in 5e-6 m; against the stiffness of the contact, of which this is a part.
         stiff = np.sqrt(abs(a @ at.hessian @ a) * abs(b @ at.hessian @ b))
-        exact = has_exact_hessian(x)
-        assert found == pytest.approx(mixed, rel=2e-3 if exact else 0.1, abs=(1e-5 if exact else 0.1) * stiff)
+        assert found == pytest.approx(mixed, rel=2e-3, abs=1e-5 * stiff)
         # High does not touch the body; low and beside are coupled through it if contact is condensed.
         through = x.body.contact is not None and (one, other) == (1, 3)
         assert ((one, other) in ((0, 2), (1, 3)) and not through) == (found == 0.0)

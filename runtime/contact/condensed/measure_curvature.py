@@ -1,0 +1,135 @@
+"""Second derivatives of the measures phi and rho of a solved contact (`runtime/contact/solver/dent_network.py`).
+
+With weights held, m = w_phi phi + w_rho rho is a function of the deformed positions y. With lambda and nu as in
+`hardened_contact.py`, weighted in the same manner, and in the symbols of `contact_motions.py`, for two motions
+
+    d2m = dy . C dy' - [dA^T lambda . dv' + dA nu . df' + the same with the motions exchanged]
+          + (w_rho / P) sum_c dF_c . (I - u u^T) dF_c' / L_c - (dP dm' + dm dP') / P - lambda . d2A v - f . d2A nu,
+
+F_c the force on a collider, L_c its length, u its direction, P the sum of pressures. At every point
+
+    C = share Hess p + Hess(f . t),    share = (w_phi ([pressed] - phi) - w_rho rho) / P,    t = (w_rho / P) u - A nu,
+    Hess p = p'' g g^T - p' H,    Hess(f . t) = p'' (t . g) g g^T - p' ((t . g) H + g (H t)^T + (H t) g^T) + p t . d3s,
+
+for a fixed vector t, p' = 2 p / e and p'' = 2 p / e^2.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSensitivity
+from softprint.runtime.contact.condensed.contact_motions import ContactMotions
+from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
+from softprint.runtime.contact.solver.dent_network import resultants
+from softprint.runtime.linalg.sparse_directions import times_directions
+
+
+class MeasuredMotions(NamedTuple):
+    """n motions, and what they change of m. carried: dA nu, pulled_back: dA^T lambda (k*dim, n); slope: dm (n,)."""
+
+    motions: ContactMotions
+    carried: Array
+    pulled_back: Array
+    slope: Array
+
+
+class MeasureCurvature:
+    """d2m of a contact with active points. weights: (w_phi, w_rho); measures: (phi, rho); response: lambda and nu
+    (k*dim, 2) of each."""
+
+    def __init__(
+        self, contact: LinearisedContact, response: tuple[Array, Array], weights: Array, measures: Array
+    ) -> None:
+        solved, factor = contact.solved, contact.factor
+        solution, b = solved.solution, solved.solution.active
+        p, e, g, H = solution.pressure[b], solution.penetration[b], solution.normal[b], solution.curvature[b]
+        self._contact, self._weights, self._total = contact, weights, p.sum()
+        self._forces, self._at_rest = ((part @ weights).reshape(g.shape) for part in response)
+        self._moved = factor.to_world(self._at_rest.reshape(-1, 1)).reshape(g.shape)
+        self._owner, self._resultants = solved.owner[b], resultants(solved)
+        self._slope = (2.0 * p / e)[:, None] * g
+        share = (weights[0] * (solved.is_pressed - measures[0]) - weights[1] * measures[1]) / self._total
+        t = weights[1] / self._total * self._resultants.directions[self._owner] - self._moved
+        self._curvature = _force_curvature(p, e, g, _symmetric(H), share, t)
+        self._curvature += p[:, None, None] * _symmetric(contact.curvature_change(t))
+
+    @property
+    def moments(self) -> Array:
+        """lambda (x) v + f (x) nu (k, dim, dim)."""
+        solution, b = self._contact.solved.solution, self._contact.solved.solution.active
+        found = self._forces[:, :, None] * solution.rest_displacement[b][:, None, :]
+        return np.asarray(found + solution.force[b][:, :, None] * self._at_rest[:, None, :])
+
+    def by_rows(self, slope: Array, along: Array | None = None) -> MeasuredMotions:
+        """By the rows; slope: dm/drows along the same directions; along: see `RowHessian`."""
+        carried, pulled_back = self._contact.carrier_motion(self._forces, self._at_rest)
+        if along is not None:
+            carried, pulled_back = times_directions(carried, along), times_directions(pulled_back, along)
+        return MeasuredMotions(self._contact.motions.along(along), carried, pulled_back, slope)
+
+    def by_twist(self, own: ColliderSensitivity, slope: Array) -> MeasuredMotions:
+        """By the twist of a collider; slope: dm/dtwist."""
+        pulled_back = self._contact.factor.to_rest(own.rotated(self._forces))
+        return MeasuredMotions(own.motions, -own.rotated(self._moved), pulled_back, slope)
+
+    def mixed(self, rows: MeasuredMotions, own: ColliderSensitivity, twist: MeasuredMotions) -> Array:
+        """d2m/drows dtwist (R, n_twist)."""
+        found = self.between(rows, twist) - rows.motions.position.T @ own.rotated(self._forces)
+        return np.asarray(found - rows.carried.T @ own.rotated(self._contact_force))
+
+    def twice(self, own: ColliderSensitivity, twist: MeasuredMotions) -> Array:
+        """d2m/dtwist2 (n_twist, n_twist)."""
+        found = self.between(twist, twist) + own.curvature(own.arms, -self._forces)
+        return np.asarray(found + own.turned_curvature(self._moved, -self._contact_force))
+
+    @property
+    def _contact_force(self) -> Array:
+        solution = self._contact.solved.solution
+        return np.asarray(solution.force[solution.active])
+
+    def between(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
+        """(n, n'), without the second derivatives of A."""
+        dy, dy_other = one.motions.deformed, other.motions.deformed
+        k, dim, _ = self._curvature.shape
+        bent = np.matmul(self._curvature, dy_other.reshape(k, dim, -1)).reshape(dy_other.shape)
+        found = dy.T @ bent
+        found -= one.pulled_back.T @ other.motions.displaced + one.motions.displaced.T @ other.pulled_back
+        found += one.carried.T @ other.motions.reaction + one.motions.reaction.T @ other.carried
+        crossed = np.outer(self._pressures(one), other.slope) + np.outer(one.slope, self._pressures(other))
+        return np.asarray(found + self._by_resultants(one, other) - crossed / self._total)
+
+    def _pressures(self, motions: MeasuredMotions) -> Array:
+        """dP (n,)."""
+        return np.asarray(-(self._slope.ravel() @ motions.motions.deformed))
+
+    def _by_resultants(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
+        """(w_rho / P) sum_c dF_c . (I - u u^T) dF_c' / L_c (n, n')."""
+        found = np.zeros((len(one.slope), len(other.slope)))
+        for number, length in enumerate(self._resultants.lengths):
+            if length == 0.0:
+                continue
+            force, force_other = (
+                of.motions.reaction.reshape(*self._slope.shape, -1)[self._owner == number].sum(axis=0)
+                for of in (one, other)
+            )
+            unit = self._resultants.directions[number]
+            found += force.T @ (force_other - np.outer(unit, unit @ force_other)) / length
+        return self._weights[1] / self._total * found
+
+
+def _force_curvature(p: Array, e: Array, g: Array, H: Array, share: Array, t: Array) -> Array:
+    """C (k, dim, dim), see the module."""
+    along, turned = (g * t).sum(axis=1), np.matmul(H, t[..., None])[..., 0]
+    first, second = 2.0 * p / e, 2.0 * p / e**2
+    crossed = g[:, :, None] * turned[:, None, :]
+    found = (second * (share + along))[:, None, None] * g[:, :, None] * g[:, None, :]
+    found -= (first * (share + along))[:, None, None] * H
+    return np.asarray(found - first[:, None, None] * (crossed + crossed.transpose(0, 2, 1)))
+
+
+def _symmetric(H: Array) -> Array:
+    return 0.5 * (H + H.transpose(0, 2, 1))
