@@ -10,6 +10,8 @@ _FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
+    "runtime/contact/solver/compliance_scale.py",
+    "runtime/contact/solver/dent_network.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
     "runtime/touch/raster_kernels.py",
     *(

@@ -1,6 +1,6 @@
 """Trains the network in the learned energy (`runtime/contact/solver/dent_network.py`) on solved contacts.
 
-The network changes no contact solve, so that all it needs are the measures l = (log W, phi, rho) of each sample and
+The network changes no contact solve, so that all it needs are the measures l = (log W, psi, rho) of each sample and
 their derivatives: with g(W) from `energy.py`,
 
     W~ = g e^eta,    h~ = W~ (dg/dl / g + d eta/dl) . dl,
@@ -33,7 +33,7 @@ _NARROWEST = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Dents:
-    """s samples under g alone. measures: (W, phi, rho) (s, 3); energy: g (s,); by_energy: dlog g/dlog W (s,); slopes:
+    """s samples under g alone. measures: (W, psi, rho) (s, 3); energy: g (s,); by_energy: dlog g/dlog W (s,); slopes:
     dl by kind of force (s, n_k, 3); truth: by kind (s, n_k), the energy among them; weights: by kind (s,), of squared
     residuals; threshold: by kind, of the weighted residual from which on a sample counts less."""
 

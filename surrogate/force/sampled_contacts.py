@@ -7,7 +7,7 @@ contact solve,
     dh/dc = c_q^T D (I + G_w D)^-1 c_c - dphi_q^T G dphi_c
             - sum_j [ f_j . (dA_j v_j) dtheta_j/dc + e_j d2theta_j/dq dc ],
 
-in the symbols of `runtime/contact/condensed/linearised_contact.py`, with c_c = u dtheta/dc + A G dphi_c and dphi_c =
+in the symbols of `runtime/contact/linearised/linearised_contact.py`, with c_c = u dtheta/dc + A G dphi_c and dphi_c =
 phi dtheta/dc.
 """
 
@@ -22,9 +22,9 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.hardened_contact import dent_slopes, measure_response
 from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
-from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
+from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
-from softprint.runtime.contact.solver.dent_network import dent_measures
+from softprint.runtime.contact.solver.dent_network import DentShape, dent_measures
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.errors import SoftprintError
@@ -99,7 +99,8 @@ class SampledContacts:
                 assert contact is not None  # some points are active
                 by_energy, by_force = by_parameters(contact, learned)
                 h, true = found.gradient, truth.contact_handle_force(sample)
-                logs = dent_slopes(contact, measure_response(contact))
+                shape = DentShape.of(solved)
+                logs = dent_slopes(contact, measure_response(contact, shape))
                 by_measure.append(
                     {
                         "handles": self._along(rows, logs.reshape(*h.shape, -1)),
@@ -118,7 +119,7 @@ class SampledContacts:
                     }
                 )
                 taken.append(sample)
-                measures.append(dent_measures(solved))
+                measures.append(dent_measures(solved, shape))
         if not columns:
             raise SoftprintError(
                 f"{truth.path}: in none of {len(samples)} samples does the reduced body touch the collider"

@@ -1,10 +1,10 @@
 """Condensed contact: the contact of a reduced step, with the displacement outside the subspace condensed out.
 
 The contact displacement of a state is an equilibrium, so the energy of that displacement and of contact together is a
-function of the reduced state alone, W(q); its gradient and Hessian are in `linearised_contact.py`. No cubature of the
-body's volume has to resolve a dent. All colliders that the body touches are solved together: on the small Jelly two
-balls pressed in 3 contact radii apart push back 11 % more than each alone, because what one pushes aside the other has
-to push too, and 20 % less where their dents overlap. One collider is a group of one.
+function of the reduced state alone, W(q); its gradient and Hessian are in `runtime/contact/linearised/`. No cubature
+of the body's volume has to resolve a dent. All colliders that the body touches are solved together: on the small Jelly
+two balls pressed in 3 contact radii apart push back 11 % more than each alone, because what one pushes aside the other
+has to push too, and 20 % less where their dents overlap. One collider is a group of one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
-from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
+from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.candidate_search import CandidateSearch
@@ -165,7 +165,9 @@ class CondensedContact:
         if solved is not None and start is not None:
             together = self._with(solved.pressed)
             loaded, every = together.loaded, together.in_frame(points)
-            colliders = (PosedCollider(self.searches[name].collider, solved.poses[name]) for name in solved.names)
+            colliders = (
+                PosedCollider(self.searches[name].collider, solved.poses[name]) for name in solved.names
+            )
             contact = LinearisedContact(start, every, tuple(colliders))
         names = tuple(self.searches)
         return ContactEvaluation(loaded, self.nodes, points, every, rows, names, contact, self.learned)

@@ -1,17 +1,17 @@
-"""A contact under the learned energy: the exact gradient of W~(W, phi, rho), forces at points, and the Hessian.
+"""A contact under the learned energy: the exact gradient of W~(W, psi, rho), forces at points, and the Hessian.
 
-W has derivatives from one contact solve (`linearised_contact.py`), and so have the measures phi and rho of the contact
-forces (`runtime/contact/solver/dent_network.py`). Where a measure changes by -omega . dy with the deformed positions,
-and as dy = (I + G_w D)^-1 c in the symbols of `linearised_contact.py`, it changes by
+W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the measures psi and rho of the
+contact forces (`runtime/contact/solver/dent_network.py`). Where a measure changes by -omega . dy with the deformed
+positions, and as dy = (I + G_w D)^-1 c in the symbols of `linearised_contact.py`, it changes by
 
     -lambda . dxi - nu . dphi,    lambda = omega - D (I + G_w D)^-1 G_w omega,    nu = G A^T lambda,
 
 with dphi the change of rest forces. So W~ pushes the body with the forces W~_W f_j + lambda_j where W pushes it with
-f_j, and by moments A nu x f: forces and moments on body and collider balance. In l = (log W, phi, rho),
+f_j, and by moments A nu x f: forces and moments on body and collider balance. In l = (log W, psi, rho),
 
     dW~ = W~_l . dl,    d2W~ = dl . W~_ll dl + W~_l . d2l,
 
-with d2l of phi and rho in `measure_curvature.py`.
+with d2l of psi and rho in `measure_curvature.py`.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray
-from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSensitivity
-from softprint.runtime.contact.condensed.contact_motions import ContactMotions
 from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
-from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
 from softprint.runtime.contact.condensed.measure_curvature import MeasureCurvature, MeasuredMotions
-from softprint.runtime.contact.solver.dent_network import dent_measures, measure_slopes
+from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
+from softprint.runtime.contact.linearised.contact_motions import ContactMotions
+from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
+from softprint.runtime.contact.solver.dent_network import DentShape, dent_measures
 from softprint.runtime.lazy import lazy
 
 
@@ -50,7 +50,8 @@ class HardenedContact:
 
     def __init__(self, contact: LinearisedContact, learned: LearnedEnergy) -> None:
         self._contact, self._learned = contact, learned
-        self._measures = dent_measures(contact.solved)
+        self._shape = DentShape.of(contact.solved)
+        self._measures = dent_measures(contact.solved, self._shape)
         self._mechanics = self._measures[0]
         self._terms = learned.terms(self._measures)
 
@@ -62,11 +63,10 @@ class HardenedContact:
     @property
     def gradient(self) -> Array:
         """dW~/drows (n_rows, dim) [N]."""
-        contact = self._contact
-        found = self._stiffened * contact.gradient
         if self._response is None:
-            return np.asarray(found)
-        return np.asarray(found + (self._row_slopes[:, 1:] @ self._terms.slope[1:]).reshape(found.shape))
+            return np.asarray(self._stiffened * self._contact.gradient)
+        forces, moved = self._weighted_response
+        return -self._contact.work(self._stiffened * self._contact.force + forces, moved)
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W~/drows2, see `RowHessian`."""
@@ -112,18 +112,26 @@ class HardenedContact:
         slope = self._stiffened
         if self._response is None:
             return PointForces(slope * p)
-        weights = self._terms.slope[1:]
-        more, moved = ((part @ weights).reshape(f.shape) for part in self._response)
+        more, at_rest = self._weighted_response
+        moved = self._contact.factor.to_world(at_rest.reshape(-1, 1)).reshape(f.shape)
         along = (more * g).sum(axis=1) / (g * g).sum(axis=1)
         pressure = slope * p + along
-        lever = self._contact.factor.to_world(moved.reshape(-1, 1)).reshape(f.shape) * p[:, None]
+        lever = moved * p[:, None]
         # Where a pressure vanishes, so does its moment: a point that is about to leave.
         return PointForces(pressure, more - along[:, None] * g, _divided(lever, pressure))
 
     @lazy
     def _response(self) -> tuple[Array, Array] | None:
-        """lambda and nu (k*dim, 2) of phi and rho; None without a network."""
-        return None if self._learned.network is None else measure_response(self._contact)
+        """lambda and nu (k*dim, 2) of psi and rho; None without a network."""
+        return None if self._learned.network is None else measure_response(self._contact, self._shape)
+
+    @lazy
+    def _weighted_response(self) -> tuple[Array, Array]:
+        """lambda and nu (k, dim), times W~_l."""
+        assert self._response is not None
+        shape, weights = self._contact.force.shape, self._terms.slope[1:]
+        forces, moved = ((part @ weights).reshape(shape) for part in self._response)
+        return forces, moved
 
     @lazy
     def _row_slopes(self) -> Array:
@@ -143,10 +151,10 @@ class HardenedContact:
 
     @lazy
     def _curvature(self) -> MeasureCurvature | None:
-        """d2l of phi and rho, times W~_l; None without a network."""
+        """d2l of psi and rho, times W~_l; None without a network."""
         if self._response is None:
             return None
-        return MeasureCurvature(self._contact, self._response, self._terms.slope[1:], self._measures[1:])
+        return MeasureCurvature(self._contact, self._weighted_response, self._terms.slope[1:], self._shape)
 
     def _measured_rows(self, of: MeasureCurvature, along: Array | None = None) -> MeasuredMotions:
         return of.by_rows(self._slopes_along(along)[:, 1:] @ self._terms.slope[1:], along)
@@ -167,9 +175,9 @@ class HardenedContact:
         return outer
 
 
-def measure_response(contact: LinearisedContact) -> tuple[Array, Array]:
-    """lambda and nu (k*dim, 2) of phi and rho of a contact with active points."""
-    factor, omega = contact.factor, measure_slopes(contact.solved)
+def measure_response(contact: LinearisedContact, shape: DentShape) -> tuple[Array, Array]:
+    """lambda and nu (k*dim, 2) of psi and rho of a contact with active points."""
+    factor, omega = contact.factor, shape.slopes
     omega = omega.reshape(-1, omega.shape[2])
     given_way = factor.to_world(factor.rest_displacement(factor.to_rest(omega)))
     forces = omega - factor.effective_stiffness(given_way)

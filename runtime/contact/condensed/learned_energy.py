@@ -1,7 +1,7 @@
 """The learned energy of condensed contact: how it departs from that of linear mechanics, for any collider.
 
 Linear mechanics gives the energy W of a contact and of its dent as a function of the handle rows and the poses
-(`linearised_contact.py`). It is corrected twice. The compliance is scaled by the strain of the body
+(`runtime/contact/linearised/`). It is corrected twice. The compliance is scaled by the strain of the body
 (`runtime/contact/solver/compliance_scale.py`), which changes W. And the body hardens with the size of the dent, for
 which W itself is the measure:
 
@@ -33,7 +33,7 @@ N_VALUES = N_COEFFICIENTS + 3
 
 
 class EnergyTerms(NamedTuple):
-    """W~ [J], and its derivatives by the n measures (log W, phi, rho) that it depends on (n,), (n, n) [J]."""
+    """W~ [J], and its derivatives by the n measures (log W, psi, rho) that it depends on (n,), (n, n) [J]."""
 
     value: float
     slope: Array
@@ -73,7 +73,7 @@ class LearnedEnergy:
         return own if self.network is None else (*own, *self.network.values)
 
     def terms(self, measures: Array) -> EnergyTerms:
-        """W~ at measures (W, phi, rho) of `dent_network.py`, W positive; without a network, of W alone."""
+        """W~ at measures (W, psi, rho) of `dent_network.py`, W positive; without a network, of W alone."""
         W = measures[0]
         g, slope = self.energy(W), self.slope(W) * W
         second = slope + self.curvature(W) * W**2

@@ -1,14 +1,15 @@
-"""Second derivatives of the measures phi and rho of a solved contact (`runtime/contact/solver/dent_network.py`).
+"""Second derivatives of the measures psi and rho of a solved contact (`runtime/contact/solver/dent_network.py`).
 
-With weights held, m = w_phi phi + w_rho rho is a function of the deformed positions y. With lambda and nu as in
-`hardened_contact.py`, weighted in the same manner, and in the symbols of `contact_motions.py`, for two motions
+With weights held, m = w_psi psi + w_rho rho is a function of the deformed positions y. With lambda and nu as in
+`hardened_contact.py`, weighted in the same manner, and in the symbols of
+`runtime/contact/linearised/contact_motions.py`, for two motions
 
     d2m = dy . C dy' - [dA^T lambda . dv' + dA nu . df' + the same with the motions exchanged]
           + (w_rho / P) sum_c dF_c . (I - u u^T) dF_c' / L_c - (dP dm' + dm dP') / P - lambda . d2A v - f . d2A nu,
 
 F_c the force on a collider, L_c its length, u its direction, P the sum of pressures. At every point
 
-    C = share Hess p + Hess(f . t),    share = (w_phi ([pressed] - phi) - w_rho rho) / P,    t = (w_rho / P) u - A nu,
+    C = share Hess p + Hess(f . t),    share = (w_psi ([pressed] - psi) - w_rho rho) / P,    t = (w_rho / P) u - A nu,
     Hess p = p'' g g^T - p' H,    Hess(f . t) = p'' (t . g) g g^T - p' ((t . g) H + g (H t)^T + (H t) g^T) + p t . d3s,
 
 for a fixed vector t, p' = 2 p / e and p'' = 2 p / e^2.
@@ -21,10 +22,10 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.condensed.collider_sensitivity import ColliderSensitivity
-from softprint.runtime.contact.condensed.contact_motions import ContactMotions
-from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
-from softprint.runtime.contact.solver.dent_network import resultants
+from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
+from softprint.runtime.contact.linearised.contact_motions import ContactMotions
+from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
+from softprint.runtime.contact.solver.dent_network import DentShape
 from softprint.runtime.linalg.sparse_directions import times_directions
 
 
@@ -38,31 +39,30 @@ class MeasuredMotions(NamedTuple):
 
 
 class MeasureCurvature:
-    """d2m of a contact with active points. weights: (w_phi, w_rho); measures: (phi, rho); response: lambda and nu
-    (k*dim, 2) of each."""
+    """d2m of a contact with active points. response: lambda and nu (k, dim), weighted by weights (w_psi, w_rho)."""
 
     def __init__(
-        self, contact: LinearisedContact, response: tuple[Array, Array], weights: Array, measures: Array
+        self, contact: LinearisedContact, response: tuple[Array, Array], weights: Array, shape: DentShape
     ) -> None:
         solved, factor = contact.solved, contact.factor
         solution, b = solved.solution, solved.solution.active
         p, e, g, H = solution.pressure[b], solution.penetration[b], solution.normal[b], solution.curvature[b]
         self._contact, self._weights, self._total = contact, weights, p.sum()
-        self._forces, self._at_rest = ((part @ weights).reshape(g.shape) for part in response)
+        self._forces, self._at_rest = response
         self._moved = factor.to_world(self._at_rest.reshape(-1, 1)).reshape(g.shape)
-        self._owner, self._resultants = solved.owner[b], resultants(solved)
+        self._owner, self._shape = solved.owner[b], shape
         self._slope = (2.0 * p / e)[:, None] * g
-        share = (weights[0] * (solved.is_pressed - measures[0]) - weights[1] * measures[1]) / self._total
-        t = weights[1] / self._total * self._resultants.directions[self._owner] - self._moved
+        share = (weights[0] * (solved.is_pressed - shape.borne) - weights[1] * shape.shape) / self._total
+        t = weights[1] / self._total * shape.directions[self._owner] - self._moved
         self._curvature = _force_curvature(p, e, g, _symmetric(H), share, t)
         self._curvature += p[:, None, None] * _symmetric(contact.curvature_change(t))
 
     @property
     def moments(self) -> Array:
         """lambda (x) v + f (x) nu (k, dim, dim)."""
-        solution, b = self._contact.solved.solution, self._contact.solved.solution.active
-        found = self._forces[:, :, None] * solution.rest_displacement[b][:, None, :]
-        return np.asarray(found + solution.force[b][:, :, None] * self._at_rest[:, None, :])
+        solution = self._contact.solved.solution
+        found = self._forces[:, :, None] * solution.rest_displacement[solution.active][:, None, :]
+        return np.asarray(found + self._contact.force[:, :, None] * self._at_rest[:, None, :])
 
     def by_rows(self, slope: Array, along: Array | None = None) -> MeasuredMotions:
         """By the rows; slope: dm/drows along the same directions; along: see `RowHessian`."""
@@ -79,17 +79,12 @@ class MeasureCurvature:
     def mixed(self, rows: MeasuredMotions, own: ColliderSensitivity, twist: MeasuredMotions) -> Array:
         """d2m/drows dtwist (R, n_twist)."""
         found = self.between(rows, twist) - rows.motions.position.T @ own.rotated(self._forces)
-        return np.asarray(found - rows.carried.T @ own.rotated(self._contact_force))
+        return np.asarray(found - rows.carried.T @ own.rotated(self._contact.force))
 
     def twice(self, own: ColliderSensitivity, twist: MeasuredMotions) -> Array:
         """d2m/dtwist2 (n_twist, n_twist)."""
         found = self.between(twist, twist) + own.curvature(own.arms, -self._forces)
-        return np.asarray(found + own.turned_curvature(self._moved, -self._contact_force))
-
-    @property
-    def _contact_force(self) -> Array:
-        solution = self._contact.solved.solution
-        return np.asarray(solution.force[solution.active])
+        return np.asarray(found + own.turned_curvature(self._moved, -self._contact.force))
 
     def between(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
         """(n, n'), without the second derivatives of A."""
@@ -109,14 +104,14 @@ class MeasureCurvature:
     def _by_resultants(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
         """(w_rho / P) sum_c dF_c . (I - u u^T) dF_c' / L_c (n, n')."""
         found = np.zeros((len(one.slope), len(other.slope)))
-        for number, length in enumerate(self._resultants.lengths):
+        for number, length in enumerate(self._shape.lengths):
             if length == 0.0:
                 continue
             force, force_other = (
-                of.motions.reaction.reshape(*self._slope.shape, -1)[self._owner == number].sum(axis=0)
+                of.motions.reaction.reshape(*self._forces.shape, -1)[self._owner == number].sum(axis=0)
                 for of in (one, other)
             )
-            unit = self._resultants.directions[number]
+            unit = self._shape.directions[number]
             found += force.T @ (force_other - np.outer(unit, unit @ force_other)) / length
         return self._weights[1] / self._total * found
 

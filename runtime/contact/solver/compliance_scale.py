@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.compiled import compiled
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.lazy import lazy
 
@@ -58,14 +59,14 @@ class ComplianceScale:
 
     def scale(self, F: Array, normal: Array) -> Array:
         """s (m,) at deformation gradients F (m, dim, dim) and rest normals N (m, dim)."""
-        z = strain_measures(F, normal) @ np.asarray(self.coefficients)
+        z, _ = combined_strain(F, normal, np.asarray(self.coefficients))
         return np.exp(_BOUND * np.tanh(z / _BOUND))
 
     def derivatives(self, F: Array, normal: Array) -> ScaleDerivatives:
         """s and the derivatives of theta there."""
         c = np.asarray(self.coefficients)
-        slope = np.tensordot(measure_slopes(F, normal), c, axes=(1, 0))
-        bounded = np.tanh(strain_measures(F, normal) @ c / _BOUND)
+        z, slope = combined_strain(F, normal, c)
+        bounded = np.tanh(z / _BOUND)
         rate = 1.0 - bounded**2
 
         def curvature() -> Array:
@@ -103,6 +104,36 @@ def measure_slopes(F: Array, normal: Array) -> Array:
     """The derivatives of `strain_measures` by F (m, N_COEFFICIENTS, dim, dim)."""
     along = (F @ normal[..., None])[..., 0]
     return np.stack([F / F.shape[1], along[:, :, None] * normal[:, None, :], cofactor(F)], axis=1)
+
+
+def _combined(F: Array, normal: Array, c: Array) -> tuple[Array, Array]:
+    return strain_measures(F, normal) @ c, np.tensordot(measure_slopes(F, normal), c, axes=(1, 0))
+
+
+@compiled(reference=_combined)
+def combined_strain(F: Array, normal: Array, c: Array) -> tuple[Array, Array]:
+    """z (m,) and dz/dF (m, dim, dim) for coefficients c (N_COEFFICIENTS,)."""
+    m, dim = normal.shape
+    z, slope = np.empty(m), np.empty((m, dim, dim))
+    for j in range(m):
+        trace = stretch = volume = 0.0
+        for a in range(dim):
+            along = 0.0
+            for b in range(dim):
+                trace += F[j, a, b] * F[j, a, b]
+                along += F[j, a, b] * normal[j, b]
+            stretch += along * along
+            for b in range(dim):
+                if dim == 2:
+                    cofactor = F[j, 1 - a, 1 - b] * (1.0 if a == b else -1.0)
+                else:
+                    # Row a is the cross product of the other two rows.
+                    p, q, k, n = (a + 1) % 3, (a + 2) % 3, (b + 1) % 3, (b + 2) % 3
+                    cofactor = F[j, p, k] * F[j, q, n] - F[j, p, n] * F[j, q, k]
+                volume += F[j, a, b] * cofactor / dim
+                slope[j, a, b] = c[0] * F[j, a, b] / dim + c[1] * along * normal[j, b] + c[2] * cofactor
+        z[j] = 0.5 * c[0] * (trace / dim - 1.0) + 0.5 * c[1] * (stretch - 1.0) + c[2] * (volume - 1.0)
+    return z, slope
 
 
 def _curvature(c: Array, F: Array, normal: Array) -> Array:

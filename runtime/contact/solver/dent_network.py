@@ -8,11 +8,11 @@ where the surface wraps around a tip they turn away from each other, and their r
 over colliders c. And where a collider is curved more finely than contact points are apart, sharp points of it press the
 body (`runtime/contact/solver/pressed_points.py`): they bear the share
 
-    phi = sum_pressed p_j / sum_j p_j.
+    psi = sum_pressed p_j / sum_j p_j.
 
 The energy is multiplied by exp eta,
 
-    eta = t R tanh(o / R),    o = v . tanh(V y + b),    y = (sigma(z_1 - c), phi, rho),    z = (log W^(1/3), phi, rho),
+    eta = t R tanh(o / R),    o = v . tanh(V y + b),    y = (sigma(z_1 - c), psi, rho),    z = (log W^(1/3), psi, rho),
 
 sigma(z) = 1 / (1 + exp -z), with c the median of training. The confidence
 
@@ -30,10 +30,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.compiled import compiled
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 
-#: The number of measures, W, phi and rho, and of inputs.
+#: The number of measures, W, psi and rho, and of inputs.
 N_MEASURES = 3
 #: R.
 BOUND = 0.7
@@ -41,47 +42,80 @@ BOUND = 0.7
 _BEYOND = 0.5
 
 
-def dent_measures(solved: SolvedContact) -> Array:
-    """(W [J], phi, rho) of a solved contact with active points."""
-    solution = solved.solution
-    p = solution.pressure[solution.active]
-    total = p.sum()
-    return np.array(
-        [solution.energy, p[solved.is_pressed].sum() / total, resultants(solved).lengths.sum() / total]
-    )
+class DentShape(NamedTuple):
+    """What bears a dent of k active points. borne, shape: psi and rho; slopes: omega (k, dim, 2) [1/m] of each: they
+    change by -sum_j omega_j . dy_j with the deformed positions y, of the penalty law p ~ e^2; lengths (n_colliders,)
+    [N] and directions (n_colliders, dim) of the resultants of the forces on each collider, zeros for no direction."""
 
-
-def measure_slopes(solved: SolvedContact) -> Array:
-    """omega (k, dim, 2) [1/m] of the k active points: phi and rho change by -sum_j omega_j . dy_j with the deformed
-    positions y, of the penalty law p ~ e^2."""
-    solution, b = solved.solution, solved.solution.active
-    p, e, g = solution.pressure[b], solution.penetration[b], solution.normal[b]
-    owner, total = solved.owner[b], p.sum()
-    stiff = (2.0 * p / e)[:, None] * g
-    lengths, directions = resultants(solved)
-    along = directions[owner]
-    by_force = stiff * (g * along).sum(axis=1, keepdims=True)
-    by_force -= p[:, None] * np.einsum("kab,kb->ka", solution.curvature[b], along)
-    share = p[solved.is_pressed].sum() / total
-    by_share = stiff * (solved.is_pressed - share)[:, None]
-    by_shape = by_force - lengths.sum() / total * stiff
-    return np.stack([by_share, by_shape], axis=2) / total
-
-
-class Resultants(NamedTuple):
-    """Of the forces on each collider: lengths (n_colliders,) [N] and directions (n_colliders, dim)."""
-
+    borne: float
+    shape: float
+    slopes: Array
     lengths: Array
     directions: Array
 
+    @classmethod
+    def of(cls, solved: SolvedContact) -> DentShape:
+        """Of a solved contact with active points."""
+        solution, b = solved.solution, solved.solution.active
+        p, e = solution.pressure[b], solution.penetration[b]
+        distance = solution.normal[b], solution.curvature[b]
+        return cls(*dent_shape(p, e, *distance, solved.owner[b], solved.is_pressed, len(solved.names)))
 
-def resultants(solved: SolvedContact) -> Resultants:
-    """Of a solved contact; a resultant of zero has no direction, zeros."""
-    force = solved.solution.force[solved.solution.active]
-    sums = np.zeros((len(solved.names), force.shape[1]))
-    np.add.at(sums, solved.owner[solved.solution.active], force)
+
+def dent_measures(solved: SolvedContact, shape: DentShape | None = None) -> Array:
+    """(W [J], psi, rho) of a solved contact with active points."""
+    shape = DentShape.of(solved) if shape is None else shape
+    return np.array([solved.solution.energy, shape.borne, shape.shape])
+
+
+def _dent_shape(
+    p: Array, e: Array, g: Array, H: Array, owner: IntArray, pressed: BoolArray, n: int
+) -> tuple[float, float, Array, Array, Array]:
+    sums, total = np.zeros((n, g.shape[1])), p.sum()
+    np.add.at(sums, owner, p[:, None] * g)
     lengths = np.linalg.norm(sums, axis=1)
-    return Resultants(lengths, sums / np.where(lengths > 0.0, lengths, 1.0)[:, None])
+    directions = sums / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    along, borne, shape = directions[owner], p[pressed].sum() / total, lengths.sum() / total
+    stiff = (2.0 * p / e)[:, None] * g
+    by_force = stiff * (g * along).sum(axis=1, keepdims=True)
+    by_force -= p[:, None] * np.einsum("kab,kb->ka", H, along)
+    slopes = np.stack([stiff * (pressed - borne)[:, None], by_force - shape * stiff], axis=2) / total
+    return borne, shape, slopes, lengths, directions
+
+
+@compiled(reference=_dent_shape)
+def dent_shape(
+    p: Array, e: Array, g: Array, H: Array, owner: IntArray, pressed: BoolArray, n: int
+) -> tuple[float, float, Array, Array, Array]:
+    """The values of `DentShape`. p [N], e [m]: (k,); g (k, dim), H (k, dim, dim) [1/m]: derivatives of the distance;
+    owner: (k,) numbers of n colliders; pressed: (k,) by sharp points."""
+    k, dim = g.shape
+    lengths, directions, slopes = np.zeros(n), np.zeros((n, dim)), np.empty((k, dim, 2))
+    total = borne = shape = 0.0
+    for j in range(k):
+        total += p[j]
+        borne += p[j] if pressed[j] else 0.0
+        for a in range(dim):
+            directions[owner[j], a] += p[j] * g[j, a]
+    for c in range(n):
+        for a in range(dim):
+            lengths[c] += directions[c, a] ** 2
+        lengths[c] = np.sqrt(lengths[c])
+        shape += lengths[c] / total
+        for a in range(dim):
+            directions[c, a] /= lengths[c] if lengths[c] > 0.0 else 1.0
+    borne /= total
+    for j in range(k):
+        u, along, stiff = directions[owner[j]], 0.0, 2.0 * p[j] / e[j]
+        for a in range(dim):
+            along += g[j, a] * u[a]
+        for a in range(dim):
+            turned = 0.0
+            for b in range(dim):
+                turned += H[j, a, b] * u[b]
+            slopes[j, a, 0] = stiff * g[j, a] * ((1.0 if pressed[j] else 0.0) - borne) / total
+            slopes[j, a, 1] = (stiff * g[j, a] * (along - shape) - p[j] * turned) / total
+    return borne, shape, slopes, lengths, directions
 
 
 class Factor(NamedTuple):
@@ -131,7 +165,7 @@ class DentNetwork:
         return (self.centre, *map(float, np.concatenate(parts)))
 
     def factor(self, measures: Array) -> Factor:
-        """eta at (W, phi, rho), W positive, with derivatives by (log W, phi, rho)."""
+        """eta at (W, psi, rho), W positive, with derivatives by (log W, psi, rho)."""
         z = np.array([np.log(measures[0]) / 3.0, *measures[1:]])
         t, own = self.confidence(z), self._learned(z)
         crossed = np.outer(t.slope, own.slope)
@@ -163,5 +197,5 @@ class DentNetwork:
         return Factor(float(BOUND * bounded), left * along * rise, second)
 
 
-# d z / d(log W, phi, rho).
+# d z / d(log W, psi, rho).
 _BY_LOG = np.array([1.0 / 3.0, 1.0, 1.0])

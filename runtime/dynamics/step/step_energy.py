@@ -16,7 +16,7 @@ Colliders that move freely add their twists to the unknowns, and their inertia, 
 The sum, Newton's matrix, is formed in `StepPoint.linearisation` and factorised in `runtime/optimise/descent.py`. Its
 parts by the rows come from
 
-    condensed contact    `LinearisedContact.hessian`             runtime/contact/condensed/linearised_contact.py
+    condensed contact    `LinearisedContact.hessian`             runtime/contact/linearised/linearised_contact.py
     penalty contact      `SurfaceContactEvaluation.linearise`    runtime/dynamics/terms/surface_contact.py
     elasticity           `ElasticEvaluation.linearise`           runtime/dynamics/terms/elastic.py
 """

@@ -11,7 +11,7 @@ from softprint.runtime.contact.solver.dent_network import BOUND, N_MEASURES, Den
 CENTRE = -2.5
 # Two of the dents are outside of it.
 RANGE = np.array([-3.5, 0.0, 0.8]), np.array([-1.5, 0.6, 1.0])
-# W [J], phi and rho of a dent 5 mm deep, a shallow one, and one that sharp points alone bear.
+# W [J], psi and rho of a dent 5 mm deep, a shallow one, and one that sharp points alone bear.
 MEASURES = np.array([[1e-3, 0.3, 0.9], [1e-5, 0.02, 0.99], [5e-3, 1.0, 0.7]])
 
 

@@ -272,6 +272,19 @@ INPUTS = {
             rng.normal(size=(M, dim)),
         ),
     },
+    "contact.solver.compliance_scale": {
+        "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=3)),
+    },
+    "contact.solver.dent_network": {
+        "dent_shape": lambda rng, dim: (
+            *rng.uniform(0.5, 1.0, size=(2, M)),
+            normals(rng, dim),
+            symmetric(rng, dim),
+            rng.integers(0, 2, M),
+            rng.uniform(size=M) < 0.5,
+            3,  # one of the colliders is touched nowhere
+        ),
+    },
     "contact.point_kernels": {
         "penalty": penalty,
         "friction": lambda rng, dim: (

@@ -15,9 +15,14 @@ from __future__ import annotations
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray
-from softprint.runtime.contact.condensed.contact_motions import ContactMotions
-from softprint.runtime.contact.condensed.linearised_contact import LinearisedContact
-from softprint.runtime.rigid.twist import own_curvature, point_motion, relative_curvature, rotation_derivatives
+from softprint.runtime.contact.linearised.contact_motions import ContactMotions
+from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
+from softprint.runtime.rigid.twist import (
+    own_curvature,
+    point_motion,
+    relative_curvature,
+    rotation_derivatives,
+)
 
 
 class ColliderSensitivity:
@@ -32,7 +37,9 @@ class ColliderSensitivity:
         self._force = solved.solution.force[solved.solution.active]
         self.arms = solved.deformed_position[solved.solution.active] - centre
         position = -self._mine(point_motion(self.arms))
-        self.motions = ContactMotions(contact.factor, position, contact.factor.to_rest(self.rotated(self._force)))
+        self.motions = ContactMotions(
+            contact.factor, position, contact.factor.to_rest(self.rotated(self._force))
+        )
 
     @property
     def gradient(self) -> Array:

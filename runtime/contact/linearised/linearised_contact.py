@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.condensed.contact_motions import ContactMotions
+from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.solver import contact_point_kernels as point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
@@ -64,13 +64,22 @@ class LinearisedContact:
     @lazy
     def gradient(self) -> Array:
         """dW/drows (n_rows, dim) [N]."""
-        solved, b = self.solved, self.solved.solution.active
-        f, v, scales = solved.solution.force[b], solved.solution.rest_displacement[b], self._scales
+        return -self.work(self.force)
+
+    def work(self, forces: Array, moved: Array | None = None) -> Array:
+        """sum_j F_j . (dx_j + dA_j v_j) + f_j . dA_j nu_j by the rows (n_rows, dim) [N] of forces F (k, dim) and
+        displacements nu (k, dim) [m] in rest coordinates, None for zero. It needs no Jacobian."""
+        solution, index, scales = self.solved.solution, self.solved.active, self._scales
+        v = solution.rest_displacement[solution.active]
+        turned = None if moved is None else self.force[:, :, None] * moved[:, None, :]
         if scales is None:
-            return -self.points.handle_forces(solved.active, f, v)
-        work = (f * solved.solution.displacement[b]).sum(axis=1)
-        by_strain = work[:, None, None] * scales.slope
-        return -self.points.handle_forces(solved.active, f, scales.scale[:, None] * v, by_strain)
+            return self.points.handle_forces(index, forces, v, turned)
+        s = scales.scale[:, None, None]
+        moments = forces[:, :, None] * v[:, None, :] + (0.0 if turned is None else turned)
+        by_strain = (self._carriers * moments).sum(axis=(1, 2))[:, None, None] * scales.slope
+        if turned is not None:
+            by_strain += s * turned
+        return self.points.handle_forces(index, forces, s[:, 0] * v, by_strain)
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
@@ -82,8 +91,8 @@ class LinearisedContact:
     @lazy
     def motions(self) -> ContactMotions:
         """By the rows: R motions."""
-        solution, b = self.solved.solution, self.solved.solution.active
-        carried, pulled_back = self.carrier_motion(solution.force[b], solution.rest_displacement[b])
+        v = self.solved.solution.rest_displacement[self.solved.solution.active]
+        carried, pulled_back = self.carrier_motion(self.force, v)
         carried += self.derivatives.position.reshape(carried.shape)
         return ContactMotions(self.factor, carried, pulled_back)
 
@@ -92,7 +101,7 @@ class LinearisedContact:
         gradient, scales = self.derivatives.basis_gradient, self._scales
         if scales is None:
             return point_kernels.carrier_jacobians(v, f, gradient)
-        s, A = scales.scale[:, None], self.solved.F[self.solved.solution.active]
+        s, A = scales.scale[:, None], self._carriers
         carried, pulled_back = point_kernels.carrier_jacobians(s * v, s * f, gradient)
         by_theta = scales.by_rows(gradient)[:, None]
         carried += (solve_kernels.to_world(A, v)[..., None] * by_theta).reshape(carried.shape)
@@ -120,6 +129,16 @@ class LinearisedContact:
         return found
 
     @lazy
+    def force(self) -> Array:
+        """f (k, dim) [N]."""
+        return self.solved.solution.force[self.solved.solution.active]
+
+    @lazy
+    def _carriers(self) -> Array:
+        """A (k, dim, dim)."""
+        return self.solved.F[self.solved.solution.active]
+
+    @lazy
     def _scales(self) -> ScaleDerivatives | None:
         """Of the active points."""
         return self.points.scale_derivatives(self.solved.rows, self.solved.active)
@@ -127,8 +146,8 @@ class LinearisedContact:
     @property
     def moments(self) -> Array:
         """f (x) v (k, dim, dim) of the active points."""
-        solution, b = self.solved.solution, self.solved.solution.active
-        return np.asarray(solution.force[b][:, :, None] * solution.rest_displacement[b][:, None, :])
+        v = self.solved.solution.rest_displacement[self.solved.solution.active]
+        return np.asarray(self.force[:, :, None] * v[:, None, :])
 
     def bending(self, moments: Array, along: Array | None = None) -> Array | None:
         """sum_j M_j : d2A_j (R, R) of moments M (k, dim, dim); along: see `RowHessian`. None for zero, where the
@@ -136,9 +155,8 @@ class LinearisedContact:
         scales = self._scales
         if scales is None:
             return None
-        A = self.solved.F[self.solved.solution.active]
         gradient, slope = self.derivatives.basis_gradient, scales.slope
-        work = (A * moments).sum(axis=(1, 2))[:, None, None, None, None]
+        work = (self._carriers * moments).sum(axis=(1, 2))[:, None, None, None, None]
         stretched = scales.scale[:, None, None] * moments
         crossed = slope[:, :, :, None, None] * stretched[:, None, None]
         by_F = work * (slope[:, :, :, None, None] * slope[:, None, None] + scales.curvature)
