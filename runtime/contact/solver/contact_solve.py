@@ -56,7 +56,7 @@ _NEAR_ITERATIONS = 7
 # Newton's method stops when the residual has grown by this factor, or, after so many iterations, when it is no longer
 # the smallest so far.
 _GROWTH, _SETTLED = 10.0, 4
-_DESCENT_ITERATIONS = 100
+_DESCENT_ITERATIONS = 50
 # The line search: the least gain, as a share of what the slope promises, the shortest step, and the longest where the
 # energy is not convex, which has no natural length.
 _ENOUGH, _SHORTEST, _LONGEST = 1e-4, 1e-6, 16.0

@@ -146,8 +146,8 @@ def test_a_modified_step_is_newtons_where_the_energy_is_convex(dim):
     change = modified_newton_change(G, F, D, phi, balanced)
     at_rest = scipy.linalg.block_diag(*np.einsum("jab,jac,jcd->jbd", F, D, F))
     newton = np.linalg.solve(np.eye(len(G)) + at_rest @ G, (balanced - phi).ravel())
-    # The shift of the factor is 1e-6 of the compliance.
-    np.testing.assert_allclose(change.ravel(), newton, atol=1e-4 * np.abs(newton).max())
+    # Conjugate gradients end at 1e-4 of the imbalance.
+    np.testing.assert_allclose(change.ravel(), newton, atol=1e-3 * np.abs(newton).max())
 
 
 @pytest.mark.parametrize("dim", [2, 3])
