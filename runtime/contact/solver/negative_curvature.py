@@ -6,11 +6,11 @@ of negative curvature, where Newton's step would go uphill. With the imbalance r
 
     (I + D G) dphi = -r,
 
-whose matrix is symmetric in the inner product a . G b. Conjugate gradients in it give directions p_i that are conjugate,
-so that E is to second order a sum over them, with curvatures k_i = G p_i . (I + D G) p_i. Newton's step goes rho_i / k_i
-along each. With |k_i| in its place, and at least a share of p_i . G p_i, it goes down along all of them: Newton's step
-modified (Nocedal and Wright 2006, chapter 3.4) in the basis of conjugate gradients, which sees the directions that
-matter first. A product with G is all that an iteration costs, and no factor or eigenvalue is needed.
+whose matrix is symmetric in the inner product a . G b. Conjugate gradients in it give directions p_i that are
+conjugate, so that E is to second order a sum over them, with curvatures k_i = G p_i . (I + D G) p_i. Newton's step goes
+rho_i / k_i along each. With |k_i| in its place, and at least a share of p_i . G p_i, it goes down along all of them:
+Newton's step modified (Nocedal and Wright 2006, chapter 3.4) in the basis of conjugate gradients, which sees the
+directions that matter first. A product with G is all that an iteration costs, and no factor or eigenvalue is needed.
 """
 
 from __future__ import annotations
