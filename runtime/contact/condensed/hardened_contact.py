@@ -74,7 +74,7 @@ class HardenedContact:
         motions, slopes = contact.motions.along(along), self._slopes_along(along)
         found = self._stiffened * motions.second(motions) + slopes @ self._outer @ slopes.T
         if self._curvature is not None:
-            own = self._measured_rows(self._curvature, along)
+            own = self._measured_rows(self._curvature, motions, along)
             found, moments = found + self._curvature.between(own, own), moments + self._curvature.moments
         bent = contact.bending(moments, along)
         return np.asarray(found if bent is None else found - bent)
@@ -89,7 +89,8 @@ class HardenedContact:
         mixed = self._stiffened * mixed + self._row_slopes @ self._outer @ slopes.T
         twice = self._stiffened * twice + slopes @ self._outer @ slopes.T
         if self._curvature is not None:
-            twist, rows = self._measured_twist(self._curvature, own), self._measured_rows(self._curvature)
+            twist = self._measured_twist(self._curvature, own)
+            rows = self._measured_rows(self._curvature, self._contact.motions)
             mixed = mixed + self._curvature.mixed(rows, own, twist)
             twice = twice + self._curvature.twice(own, twist)
         return mixed, twice
@@ -156,8 +157,10 @@ class HardenedContact:
             return None
         return MeasureCurvature(self._contact, self._weighted_response, self._terms.slope[1:], self._shape)
 
-    def _measured_rows(self, of: MeasureCurvature, along: Array | None = None) -> MeasuredMotions:
-        return of.by_rows(self._slopes_along(along)[:, 1:] @ self._terms.slope[1:], along)
+    def _measured_rows(
+        self, of: MeasureCurvature, motions: ContactMotions, along: Array | None = None
+    ) -> MeasuredMotions:
+        return of.by_rows(motions, self._slopes_along(along)[:, 1:] @ self._terms.slope[1:], along)
 
     def _measured_twist(self, of: MeasureCurvature, own: ColliderSensitivity) -> MeasuredMotions:
         return of.by_twist(own, self._twist_slopes(own)[:, 1:] @ self._terms.slope[1:])

@@ -64,12 +64,12 @@ class MeasureCurvature:
         found = self._forces[:, :, None] * solution.rest_displacement[solution.active][:, None, :]
         return np.asarray(found + self._contact.force[:, :, None] * self._at_rest[:, None, :])
 
-    def by_rows(self, slope: Array, along: Array | None = None) -> MeasuredMotions:
-        """By the rows; slope: dm/drows along the same directions; along: see `RowHessian`."""
+    def by_rows(self, motions: ContactMotions, slope: Array, along: Array | None = None) -> MeasuredMotions:
+        """By the rows; along: see `RowHessian`; motions, and slope: dm/drows, along the same directions."""
         carried, pulled_back = self._contact.carrier_motion(self._forces, self._at_rest)
         if along is not None:
             carried, pulled_back = times_directions(carried, along), times_directions(pulled_back, along)
-        return MeasuredMotions(self._contact.motions.along(along), carried, pulled_back, slope)
+        return MeasuredMotions(motions, carried, pulled_back, slope)
 
     def by_twist(self, own: ColliderSensitivity, slope: Array) -> MeasuredMotions:
         """By the twist of a collider; slope: dm/dtwist."""
