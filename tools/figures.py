@@ -227,6 +227,9 @@ FIGURES: Mapping[str, Figure] = {
     "bounces": Figure(
         ("python -m benchmarks.drop_map examples/jelly3d_small.toml --bounces",), (RESULTS,), ("demo",)
     ),
+    "correction_inertia": Figure(
+        ("python -m benchmarks.correction_inertia examples/jelly3d_small.toml",), (RESULTS,), ("demo",)
+    ),
     "free_bodies": Figure(
         (
             "softprint body examples/falling3d_small.toml",
