@@ -38,8 +38,9 @@ from softprint.runtime.contact.solver.solved_contact import SolvedContact
 N_MEASURES = 3
 #: R.
 BOUND = 0.7
-# n_0, as of the confidence of the drawn correction.
-_BEYOND = 0.5
+# n_0, in widths of the range. The energy changes with the confidence, and so do forces: where it falls within half a
+# width, as that of the drawn correction does, a dent that leaves the range is drawn on, and steps do not converge.
+_BEYOND = 2.0
 
 
 class DentShape(NamedTuple):
