@@ -25,6 +25,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
+from softprint.runtime.contact.solver.contact_point_kernels import blocks_to_world
 from softprint.runtime.contact.solver.dent_network import DentShape
 from softprint.runtime.linalg.sparse_directions import times_directions
 
@@ -68,7 +69,9 @@ class MeasureCurvature:
         """By the rows; along: see `RowHessian`; motions, and slope: dm/drows, along the same directions."""
         carried, pulled_back = self._contact.carrier_motion(self._forces, self._at_rest)
         if along is not None:
-            carried, pulled_back = times_directions(carried, along), times_directions(pulled_back, along)
+            kind = motions.position.dtype
+            carried = times_directions(carried.astype(kind), along)
+            pulled_back = times_directions(pulled_back.astype(kind), along)
         return MeasuredMotions(motions, carried, pulled_back, slope)
 
     def by_twist(self, own: ColliderSensitivity, slope: Array) -> MeasuredMotions:
@@ -88,14 +91,15 @@ class MeasureCurvature:
 
     def between(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
         """(n, n'), without the second derivatives of A."""
-        dy, dy_other = one.motions.deformed, other.motions.deformed
-        k, dim, _ = self._curvature.shape
-        bent = np.matmul(self._curvature, dy_other.reshape(k, dim, -1)).reshape(dy_other.shape)
-        found = dy.T @ bent
-        found -= one.pulled_back.T @ other.motions.displaced + one.motions.displaced.T @ other.pulled_back
-        found += one.carried.T @ other.motions.reaction + one.motions.reaction.T @ other.carried
-        crossed = np.outer(self._pressures(one), other.slope) + np.outer(one.slope, self._pressures(other))
-        return np.asarray(found + self._by_resultants(one, other) - crossed / self._total)
+        bent = blocks_to_world(self._curvature, other.motions.deformed)
+        crossed = self._crossed(one, other)
+        crossed += crossed.T if one is other else self._crossed(other, one).T
+        return np.asarray(one.motions.deformed.T @ bent + crossed + self._by_resultants(one, other))
+
+    def _crossed(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
+        """-dA^T lambda . dv' - dA nu . df' - dm dP' / P (n, n')."""
+        found = one.carried.T @ other.motions.reaction - one.pulled_back.T @ other.motions.displaced
+        return np.asarray(found - np.outer(one.slope, self._pressures(other) / self._total))
 
     def _pressures(self, motions: MeasuredMotions) -> Array:
         """dP (n,)."""

@@ -168,11 +168,14 @@ class DentNetwork:
     def factor(self, measures: Array) -> Factor:
         """eta at (W, psi, rho), W positive, with derivatives by (log W, psi, rho)."""
         z = np.array([np.log(measures[0]) / 3.0, *measures[1:]])
-        t, own = self.confidence(z), self._learned(z)
+        own = Factor(*network_output(z, self.centre, self.hidden, self.bias, self.output))
+        if ((self.lowest <= z) & (z <= self.highest)).all():
+            return Factor(own.value, own.slope * _BY_LOG, own.curvature * _BY_LOG_TWICE)
+        t = self.confidence(z)
         crossed = np.outer(t.slope, own.slope)
         by_z = t.value * own.slope + t.slope * own.value
         second = t.value * own.curvature + crossed + crossed.T + own.value * t.curvature
-        return Factor(t.value * own.value, by_z * _BY_LOG, second * np.outer(_BY_LOG, _BY_LOG))
+        return Factor(t.value * own.value, by_z * _BY_LOG, second * _BY_LOG_TWICE)
 
     def confidence(self, z: Array) -> Factor:
         """t at z (N_MEASURES,)."""
@@ -183,20 +186,53 @@ class DentNetwork:
         bend = np.diag(2.0 * (n != 0.0) / scale**2)
         return Factor(float(t), -slope * t**2, 2.0 * np.outer(slope, slope) * t**3 - bend * t**2)
 
-    def _learned(self, z: Array) -> Factor:
-        """R tanh(o / R) at z (N_MEASURES,)."""
-        size = 1.0 / (1.0 + np.exp(self.centre - z[0]))
-        rise = np.array([size * (1.0 - size), 1.0, 1.0])
-        s = np.tanh(self.hidden @ np.array([size, *z[1:]]) + self.bias)
-        bounded = np.tanh(self.output @ s / BOUND)
-        rate = self.output * (1.0 - s * s)
-        along, left = rate @ self.hidden, 1.0 - bounded**2
-        bend = (self.hidden.T * (-2.0 * s * rate)) @ self.hidden
-        bend -= 2.0 / BOUND * bounded * np.outer(along, along)
-        second = left * bend * np.outer(rise, rise)
-        second[0, 0] += left * along[0] * rise[0] * (1.0 - 2.0 * size)
-        return Factor(float(BOUND * bounded), left * along * rise, second)
+
+def _network_output(
+    z: Array, centre: float, hidden: Array, bias: Array, output: Array
+) -> tuple[float, Array, Array]:
+    size = 1.0 / (1.0 + np.exp(centre - z[0]))
+    rise = np.array([size * (1.0 - size), 1.0, 1.0])
+    s = np.tanh(hidden @ np.array([size, *z[1:]]) + bias)
+    bounded = np.tanh(output @ s / BOUND)
+    rate = output * (1.0 - s * s)
+    along, left = rate @ hidden, 1.0 - bounded**2
+    bend = (hidden.T * (-2.0 * s * rate)) @ hidden
+    bend -= 2.0 / BOUND * bounded * np.outer(along, along)
+    second = left * bend * np.outer(rise, rise)
+    second[0, 0] += left * along[0] * rise[0] * (1.0 - 2.0 * size)
+    return float(BOUND * bounded), left * along * rise, second
+
+
+@compiled(reference=_network_output)
+def network_output(
+    z: Array, centre: float, hidden: Array, bias: Array, output: Array
+) -> tuple[float, Array, Array]:
+    """R tanh(o / R) at z (N_MEASURES,), with its derivatives by z (N_MEASURES,), (N_MEASURES, N_MEASURES)."""
+    h, n = hidden.shape
+    size, y = 1.0 / (1.0 + np.exp(centre - z[0])), z.copy()
+    y[0] = size
+    total, along, bend = 0.0, np.zeros(n), np.zeros((n, n))
+    for k in range(h):
+        o = bias[k]
+        for a in range(n):
+            o += hidden[k, a] * y[a]
+        s = np.tanh(o)
+        rate = output[k] * (1.0 - s * s)
+        total += output[k] * s
+        for a in range(n):
+            along[a] += rate * hidden[k, a]
+            for b in range(n):
+                bend[a, b] -= 2.0 * s * rate * hidden[k, a] * hidden[k, b]
+    bounded, rise = np.tanh(total / BOUND), np.ones(n)
+    left, rise[0] = 1.0 - bounded**2, size * (1.0 - size)
+    for a in range(n):
+        for b in range(n):
+            bend[a, b] -= 2.0 / BOUND * bounded * along[a] * along[b]
+            bend[a, b] *= left * rise[a] * rise[b]
+    bend[0, 0] += left * along[0] * rise[0] * (1.0 - 2.0 * size)
+    return BOUND * bounded, left * along * rise, bend
 
 
 # d z / d(log W, psi, rho).
 _BY_LOG = np.array([1.0 / 3.0, 1.0, 1.0])
+_BY_LOG_TWICE = np.outer(_BY_LOG, _BY_LOG)

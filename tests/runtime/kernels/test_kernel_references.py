@@ -284,6 +284,12 @@ INPUTS = {
             rng.uniform(size=M) < 0.5,
             3,  # one of the colliders is touched nowhere
         ),
+        "network_output": lambda rng, dim: (
+            rng.normal(size=3),
+            rng.normal(),
+            rng.normal(size=(M, 3)),
+            *rng.normal(size=(2, M)),
+        ),
     },
     "contact.point_kernels": {
         "penalty": penalty,
