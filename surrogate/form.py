@@ -8,6 +8,7 @@ from typing import Generic, Protocol
 
 from softprint.runtime.experiment.schema.training import ModelSpec, TrainingSpec
 from softprint.runtime.learned.form import ModelT
+from softprint.surrogate.cross_validation import CrossedTask
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.learning_task import LearningTask
 
@@ -34,3 +35,4 @@ class TrainingForm(Generic[ModelT]):
 
     settings: Callable[[TrainingSpec], SettingsTable]
     task: Callable[[TrainingData, ModelSpec], LearningTask[ModelT]]
+    crossed: Callable[[TrainingData, ModelSpec], CrossedTask[ModelT]] | None = None
