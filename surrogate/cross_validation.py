@@ -7,30 +7,15 @@ of them to the end of the schedule, and its error is that of others, on samples 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
 
 import numpy as np
 
 from softprint.runtime.learned.form import ModelT
-from softprint.surrogate.learning_task import HeldOutError, LearningTask
+from softprint.surrogate.learning_task import CrossedTask, LearningTask
 from softprint.surrogate.train import TrainingResult
 
 #: Trains one network of a name for the bar and the checkpoint.
 TrainOne = Callable[[str, LearningTask[ModelT]], TrainingResult[ModelT]]
-
-
-class CrossedTask(Protocol[ModelT]):
-    """whole: on all samples; folds: on parts of them, each judged by others; notes: as of `LearningTask`."""
-
-    @property
-    def whole(self) -> LearningTask[ModelT]: ...
-    @property
-    def folds(self) -> Sequence[LearningTask[ModelT]]: ...
-    @property
-    def notes(self) -> dict[str, Any]: ...
-    def conclude(self, model: ModelT, by_fold: Sequence[ModelT]) -> HeldOutError:
-        """Keep of the model of all samples what those of the folds bear out; the error of these."""
-        ...
 
 
 def train_crossed(task: CrossedTask[ModelT], train_one: TrainOne[ModelT]) -> TrainingResult[ModelT]:

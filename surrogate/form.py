@@ -8,9 +8,8 @@ from typing import Generic, Protocol
 
 from softprint.runtime.experiment.schema.training import ModelSpec, TrainingSpec
 from softprint.runtime.learned.form import ModelT
-from softprint.surrogate.cross_validation import CrossedTask
 from softprint.surrogate.data.training_data import TrainingData
-from softprint.surrogate.learning_task import LearningTask
+from softprint.surrogate.learning_task import CrossedTask, LearningTask
 
 
 class SettingsTable(Protocol):

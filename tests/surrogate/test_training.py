@@ -338,8 +338,8 @@ def test_forces_are_learned(truth, jelly2d_body, mechanics):
     result = train(task, TrainingSettings(400, 8, 1e-2, 0.0, 4, 0))
     assert before > 0.15
     assert result.history[-1]["validation_rms"] < 0.03
-    # Confidence takes the one of 15 that is least like training back to mechanics.
-    assert result.held_out.rms < 1.1 * before / np.sqrt(15)
+    # Confidence takes the one or two of 15 that are least like training back to mechanics.
+    assert result.held_out.rms < before * np.sqrt(2 / 15)
     assert [entry["step"] for entry in result.history] == [100, 200, 300, 400]
 
 
