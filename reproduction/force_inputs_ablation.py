@@ -119,7 +119,7 @@ def main() -> None:
     print(f"{len(data[0])} samples to learn from, {len(data[1])} and {len(data[2])} to judge by\n")
     print("| inputs | their number | validation shapes | testing shapes | CPU s |")
     print("| --- | --- | --- | --- | --- |", flush=True)
-    scale = ForceTask(own, measured_in, data[0], data[1], body.n_rows).fresh_model(0).traction_scale
+    scale = ForceTask.of(own, measured_in, data[0], data[1], body.n_rows).fresh_model(0).traction_scale
     for name in (*VARIANTS, UNGUIDED):
         started = time.process_time()
         make: Callable[..., ForceTask]

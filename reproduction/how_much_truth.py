@@ -122,8 +122,8 @@ def _trained(
 ) -> Row:
     data = parts.some(shapes, contacts)
     settings = training_settings(context.experiment.training, spec.form, context.seed)
-    task = ForceTask(parts.options, parts.metric, data, parts.validation, n_rows)
-    on_testing = ForceTask(parts.options, parts.metric, data, parts.testing, n_rows)
+    task = ForceTask.of(parts.options, parts.metric, data, parts.validation, n_rows)
+    on_testing = ForceTask.of(parts.options, parts.metric, data, parts.testing, n_rows)
     validation, testing = np.zeros(seeds), np.zeros(seeds)
     started = time.process_time()
     for k in range(seeds):
@@ -158,7 +158,7 @@ def main() -> None:
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         data = TrainingData(truth, body, context)
         parts = Parts(data, spec)
-        untrained = ForceTask(
+        untrained = ForceTask.of(
             parts.options, parts.metric, parts.some(list(parts.by_shape)[:1], 1), parts.testing, body.n_rows
         )
         error = untrained.held_out_error(untrained.fresh_model(0))

@@ -32,6 +32,23 @@ class Checkpoint:
     tensors: dict[str, Tensor]
 
 
+@dataclass(frozen=True)
+class Checkpoints:
+    """The checkpoints of the parts of a training, beside the correction (`correction`) that comes of it."""
+
+    correction: Path
+
+    def path(self, part: str) -> Path:
+        """Of one part; that without a name is of a training without parts."""
+        words = "".join(f".{word}" for word in part.split())
+        return self.correction.with_suffix(f"{words}.checkpoint")
+
+    def remove(self) -> None:
+        """Remove those of all parts."""
+        for path in self.correction.parent.glob(f"{self.correction.stem}.*checkpoint"):
+            path.unlink()
+
+
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint; the previous one is replaced atomically."""
     texts = {

@@ -9,7 +9,7 @@ from typing import Generic, Protocol
 from softprint.runtime.experiment.schema.training import ModelSpec, TrainingSpec
 from softprint.runtime.learned.form import ModelT
 from softprint.surrogate.data.training_data import TrainingData
-from softprint.surrogate.learning_task import LearningTask
+from softprint.surrogate.learning_task import CrossedTask, LearningTask
 
 
 class SettingsTable(Protocol):
@@ -34,3 +34,4 @@ class TrainingForm(Generic[ModelT]):
 
     settings: Callable[[TrainingSpec], SettingsTable]
     task: Callable[[TrainingData, ModelSpec], LearningTask[ModelT]]
+    crossed: Callable[[TrainingData, ModelSpec], CrossedTask[ModelT]] | None = None

@@ -3,7 +3,7 @@ states."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -60,6 +60,21 @@ class LearningTask(Protocol[ModelT]):
     def held_out_error(self, model: ModelT) -> HeldOutError: ...
     def finish(self, model: ModelT) -> None:
         """Set what a trained model needs besides its weights."""
+        ...
+
+
+class CrossedTask(Protocol[ModelT]):
+    """Tasks of cross-validation. whole: on all samples; folds: on parts of them, each judged by others; notes: as of
+    `LearningTask`."""
+
+    @property
+    def whole(self) -> LearningTask[ModelT]: ...
+    @property
+    def folds(self) -> Sequence[LearningTask[ModelT]]: ...
+    @property
+    def notes(self) -> dict[str, Any]: ...
+    def conclude(self, model: ModelT, by_fold: Sequence[ModelT]) -> HeldOutError:
+        """Keep of the model of all samples what those of the folds bear out; the error of these."""
         ...
 
 

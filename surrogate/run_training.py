@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
+from typing import Any
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
@@ -21,9 +22,12 @@ from softprint.runtime.learned.form import find_form
 from softprint.runtime.scenes.playing import correction_path
 from softprint.runtime.truth.truth_colliders import require_same_colliders
 from softprint.runtime.truth.truth_file import TruthData, load_truth
+from softprint.surrogate.checkpoints import Checkpoints
+from softprint.surrogate.cross_validation import train_crossed, untrained
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.internal.run import train_internals
 from softprint.surrogate.kept_corrections import is_trained, program_hash, recipe_of
+from softprint.surrogate.learning_task import LearningTask
 from softprint.surrogate.registry import TRAININGS, training_settings
 from softprint.surrogate.train import TrainingResult
 from softprint.surrogate.training_bar import train_with_bar, write_curves
@@ -77,22 +81,30 @@ def _train_one(data: TrainingData, spec: ModelSpec) -> None:
     """Train a model and write the correction and its curves."""
     context, form, path = data.context, find_form(spec.form), correction_path(data.context.out_dir, spec.name)
     experiment, truth_hash = context.experiment, data.truth.content_hash
-    task = TRAININGS[spec.form].task(data, spec)
-    settings = training_settings(experiment.training, spec.form, experiment.seed)
-    recipe, checkpoint = recipe_of(experiment, spec, truth_hash), path.with_suffix(".checkpoint")
+    recipe = recipe_of(experiment, spec, truth_hash)
+    checkpoints = Checkpoints(path)
     if not context.resume:
-        checkpoint.unlink(missing_ok=True)
-    started = time.perf_counter()
-    if form.needs_mechanics and not spec.learned:
-        untrained = task.fresh_model(experiment.seed)
-        result = TrainingResult(untrained, task.held_out_error(untrained), [])
+        checkpoints.remove()
+    settings = training_settings(experiment.training, spec.form, experiment.seed)
+
+    def train_one(part: str, task: LearningTask[Any], select: bool = False) -> TrainingResult[Any]:
+        name = f"{spec.name}, {part}" if part else spec.name
+        key = json.dumps([recipe, part], sort_keys=True)
+        return train_with_bar(context, name, task, settings, checkpoints.path(part), key, select)
+
+    started, training = time.perf_counter(), TRAININGS[spec.form]
+    if training.crossed is not None:
+        crossed = training.crossed(data, spec)
+        learns = spec.learned or not form.needs_mechanics
+        result = train_crossed(crossed, train_one) if learns else untrained(crossed, experiment.seed)
+        count, notes = crossed.whole.n_samples, crossed.notes
     else:
-        result = train_with_bar(
-            context, spec.name, task, settings, checkpoint, json.dumps(recipe, sort_keys=True)
-        )
+        task = training.task(data, spec)
+        result = train_one("", task, select=True)
+        count, notes = len(data.split.train), task.notes
     seconds = time.perf_counter() - started
-    facts = {"noise_floor": data.truth.noise_floor, "samples": len(data.split.train)}
-    facts |= {"left_out": data.split.left_out, **task.notes}
+    facts = {"noise_floor": data.truth.noise_floor, "samples": count}
+    facts |= {"left_out": data.split.left_out, **notes}
     write_curves(path.with_suffix(".json"), spec.name, facts, result)
     save_correction(
         path,
@@ -102,13 +114,14 @@ def _train_one(data: TrainingData, spec: ModelSpec) -> None:
         data.collider,
         truth_hash,
         result.held_out.rms,
-        {**recipe, "program": program_hash(), "seconds": seconds, "samples": len(data.split.train)},
+        {**recipe, "program": program_hash(), "seconds": seconds, "samples": count},
         data.mechanics.get(spec.contact_nodes)[0].content_hash if form.needs_mechanics else "",
         _shape(data),
     )
-    checkpoint.unlink(missing_ok=True)
+    checkpoints.remove()
+    kept = f", {notes['kept']['part']:.0%} of the network kept" if "kept" in notes else ""
     context.say(
-        f"{path} written: held-out error {result.held_out.rms:.1%} (squared {result.held_out.squared:.1%}), "
+        f"{path} written: held-out error {result.held_out.rms:.1%} (squared {result.held_out.squared:.1%}){kept}, "
         f"{seconds:.0f} s"
     )
 

@@ -57,8 +57,9 @@ def train(
     checkpoint: Path | None = None,
     data_name: str = "",
     progress: ProgressUpdate | None = None,
+    select: bool = True,
 ) -> TrainingResult[ModelT]:
-    """Train a model of the task.
+    """Train a model of the task. select: keep the weights with the lowest held-out error; otherwise those of the end.
 
     checkpoint: path of the checkpoint; an existing one is resumed if it belongs to the same run (task, settings and
     `data_name`). progress: called with the number of steps done since the last call and a short note.
@@ -84,7 +85,7 @@ def train(
         index = torch.from_numpy(rng.integers(task.n_samples, size=settings.batch)).to(task.device)
         running.append(_step(task, model, optimiser, rate, index))
         if progress is not None:
-            progress(1, f"held-out error {lowest:.3f}" if history else "")
+            progress(1, f"held-out error {lowest:.3f}" if lowest < math.inf else "")
         if step + 1 in marks:
             error = task.held_out_error(model)
             loss = float(torch.stack(running).mean())
@@ -98,7 +99,8 @@ def train(
                 save_checkpoint(
                     checkpoint, Checkpoint(fingerprint, step + 1, history, pack(model, best, optimiser))
                 )
-    model.load_state_dict(best)
+    if select:
+        model.load_state_dict(best)
     task.finish(model)
     return TrainingResult(model, task.held_out_error(model), history)
 

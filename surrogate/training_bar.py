@@ -22,6 +22,7 @@ def train_with_bar(
     settings: TrainingSettings,
     checkpoint: Path,
     data_name: str,
+    select: bool = True,
 ) -> TrainingResult[ModelT]:
     """Train under a name; see `train`."""
     with context.progress(settings.steps, "step", f"training {name}") as bar:
@@ -31,6 +32,7 @@ def train_with_bar(
             checkpoint,
             data_name,
             lambda steps, note: bar.skip(steps) if note == "resumed" else bar.update(steps, note),
+            select,
         )
 
 

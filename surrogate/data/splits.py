@@ -20,10 +20,12 @@ from softprint.runtime.truth.truth_file import TruthData
 
 @dataclass(frozen=True)
 class Split:
-    """Rows of the truth file for training and for validation, and the number of samples left out as unusable."""
+    """Rows of the truth file for training and for validation, all those that may be learned from, these among them, and
+    the number of samples left out as unusable."""
 
     train: IntArray
     validation: IntArray
+    whole: IntArray
     left_out: int
 
 
@@ -34,7 +36,10 @@ def split_by_state(truth: TruthData, collider: str, validation_states: int) -> S
     usable = truth.usable & ours
     held_out = _in_last_states(truth, usable, validation_states)
     return Split(
-        np.flatnonzero(usable & ~held_out), np.flatnonzero(usable & held_out), int(ours.sum() - usable.sum())
+        np.flatnonzero(usable & ~held_out),
+        np.flatnonzero(usable & held_out),
+        np.flatnonzero(usable),
+        int(ours.sum() - usable.sum()),
     )
 
 
@@ -60,7 +65,7 @@ def split_by_shape(truth: TruthData, validation_states: int, roles: Mapping[str,
                 "of [library] say what each is for"
             )
     left_out = int((shapes | others).sum() - usable.sum())
-    return Split(np.flatnonzero(learned), np.flatnonzero(held_out), left_out)
+    return Split(np.flatnonzero(learned), np.flatnonzero(held_out), np.flatnonzero(usable), left_out)
 
 
 def _with_role(truth: TruthData, roles: Mapping[str, Role], role: Role) -> BoolArray:

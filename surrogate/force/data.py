@@ -24,12 +24,13 @@ from softprint.surrogate.force.loss import ForceMetric
 
 @dataclass(frozen=True, eq=False)
 class ForceData:
-    """s samples, padded to the largest number m of contact points. local: (s, m, n_local); depth: (s,); force:
-    (s, m, dim); lever: (s, m, DIRECTIONS, dim); present: (s, m) 1 at contact points, 0 in the padding; nodes: (s, n)
-    the contact nodes that their forces act on, n_nodes (s,) of them and then padding; corners: (s, m, c) which of
-    these, and shares: (s, m, c), see `LoadedPoints`; h: (s, m, dim) and squared: (s,), the h and c of `loss.py`
-    with the edge term; volume_h, volume_squared: the same without it."""
+    """s samples, padded to the largest number m of contact points. sample: (s,) their rows of the truth file; local:
+    (s, m, n_local); depth: (s,); force: (s, m, dim); lever: (s, m, DIRECTIONS, dim); present: (s, m) 1 at contact
+    points, 0 in the padding; nodes: (s, n) the contact nodes that their forces act on, n_nodes (s,) of them and then
+    padding; corners: (s, m, c) which of these, and shares: (s, m, c), see `LoadedPoints`; h: (s, m, dim) and squared:
+    (s,), the h and c of `loss.py` with the edge term; volume_h, volume_squared: the same without it."""
 
+    sample: Tensor
     local: Tensor
     depth: Tensor
     force: Tensor
@@ -84,6 +85,7 @@ def read_force_data(
         h, volume_h = ((shares[..., None] * at[corners]).sum(axis=1) for at in (at_nodes, volume_at_nodes))
         columns.append(
             (
+                torch.tensor(sample),
                 torch.from_numpy(contact.inputs).float(),
                 torch.tensor(contact.depth),
                 torch.from_numpy(contact.force).float(),
@@ -102,9 +104,9 @@ def read_force_data(
     if not columns:
         return None
     names = list(ForceData.__dataclass_fields__)
-    whole = {"depth", "n_nodes", "squared", "volume_squared"}
+    whole, numbers = {"sample", "depth", "n_nodes", "squared", "volume_squared"}, {"sample", "n_nodes"}
     stacked = (
-        torch.stack(column).to(column[0].dtype if name == "n_nodes" else torch.float32)
+        torch.stack(column).to(column[0].dtype if name in numbers else torch.float32)
         if name in whole
         else pad_sequence(list(column), batch_first=True)
         for name, column in zip(names, zip(*columns, strict=True), strict=True)

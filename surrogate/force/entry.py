@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from softprint.runtime.arrays import IntArray
 from softprint.runtime.colliders.collider import Collider
@@ -15,7 +16,9 @@ from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.surrogate.data.folds import folds_of
 from softprint.surrogate.data.training_data import TrainingData
+from softprint.surrogate.force.crossed import CrossedForceTask
 from softprint.surrogate.force.data import ForceData, join_force_data, read_force_data
 from softprint.surrogate.force.energy import ContactMaker, EnergyErrors, energy_of
 from softprint.surrogate.force.loss import ForceMetric
@@ -24,18 +27,33 @@ from softprint.surrogate.form import TrainingForm
 
 
 def task(data: TrainingData, spec: ModelSpec) -> ForceTask:
-    """The training task of a [[training.models]] table."""
+    """The training task of a [[training.models]] table, on training and validation samples."""
+    own, notes = _options(data, spec)
+    training, validation = _read(data, spec, own, data.split.train, data.held_out)
+    return ForceTask.of(own, metric(data, spec), training, validation, data.body.n_rows, notes)
+
+
+def crossed(data: TrainingData, spec: ModelSpec) -> CrossedForceTask:
+    """The same on all samples."""
+    own, notes = _options(data, spec)
+    (whole,) = _read(data, spec, own, data.split.whole)
+    folds = folds_of(data.truth, whole.sample.cpu().numpy(), data.context.seed)
+    if not folds:
+        raise SoftprintError(
+            f"{data.truth.path}: its {len(whole)} samples are of one contact, and learning needs two at least: one to "
+            "learn from, and one to judge by. `sampling.states` and `sampling.places` say how many there are"
+        )
+    return CrossedForceTask(own, metric(data, spec), whole, folds, data.body.n_rows, notes)
+
+
+def _options(data: TrainingData, spec: ModelSpec) -> tuple[ForceModelOptions, dict[str, Any]]:
+    """With the energy that was learned, and notes about it."""
     own = options(spec, data.body, PenaltyContact.of(data.context.experiment.contact))
     learned = _energy(data, spec, own) if spec.learned else None
-    notes = {}
-    if learned is not None:
-        energy, errors = learned
-        own = replace(own, energy=() if energy is None else energy.values)
-        notes = {"energy": errors._asdict()}
-    # Networks on the same mechanics share their data.
-    key = ("force", spec.contact_nodes, spec.static_condensation, own.band, own.law, own.energy)
-    training, validation = data.once(key, lambda: _read(data, spec, own))
-    return ForceTask(own, metric(data, spec), training, validation, data.body.n_rows, notes)
+    if learned is None:
+        return own, {}
+    energy, errors = learned
+    return replace(own, energy=() if energy is None else energy.values), {"energy": errors._asdict()}
 
 
 def metric(data: TrainingData, spec: ModelSpec) -> ForceMetric:
@@ -92,16 +110,20 @@ def _energy(
     return data.once(key, lambda: energy_of(data, contact_maker(data, spec, options)))
 
 
-def _read(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) -> tuple[ForceData, ForceData]:
-    """Training and validation data."""
+def _read(
+    data: TrainingData, spec: ModelSpec, options: ForceModelOptions, *parts: IntArray
+) -> tuple[ForceData, ...]:
+    """The data of some rows of the truth file each; networks on the same mechanics share them."""
     metric(data, spec)  # before the progress bar below, because it may show its own
-    train, held_out = data.split.train, data.held_out
-    with data.context.progress(len(train) + len(held_out), "sample", "reading contact forces") as bar:
-        training, validation = (
-            force_data(data, spec, options, samples, bar.update).to(data.device)
-            for samples in (train, held_out)
-        )
-    return training, validation
+
+    def read() -> tuple[ForceData, ...]:
+        with data.context.progress(sum(map(len, parts)), "sample", "reading contact forces") as bar:
+            return tuple(
+                force_data(data, spec, options, samples, bar.update).to(data.device) for samples in parts
+            )
+
+    own = (spec.contact_nodes, spec.static_condensation, options.band, options.law, options.energy)
+    return data.once(("force", own, *(part.tobytes() for part in parts)), read)
 
 
-TRAINING = TrainingForm(settings=lambda training: training, task=task)
+TRAINING = TrainingForm(settings=lambda training: training, task=task, crossed=crossed)

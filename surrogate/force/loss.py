@@ -22,6 +22,8 @@ mechanics alone; without the second, samples that hardly touch would weigh as mu
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import scipy.sparse as sp
 import torch
@@ -87,16 +89,20 @@ def on_nodes(phi: Tensor, corners: Tensor, shares: Tensor, n: int) -> Tensor:
     return phi.new_zeros(b, n, dim).scatter_add(1, at, shared)
 
 
-def quadratic_form(gamma: Tensor, nodes: Tensor, count: Tensor, phi: Tensor) -> Tensor:
-    """phi^T Gamma phi (b,) over the first `count` (b,) contact nodes (b, m) of every sample; phi: (b, m, dim).
+def quadratic_form(blocks: Iterable[Tensor], phi: Tensor) -> Tensor:
+    """phi^T Gamma phi (b,) of samples with forces phi (b, n, dim) on their contact nodes, padded; blocks: of each, see
+    `sample_blocks.py`.
 
     Computed as 2 phi . p - p . phi' with p = Gamma phi and phi' detached. Its derivative is 2 p, and autograd records
     no blocks of Gamma. Samples are processed one by one: the cost is quadratic in the number of nodes, and the largest
     sample has about ten times as many nodes as most.
     """
-    product = torch.zeros_like(phi)
+    b, n, dim = phi.shape
+    product = torch.zeros_like(phi).view(b, n * dim)
     with torch.no_grad():
-        for k, m in enumerate(count.tolist()):
-            block = gamma[nodes[k, :m, None], nodes[k, :m]]
-            product[k, :m] = torch.einsum("xyij,yj->xi", block, phi[k, :m])
+        flat = phi.reshape(b, n * dim)
+        for k, block in enumerate(blocks):
+            size = len(block)
+            product[k, :size] = block @ flat[k, :size]
+    product = product.view(b, n, dim)
     return (2.0 * phi * product - phi.detach() * product).sum((1, 2))

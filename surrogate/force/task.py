@@ -2,48 +2,112 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from softprint.runtime.learned.force.confidence import squared_ratio
+from softprint.runtime.learned.force.confidence import contact_measures, squared_ratio
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.surrogate.force.data import ForceData
 from softprint.surrogate.force.loss import ForceMetric, on_nodes, quadratic_form
+from softprint.surrogate.force.sample_blocks import SampleBlocks
 from softprint.surrogate.learning_task import HeldOutError, seeded, some_samples
 
 # kappa of `loss.py`. Compared with infinity, the error on validation shapes is the same, and on the shallower half of
 # their samples it is a fifth lower.
-_SHALLOW = 0.1
+SHALLOW = 0.1
+# Samples evaluated together.
+_BATCH = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Some samples of data, rows (s,), with their blocks of Gamma with and without the edge term."""
+
+    data: ForceData
+    rows: Tensor
+    blocks: SampleBlocks
+    volume_blocks: SampleBlocks
+
+    @classmethod
+    def of(cls, metric: ForceMetric, data: ForceData) -> Samples:
+        """All of them, on their device."""
+        device = data.depth.device
+        both, volume = (
+            SampleBlocks(gamma.to(device), data.nodes, data.n_nodes)
+            for gamma in (metric.gamma, metric.volume_gamma)
+        )
+        return cls(data, torch.arange(len(data), device=device), both, volume)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, index: Tensor) -> Samples:
+        """Some of them; nothing is copied."""
+        return replace(self, rows=self.rows[index.to(self.rows.device)])
+
+    @property
+    def batches(self) -> Sequence[Tensor]:
+        """All rows, in parts."""
+        return self.rows.split(_BATCH)
+
+    @property
+    def bearing(self) -> Tensor:
+        """(s,) which of them have contact forces: in others only sharp points of the collider bear."""
+        forces = self.data.force[self.rows] * self.data.present[self.rows][..., None]
+        return forces.square().sum((1, 2)) > 0.0
+
+
+class Gains(NamedTuple):
+    """Of s samples (s,), over the volume: the squared error |w_0 - w|^2 of linear mechanics, with the correction c its
+    product with what is missed, <c, w - w_0>, and its square |c|^2; and the square of the displacement, |w|^2."""
+
+    missed: Tensor
+    cross: Tensor
+    square: Tensor
+    whole: Tensor
 
 
 class ForceTask:
-    """Trains a `ForceModel` on `ForceData`."""
+    """Trains a `ForceModel` on some samples, and measures its error on others; without these it is not a number."""
 
     def __init__(
         self,
+        options: ForceModelOptions,
+        learned: Samples,
+        judged: Samples | None,
+        n_rows: int,
+        notes: dict[str, Any] | None = None,
+    ) -> None:
+        self._options, self._learned, self._judged, self._n_rows = options, learned, judged, n_rows
+        self._notes = notes or {}
+        squared = learned.data.squared[learned.rows]
+        weight = 1.0 / (squared + SHALLOW * squared.mean())
+        self._weight = weight / (weight * squared).mean()
+
+    @classmethod
+    def of(
+        cls,
         options: ForceModelOptions,
         metric: ForceMetric,
         data: ForceData,
         validation: ForceData,
         n_rows: int,
         notes: dict[str, Any] | None = None,
-    ) -> None:
-        self._options, self._data, self._validation, self._n_rows = options, data, validation, n_rows
-        self._notes = notes or {}
-        self._gamma = metric.gamma.to(self.device)
-        self._volume_gamma = metric.volume_gamma.to(self.device)
-        weight = 1.0 / (data.squared + _SHALLOW * data.squared.mean())
-        self._weight = weight / (weight * data.squared).mean()
+    ) -> ForceTask:
+        """On training and validation data."""
+        return cls(options, Samples.of(metric, data), Samples.of(metric, validation), n_rows, notes)
 
     @property
     def n_samples(self) -> int:
-        return len(self._data)
+        return len(self._learned)
 
     @property
     def device(self) -> torch.device:
-        return self._data.depth.device
+        return self._learned.data.depth.device
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -55,57 +119,121 @@ class ForceTask:
 
     def fresh_model(self, seed: int) -> ForceModel:
         """Initial weights from the seed, normalisation from the data."""
-        data, dim = self._data, self._data.force.shape[-1]
+        data, rows, dim = self._learned.data, self._learned.rows, self._learned.data.force.shape[-1]
         model = seeded(lambda: ForceModel(self._options, dim, self._n_rows), seed).to(self.device)
-        some = some_samples(len(data), seed, self.device)
+        some = rows[some_samples(len(rows), seed, self.device)]
         there = data.present[some] > 0
-        model.normalise(data.local[some][there], data.depth, data.force[some][there], data.lever[some][there])
-        model.confidence.span(model.normalised(data.local[data.present > 0]))
+        model.normalise(
+            data.local[some][there], data.depth[rows], data.force[some][there], data.lever[some][there]
+        )
         return model
 
     def loss(self, model: ForceModel, index: Tensor) -> Tensor:
-        """The weighted mean squared error in the norm M, relative to the weighted mean square of the displacement."""
-        error, _ = self._squared_errors(model, self._data, index, self._gamma, volume_only=False)
+        """The weighted mean squared error in the norm M, relative to the weighted mean square of the displacement. The
+        confidence factor is that of training, 1."""
+        data, rows = self._learned.data, self._learned.rows[index]
+        phi = _forces(data, rows) + _correction(model, data, rows)
+        error = _squared_error(self._learned, phi, rows, volume_only=False)
         return (error * self._weight[index]).mean()
 
     @torch.no_grad()
-    def held_out_error(self, model: ForceModel, batch: int = 64) -> HeldOutError:
-        """Error over the volume of the validation samples, with fields pulled back to rest coordinates."""
-        data = self._validation
-        parts = [
-            self._squared_errors(model, data, index, self._volume_gamma, volume_only=True)
-            for index in torch.arange(len(data), device=self.device).split(batch)
-        ]
-        error, whole = (torch.cat(column).double() for column in zip(*parts, strict=True))
+    def held_out_error(self, model: ForceModel) -> HeldOutError:
+        """Error over the volume of the samples to judge by, with fields pulled back to rest coordinates."""
+        if self._judged is None:
+            return HeldOutError(float("nan"), float("nan"), 0)
+        missed, cross, square, whole = (part.double() for part in self.gains(model))
+        error = missed - 2.0 * cross + square
         return HeldOutError(
             float((error.sum() / whole.sum()).clamp(min=0.0).sqrt()),
             float((error / whole).max().clamp(min=0.0).sqrt()),
-            len(data),
+            len(whole),
         )
 
     @torch.no_grad()
-    def finish(self, model: ForceModel, batch: int = 256) -> None:
-        """Set the largest correction the confidence factor admits, from the corrections of the training contacts."""
-        data = self._data
-        ratios = []
-        for part in torch.arange(len(data), device=self.device).split(batch):
-            force = data.force[part]
-            correction = model.correction(data.local[part], data.depth[part], force, data.lever[part])
-            ratios.append(squared_ratio(force, correction).sqrt())
-        model.confidence.limit(torch.cat(ratios))
+    def gains(self, model: ForceModel) -> Gains:
+        """Of the samples to judge by."""
+        assert self._judged is not None
+        judged, data, parts = self._judged, self._judged.data, list[Gains]()
+        for index in judged.batches:
+            force, correction = _forces(data, index), _correction(model, data, index)
+            z, depth = _normalised(model, data, index)
+            correction = model.confidence(z, depth, force, correction) * correction
+            missed, found = (
+                _squared_error(judged, phi, index, volume_only=True) for phi in (force, force + correction)
+            )
+            square = _quadratic(judged, correction, index, volume_only=True)
+            parts.append(Gains(missed, 0.5 * (missed + square - found), square, data.volume_squared[index]))
+        return Gains(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
-    @staticmethod
-    def _squared_errors(
-        model: ForceModel, data: ForceData, index: Tensor, gamma: Tensor, volume_only: bool
-    ) -> tuple[Tensor, Tensor]:
-        """(squared error (b,), squared displacement (b,)) of the samples `index` (b,)."""
-        count = data.present[index].sum(1).long()
-        m = int(count.max())
-        present = data.present[index, :m, None]
-        lever = data.lever[index, :m]
-        phi = model(data.local[index, :m], data.depth[index], data.force[index, :m], lever) * present
-        h, c = (data.volume_h, data.volume_squared) if volume_only else (data.h, data.squared)
-        nodes, n_nodes = data.nodes[index], data.n_nodes[index]
-        forces = on_nodes(phi, data.corners[index, :m], data.shares[index, :m], int(n_nodes.max()))
-        quadratic = quadratic_form(gamma, nodes, n_nodes, forces)
-        return quadratic - 2.0 * (phi * h[index, :m]).sum((1, 2)) + c[index], c[index]
+    @torch.no_grad()
+    def unfamiliarity(self, model: ForceModel) -> tuple[Tensor, Tensor]:
+        """M and rho (s,) of `confidence.py`, of the contacts to judge by that have contact forces."""
+        assert self._judged is not None
+        return _unfamiliarity(model, self._judged)
+
+    @torch.no_grad()
+    def finish(self, model: ForceModel) -> None:
+        """Set the confidence factor from the training contacts, with its limits from those to judge by."""
+        data = self._learned.data
+        measures = [
+            contact_measures(*_normalised(model, data, index), _forces(data, index))
+            for index in self._learned.batches
+        ]
+        bearing = self._learned.bearing
+        if int(bearing.sum()) > 1:
+            model.confidence.fit(torch.cat(measures)[bearing])
+            distance, ratio = _unfamiliarity(model, self._judged or self._learned)
+            if len(ratio):
+                model.confidence.limit(distance, ratio)
+
+
+def _points(data: ForceData, index: Tensor) -> int:
+    """The largest number of contact points of some samples."""
+    return int(data.present[index].sum(1).max())
+
+
+def _forces(data: ForceData, index: Tensor) -> Tensor:
+    """l (b, m, dim) of some samples, zero in the padding."""
+    m = _points(data, index)
+    return data.force[index, :m] * data.present[index, :m, None]
+
+
+def _correction(model: ForceModel, data: ForceData, index: Tensor) -> Tensor:
+    """c (b, m, dim) of some samples, without the confidence factor, zero in the padding."""
+    m = _points(data, index)
+    local, force, lever = data.local[index, :m], data.force[index, :m], data.lever[index, :m]
+    return model.correction(local, data.depth[index], force, lever) * data.present[index, :m, None]
+
+
+def _normalised(model: ForceModel, data: ForceData, index: Tensor) -> tuple[Tensor, Tensor]:
+    """Inputs z (b, m, n_local) and depths (b,) of some samples."""
+    local = data.local[index, : _points(data, index)]
+    return model.normalised(local), model.normalised_depth(data.depth[index])
+
+
+def _unfamiliarity(model: ForceModel, samples: Samples) -> tuple[Tensor, Tensor]:
+    """See `ForceTask.unfamiliarity`."""
+    data, distance, ratio = samples.data, list[Tensor](), list[Tensor]()
+    for index in samples.batches:
+        force, correction = _forces(data, index), _correction(model, data, index)
+        distance.append(model.confidence.distance(contact_measures(*_normalised(model, data, index), force)))
+        ratio.append(squared_ratio(force, correction).sqrt())
+    bearing = samples.bearing
+    return torch.cat(distance)[bearing], torch.cat(ratio)[bearing]
+
+
+def _quadratic(samples: Samples, phi: Tensor, index: Tensor, volume_only: bool) -> Tensor:
+    """|G^T phi|^2 (b,) of forces on contact points (b, m, dim)."""
+    data, m = samples.data, phi.shape[1]
+    blocks = samples.volume_blocks if volume_only else samples.blocks
+    n = int(data.n_nodes[index].max())
+    forces = on_nodes(phi, data.corners[index, :m], data.shares[index, :m], n)
+    return quadratic_form((blocks[k] for k in index.tolist()), forces)
+
+
+def _squared_error(samples: Samples, phi: Tensor, index: Tensor, volume_only: bool) -> Tensor:
+    """|G^T phi - w|^2 (b,)."""
+    data, m = samples.data, phi.shape[1]
+    h, c = (data.volume_h, data.volume_squared) if volume_only else (data.h, data.squared)
+    quadratic = _quadratic(samples, phi, index, volume_only)
+    return quadratic - 2.0 * (phi * h[index, :m]).sum((1, 2)) + c[index]

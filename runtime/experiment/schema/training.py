@@ -171,7 +171,9 @@ class TrainingSpec(Section):
     edge_weight: NotNegative = Field(
         0.3, description="weight of the surface-edge term relative to the volume term"
     )
-    validation_states: Count = Field(1, description="states held out for the validation curve")
+    validation_states: Count = Field(
+        1, description="states held out to choose by; form force holds them out for its energy alone"
+    )
     validations: Count = Field(20, description="number of times that a run measures the held-out error")
     validation_samples: Count = Field(200, description="limit of held-out samples, chosen evenly")
     device: Literal["cpu", "cuda"] = Field("cpu", description="device on which the networks are trained")

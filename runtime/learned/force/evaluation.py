@@ -58,15 +58,16 @@ class ForceEvaluation:
         """c (m, dim) [N] and its confidence."""
         force, depth = contact.force, contact.depth
         z = (contact.inputs.astype(self.dtype) - self._mean) / self._spread
-        y = self._network(_saturated(z), depth)
+        D = (depth - self._depth_mean) / self._depth_spread
+        y = self._network(_saturated(z), D)
         traction = (y[:, None, 1:] @ contact.lever)[:, 0]
         correction = self._fade.value(depth) * (force * y[:, :1] + self._scale * traction)
-        return correction, self._confidence.of(z, force, correction)
+        return correction, self._confidence.of(z, D, force, correction)
 
     def _network(self, local: Floats, depth: float) -> Floats:
-        """y (m, 1 + DIRECTIONS)."""
+        """y (m, 1 + DIRECTIONS) of normalised inputs."""
         (first, bias), *hidden, (head, last) = self._layers
-        shared = _saturated((depth - self._depth_mean) / self._depth_spread) * self._by_depth
+        shared = _saturated(depth) * self._by_depth
         h = self._activation(local @ first + (bias + shared.astype(local.dtype)))
         for weight, offset in hidden:
             h = self._activation(h @ weight + offset)

@@ -111,20 +111,30 @@ class ForceModel(LearnedModel):
         """phi (..., m, dim) [N] from the columns of `ContactState`: inputs a (..., m, n_local), D (...), forces (...,
         m, dim) and levers (..., m, DIRECTIONS, dim)."""
         correction = self.correction(local, depth, force, lever)
-        return force + self.confidence(self.normalised(local), force, correction) * correction
+        z = self.normalised(local)
+        return force + self.confidence(z, self.normalised_depth(depth), force, correction) * correction
 
     def correction(self, local: Tensor, depth: Tensor, force: Tensor, lever: Tensor) -> Tensor:
         """fade(D) [y_0 l + c sum_k y_k w F^T v_k] (..., m, dim), without the confidence factor."""
-        y = self.network(saturated(self.normalised(local)), self._depth(depth))
+        shared = saturated(self.normalised_depth(depth))[..., None]
+        y = self.network(saturated(self.normalised(local)), shared)
         traction = torch.einsum("...ki,...k->...i", lever, y[..., 1:])
         return self.fade.value(depth)[..., None, None] * (force * y[..., :1] + self.traction_scale * traction)
+
+    @torch.no_grad()
+    def keep(self, part: float) -> None:
+        """Keep a part of the correction, in [0, 1]: weights and rho0 are multiplied by it, at no cost at run time."""
+        self.network.head.weight.mul_(part)
+        self.network.head.bias.mul_(part)
+        self.confidence.ceiling.mul_(part)
 
     def normalised(self, local: Tensor) -> Tensor:
         """z of inputs (..., n_local): zero mean and unit standard deviation over the training data."""
         return (local - self.local_mean) / self.local_scale
 
-    def _depth(self, depth: Tensor) -> Tensor:
-        return saturated((depth[..., None] - self.depth_mean) / self.depth_scale)
+    def normalised_depth(self, depth: Tensor) -> Tensor:
+        """Of depths D (...) [m], as for inputs."""
+        return (depth - self.depth_mean[0]) / self.depth_scale[0]
 
 
 def saturated(z: Tensor) -> Tensor:

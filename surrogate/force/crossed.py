@@ -1,0 +1,87 @@
+"""Learned contact forces from all samples, of which as much is kept as networks on parts of them bear out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
+from softprint.surrogate.data.folds import Fold
+from softprint.surrogate.force.data import ForceData
+from softprint.surrogate.force.kept_part import kept_part
+from softprint.surrogate.force.loss import ForceMetric
+from softprint.surrogate.force.task import SHALLOW, ForceTask, Gains, Samples
+from softprint.surrogate.learning_task import HeldOutError
+
+
+class CrossedForceTask:
+    """A `CrossedTask` of samples and their folds, whose rows are positions in `data.sample`."""
+
+    def __init__(
+        self,
+        options: ForceModelOptions,
+        metric: ForceMetric,
+        data: ForceData,
+        folds: Sequence[Fold],
+        n_rows: int,
+        notes: dict[str, Any] | None = None,
+    ) -> None:
+        samples = Samples.of(metric, data)
+        self.notes = dict(notes or {})
+        self.whole = ForceTask(options, samples, None, n_rows)
+        self.folds = [
+            ForceTask(options, samples.take(_rows(fold.learn)), samples.take(_rows(fold.judge)), n_rows)
+            for fold in folds
+        ]
+
+    def conclude(self, model: ForceModel, by_fold: Sequence[ForceModel]) -> HeldOutError:
+        """Set the confidence factor of the model from contacts that the networks of the folds were not trained on, keep
+        the part of it that they bear out, and return what is left on these contacts then."""
+        pairs = list(zip(self.folds, by_fold, strict=True))
+        before = [_sums(fold.gains(own)) for fold, own in pairs]
+        if not any(own[2].any() for own in before):  # nothing was learned
+            return _error(before, 0.0)
+        seen = [fold.unfamiliarity(own) for fold, own in pairs]
+        distance, ratio = (torch.cat(column) for column in zip(*seen, strict=True))
+        for own in (*by_fold, model):
+            if len(ratio):
+                own.confidence.limit(distance, ratio)
+        gains = [_sums(fold.gains(own)) for fold, own in pairs]
+        cross, square = _relative(gains)
+        part = kept_part(cross, square)
+        model.keep(part)
+        self.notes["kept"] = {"part": part, "best": float(cross.sum() / square.sum()), "folds": len(gains)}
+        return _error(gains, part)
+
+
+def _sums(gains: Gains) -> tuple[Array, ...]:
+    return tuple(part.cpu().double().numpy() for part in gains)
+
+
+def _relative(gains: Sequence[tuple[Array, ...]]) -> tuple[Array, Array]:
+    """The sums over cross and square (K,) of each fold, with the weights of the loss: contacts on a thin limb, which
+    displace much, would outweigh all others, and a motion is judged by its own displacement."""
+    mean = np.concatenate([own[3] for own in gains]).mean()
+    weights = [1.0 / (own[3] + SHALLOW * mean) for own in gains]
+    cross, square = (
+        np.array([weight @ own[k] for weight, own in zip(weights, gains, strict=True)]) for k in (1, 2)
+    )
+    return cross, square
+
+
+def _error(gains: Sequence[tuple[Array, ...]], part: float) -> HeldOutError:
+    """With a part of the correction."""
+    missed, cross, square, whole = (np.concatenate(column) for column in zip(*gains, strict=True))
+    error = np.maximum(missed - 2.0 * part * cross + part**2 * square, 0.0)
+    return HeldOutError(
+        float(np.sqrt(error.sum() / whole.sum())), float(np.sqrt((error / whole).max())), len(whole)
+    )
+
+
+def _rows(part: IntArray) -> Tensor:
+    return torch.from_numpy(part)
