@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from softprint.runtime.arrays import Array
@@ -87,10 +89,13 @@ def _train_one(data: TrainingData, spec: ModelSpec) -> None:
         checkpoints.remove()
     settings = training_settings(experiment.training, spec.form, experiment.seed)
 
-    def train_one(part: str, task: LearningTask[Any], select: bool = False) -> TrainingResult[Any]:
+    def train_one(
+        part: str, task: LearningTask[Any], share: float, select: bool = False
+    ) -> TrainingResult[Any]:
         name = f"{spec.name}, {part}" if part else spec.name
         key = json.dumps([recipe, part], sort_keys=True)
-        return train_with_bar(context, name, task, settings, checkpoints.path(part), key, select)
+        own = replace(settings, steps=math.ceil(share * settings.steps))
+        return train_with_bar(context, name, task, own, checkpoints.path(part), key, select)
 
     started, training = time.perf_counter(), TRAININGS[spec.form]
     if training.crossed is not None:
@@ -100,7 +105,7 @@ def _train_one(data: TrainingData, spec: ModelSpec) -> None:
         count, notes = crossed.whole.n_samples, crossed.notes
     else:
         task = training.task(data, spec)
-        result = train_one("", task, select=True)
+        result = train_one("", task, 1.0, select=True)
         count, notes = len(data.split.train), task.notes
     seconds = time.perf_counter() - started
     facts = {"noise_floor": data.truth.noise_floor, "samples": count}

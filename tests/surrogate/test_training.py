@@ -382,7 +382,7 @@ def test_all_is_kept_of_what_was_learned_well(truth, jelly2d_body, mechanics):
     task = crossed_task(truth, jelly2d_body, mechanics)
     settings = TrainingSettings(400, 8, 1e-2, 0.0, 4, 0)
     before = untrained(task, 0).held_out
-    result = train_crossed(task, lambda _part, one: train(one, settings, select=False))
+    result = train_crossed(task, lambda _part, one, _share: train(one, settings, select=False))
     alone = train(crossed_task(truth, jelly2d_body, mechanics).whole, settings, select=False).model
     assert before.rms > 0.15
     assert result.held_out.rms < 0.06
@@ -400,7 +400,7 @@ def test_a_network_that_learned_noise_is_taken_back_to_mechanics(truth, jelly2d_
     settings = TrainingSettings(400, 8, 1e-2, 0.0, 4, 0)
     before = untrained(task, 0).held_out.rms
     raw = [fold.held_out_error(train(fold, settings, select=False).model).rms for fold in task.folds]
-    result = train_crossed(task, lambda _part, one: train(one, settings, select=False))
+    result = train_crossed(task, lambda _part, one, _share: train(one, settings, select=False))
     assert np.mean(raw) > 1.05 * before
     assert task.notes["kept"]["part"] < 0.1
     assert result.held_out.rms < 1.005 * before
