@@ -1,8 +1,9 @@
 """Training on all samples, with networks on parts of them that say how far the result can be trusted.
 
 No samples are put aside to choose the weights by, of which there would be few of one kind: a network is trained on all
-of them to the end of the schedule, and its error is that of others, on samples that these were not trained on. The others take
-a quarter of the steps each, so that all of them together cost as much as the one: their errors hardly fall after that.
+of them to the end of the schedule, and its error is that of others, on samples that these were not trained on. The
+others take a quarter of the steps each, so that all of them together cost as much as the one: their errors hardly fall
+after that.
 """
 
 from __future__ import annotations
