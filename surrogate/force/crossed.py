@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.learned.force.confidence import FAR, NEAR
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.surrogate.data.folds import Fold
 from softprint.surrogate.force.data import ForceData
@@ -17,6 +18,10 @@ from softprint.surrogate.force.kept_part import kept_part
 from softprint.surrogate.force.loss import ForceMetric
 from softprint.surrogate.force.task import SHALLOW, ForceTask, Gains, Samples
 from softprint.surrogate.learning_task import HeldOutError
+
+# By how much the error has to fall for contacts farther from training to be trusted.
+_WORTH = 0.05
+_NOTHING = 1e-30
 
 
 class CrossedForceTask:
@@ -42,21 +47,35 @@ class CrossedForceTask:
     def conclude(self, model: ForceModel, by_fold: Sequence[ForceModel]) -> HeldOutError:
         """Set the confidence factor of the model from contacts that the networks of the folds were not trained on, keep
         the part of it that they bear out, and return what is left on these contacts then."""
-        pairs = list(zip(self.folds, by_fold, strict=True))
-        before = [_sums(fold.gains(own)) for fold, own in pairs]
+        before = [_sums(fold.gains(own)) for fold, own in zip(self.folds, by_fold, strict=True)]
         if not any(own[2].any() for own in before):  # nothing was learned
             return _error(before, 0.0)
+        near, far = (self._judged(model, by_fold, within) for within in (NEAR, FAR))
+        found = far if far.error.rms < (1.0 - _WORTH) * near.error.rms else self._judged(model, by_fold, NEAR)
+        model.keep(found.part)
+        self.notes["kept"] = {"part": found.part, "best": found.best, "folds": len(self.folds)}
+        return found.error
+
+    def _judged(self, model: ForceModel, by_fold: Sequence[ForceModel], within: float) -> _Judged:
+        """With the limits of confidence beyond a share of the contacts to judge by, set for all networks."""
+        pairs = list(zip(self.folds, by_fold, strict=True))
         seen = [fold.unfamiliarity(own) for fold, own in pairs]
         distance, ratio = (torch.cat(column) for column in zip(*seen, strict=True))
         for own in (*by_fold, model):
             if len(ratio):
-                own.confidence.limit(distance, ratio)
+                own.confidence.limit(distance, ratio, within)
         gains = [_sums(fold.gains(own)) for fold, own in pairs]
         cross, square = _relative(gains)
         part = kept_part(cross, square)
-        model.keep(part)
-        self.notes["kept"] = {"part": part, "best": float(cross.sum() / square.sum()), "folds": len(gains)}
-        return _error(gains, part)
+        return _Judged(part, float(cross.sum() / max(square.sum(), _NOTHING)), _error(gains, part))
+
+
+class _Judged(NamedTuple):
+    """part: what is kept; best: the share with the least error; error: what is left."""
+
+    part: float
+    best: float
+    error: HeldOutError
 
 
 def _sums(gains: Gains) -> tuple[Array, ...]:

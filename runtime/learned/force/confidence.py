@@ -14,9 +14,9 @@ that of Mahalanobis, of a few measures of the contact as a whole,
 mean and spread of the normalised inputs z_j with the weights s_j, D the depth, the resultant of the forces over their
 sum (small where they surround the body), and the number of points that bear. Ranges of single inputs are not enough:
 each input of a contact that wraps a ring occurs in contacts from one side, too. M0 and rho0 are from contacts that the
-network was not trained on (`surrogate/force/kept_part.py`): M0 is the M that 95 of 100 stay below, and rho0 1.5 times
-the rho that 99 of 100 do. Both factors fall off smoothly, and what remains is linear mechanics; so it does where only
-sharp points of the collider bear, and all l_j are zero.
+network was not trained on (`surrogate/force/crossed.py`): M0 is the M that 95 of 100 stay below, or 99 of 100 where
+that lowers the error on them, and rho0 1.5 times the rho that 99 of 100 stay below. Both factors fall off smoothly, and
+what remains is linear mechanics; so it does where only sharp points of the collider bear, and all l_j are zero.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ from torch import Tensor, nn
 
 Floats = NDArray[np.floating[Any]]
 
-# M0 and rho0, from M and rho of contacts beside training.
-_FARTHEST, _LARGEST, _CEILING = 0.95, 0.99, 1.5
+# Shares of contacts beside training that M0 is beyond: by default, and where they bear out that more is known.
+NEAR, FAR = 0.95, 0.99
+_LARGEST, _CEILING = 0.99, 1.5  # rho0 from rho of these
 # Powers of M / M0 and of rho / rho0. There are as many measures as some bodies have contacts, so that M is about the
 # same for all of them: half of it to the power of 16 is nothing, and 0.8 of it 3 %.
 _OF_DISTANCE, _OF_RATIO = 16, 8
@@ -78,9 +79,10 @@ class Confidence(nn.Module):
         self.whitening.copy_(root.T / spread)
 
     @torch.no_grad()
-    def limit(self, distance: Tensor, ratio: Tensor) -> None:
-        """Set M0 and rho0 from M (s,) and rho (s,) of contacts with contact forces."""
-        self.farthest.copy_(torch.quantile(distance, _FARTHEST))
+    def limit(self, distance: Tensor, ratio: Tensor, within: float = NEAR) -> None:
+        """Set M0 and rho0 from M (s,) and rho (s,) of contacts with contact forces; within: the share of them that M0
+        is to be beyond."""
+        self.farthest.copy_(torch.quantile(distance, within))
         self.ceiling.copy_(_CEILING * torch.quantile(ratio, _LARGEST))
 
     def distance(self, measures: Tensor) -> Tensor:
