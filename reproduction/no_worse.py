@@ -66,7 +66,11 @@ def errors_on(
 def lines(context: Context, model: str) -> Iterator[str]:
     """The lines of one run."""
     body, folder = body_of_run(context), context.out_dir / "corrections"
-    found = {name: json.loads((folder / f"{name}.json").read_text()) for name in (MECHANICS, model)}
+    curves = {name: folder / f"{name}.json" for name in (MECHANICS, model)}
+    for path in curves.values():
+        if not path.is_file():
+            raise SoftprintError(f"{path}: there is no such model; train it with softprint train")
+    found = {name: json.loads(path.read_text()) for name, path in curves.items()}
     samples = " → ".join(f"{found[name]['held_out']['rms']:.1%}" for name in found)
     kept = found[model].get("kept", {}).get("part", 1.0)
     for scene in context.experiment.scenes:
