@@ -87,6 +87,10 @@ def _alone(scene: str, shape: str) -> tuple[str, str]:
 
 
 #: In an order in which each comes after what it needs.
+_FINE_JELLY = (
+    """examples/jelly3d.toml --out runs/jelly3d_fine --set 'body.mesh="../runs/jelly3d_fine.vtu"' """
+    "--set sampling.places=16 --set sampling.rotations=4"
+)
 FIGURES: Mapping[str, Figure] = {
     "demo": Figure(("make demo",), (README, RESULTS), pictures=("runs/jelly3d_small/report.html",)),
     "motion_strip": Figure(
@@ -113,10 +117,15 @@ FIGURES: Mapping[str, Figure] = {
     "viewer_speed": Figure(
         (
             "softprint body examples/jelly3d.toml",
+            "softprint generate examples/jelly3d.toml --set sampling.places=16 --set sampling.rotations=5",
+            "softprint train examples/jelly3d.toml --set sampling.places=16 --set sampling.rotations=5 --model ours",
             "python -m benchmarks.viewer_speed examples/jelly3d.toml",
             "python -m benchmarks.viewer_speed examples/jelly3d_small.toml --browser",
             "python -m benchmarks.viewer_speed examples/jelly3d.toml --browser",
             "python meshes/jelly.py --dim 3 --edge-length 0.00069 --inside 0.0085 --out runs/jelly3d_fine.vtu",
+            f"softprint body {_FINE_JELLY}",
+            f"softprint generate {_FINE_JELLY}",
+            f"softprint train {_FINE_JELLY} --model ours",
             "python -m benchmarks.viewer_speed examples/jelly3d.toml --out runs/jelly3d_fine "
             """--set 'body.mesh="../runs/jelly3d_fine.vtu"'""",
         ),
