@@ -24,7 +24,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.compiled import summing
 
 # Steps along flat directions are at most this much longer than Newton's along those of the compliance alone.
-_FLOOR = 0.1
+_FLOOR = 0.01
 # Ends when the imbalance is this fraction of that at the start, in the norm of G. It is only a direction.
 _TOLERANCE = 1e-4
 
