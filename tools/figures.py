@@ -72,8 +72,11 @@ def _motions(experiment: str, scene: str, needs: str, run: str) -> Figure:
 
 # Those that touch the body in the scene.
 _SHAPES_ALONE = {
-    "push": ("egg", "boulder", "spring", "slab", "bone", "torus", "mug", "cluster", "octahedron", "bolt"),
-    "press": ("boulder", "spring", "mug", "cluster", "octahedron", "bolt"),
+    "push": (
+        *("egg", "boulder", "spring", "slab", "bone", "torus", "mug", "cluster", "octahedron", "bolt"),
+        *("dodecahedron", "nut", "starfish", "key", "truss", "hills"),
+    ),
+    "press": ("boulder", "spring", "mug", "cluster", "octahedron", "bolt", "truss", "hills"),
 }
 
 
@@ -86,11 +89,11 @@ def _alone(scene: str, shape: str) -> tuple[str, str]:
     )
 
 
-#: In an order in which each comes after what it needs.
 _FINE_JELLY = (
     """examples/jelly3d.toml --out runs/jelly3d_fine --set 'body.mesh="../runs/jelly3d_fine.vtu"' """
     "--set sampling.places=16 --set sampling.rotations=4"
 )
+#: In an order in which each comes after what it needs.
 FIGURES: Mapping[str, Figure] = {
     "demo": Figure(("make demo",), (README, RESULTS), pictures=("runs/jelly3d_small/report.html",)),
     "motion_strip": Figure(
