@@ -23,15 +23,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from benchmarks.drop_map import CONTACT_NODES, FOLLOWED, Throw, thrown
+from benchmarks.drop_map import FOLLOWED, Throw, loaded, thrown
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.runtime.arrays import Array
-from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.body import ReducedBody
 from softprint.runtime.dynamics import Simulator
-from softprint.runtime.experiment import load_experiment
-from softprint.runtime.mechanics.body_mechanics import compute_mechanics
-from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 
 N_FREQUENCIES = 5
@@ -97,12 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="the run directory; default: runs/NAME")
     options = parser.parse_args(arguments)
     logging.getLogger("softprint").setLevel(logging.ERROR)
-    run = options.out or Path("runs") / options.experiment.stem
-    experiment, body = load_experiment(options.experiment), load_body(run / "body.h5")
-    stored = mechanics_path(run, CONTACT_NODES)
-    mechanics = (
-        load_mechanics(stored, body) if stored.is_file() else compute_mechanics(body, CONTACT_NODES, True)
-    )
+    experiment, body, mechanics = loaded(options.experiment, options.out)
     f = frequencies(body)
     print("frequencies outside of the subspace: " + ", ".join(f"{own:.0f}" for own in f) + " 1/s\n")
     print("| step | left out of a change of load by corrections without inertia |\n| --- | --- |")

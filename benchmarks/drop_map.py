@@ -86,6 +86,16 @@ ENDS = {
 }
 
 
+def loaded(path: Path, out: Path | None) -> tuple[Experiment, ReducedBody, BodyMechanics]:
+    """An experiment, its body from the run directory, and mechanics, computed where none are stored."""
+    run = out or Path("runs") / path.stem
+    experiment, body = load_experiment(path), load_body(run / "body.h5")
+    stored = mechanics_path(run, CONTACT_NODES)
+    if stored.is_file():
+        return experiment, body, load_mechanics(stored, body)
+    return experiment, body, compute_mechanics(body, CONTACT_NODES, True)
+
+
 def thrown(experiment: Experiment, body: ReducedBody, throw: Throw, rate: int) -> dict[str, Any]:
     """The arguments of a simulator, reduced or full, of one throw."""
     diameter, mass, speed = throw
@@ -225,12 +235,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--bounces", action="store_true", help="a few throws, in full space too")
     options = parser.parse_args(arguments)
     logging.getLogger("softprint").setLevel(logging.ERROR)
-    run = options.out or Path("runs") / options.experiment.stem
-    experiment, body = load_experiment(options.experiment), load_body(run / "body.h5")
-    stored = mechanics_path(run, CONTACT_NODES)
-    mechanics = (
-        load_mechanics(stored, body) if stored.is_file() else compute_mechanics(body, CONTACT_NODES, True)
-    )
+    experiment, body, mechanics = loaded(options.experiment, options.out)
     if options.bounces:
         print_bounces(experiment, body, mechanics)
         return
