@@ -98,7 +98,7 @@ def fitted(
     # Beyond these there is nothing but round-off of single precision.
     components = min(recipe.components, int(np.count_nonzero(energy > 1e-10 * energy[-1])))
     options = ObjectCentricOptions(
-        tuple(recipe.widths), components, inputs.shape[1], body.n_nodes, (), "whole", "", "saturating", 1e-9
+        tuple(recipe.widths), components, inputs.shape[1], body.n_nodes, (), "whole", "saturating", 1e-9
     )
     parts = [
         ObjectCentricData(inputs[own], np.ones(len(own)), fields[own].astype(np.float32), own)

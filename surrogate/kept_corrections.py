@@ -12,16 +12,18 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_mechanics import RunMechanics
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, ModelSpec
-from softprint.runtime.io.files import content_hash, sources_hash
+from softprint.runtime.experiment.experiment import CONDENSED
+from softprint.runtime.io.files import content_hash, file_hash, sources_hash
 from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.learned.form import find_form
+from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.scenes.playing import correction_path
 
 log = logging.getLogger(__name__)
 
 
-def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str) -> dict[str, object]:
-    """Everything that determines the result of training."""
+def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str, out: Path) -> dict[str, object]:
+    """Everything that determines the result of training into a run directory."""
     training = experiment.training.model_dump(mode="json", exclude={"models", "internal", "device"})
     return {
         "truth": truth_hash,
@@ -30,13 +32,28 @@ def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str) -> dict[
         "contact_points": [experiment.contact.refinement, experiment.contact.reduced_refinement],
         "gravity": list(experiment.dynamics.gravity),
         "settings": {**training, "seed": experiment.seed},
+        **_internal_below(spec, out),
     }
+
+
+def _internal_below(spec: ModelSpec, out: Path) -> dict[str, str]:
+    """The hash of the internal correction that a model is added to, if there is one. Raises SoftprintError where it is
+    not trained yet."""
+    if not spec.added_to or spec.added_to == CONDENSED:
+        return {}
+    path = internal_path(out, spec.added_to)
+    if not path.is_file():
+        raise SoftprintError(
+            f"model {spec.name!r} is added to the internal correction {spec.added_to!r}, but there is no {path}: "
+            f"`softprint train --model {spec.added_to}` makes it"
+        )
+    return {"internal": file_hash(path)}
 
 
 def is_trained(context: Context, spec: ModelSpec, truth_hash: str, mechanics: RunMechanics) -> bool:
     """Whether the correction exists with this recipe and the mechanics of the run directory."""
     path = correction_path(context.out_dir, spec.name)
-    header = kept_header(path, recipe_of(context.experiment, spec, truth_hash), read_header)
+    header = kept_header(path, recipe_of(context.experiment, spec, truth_hash, context.out_dir), read_header)
     if header is None:
         return False
     if (

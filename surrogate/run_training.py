@@ -83,7 +83,7 @@ def _train_one(data: TrainingData, spec: ModelSpec) -> None:
     """Train a model and write the correction and its curves."""
     context, form, path = data.context, find_form(spec.form), correction_path(data.context.out_dir, spec.name)
     experiment, truth_hash = context.experiment, data.truth.content_hash
-    recipe = recipe_of(experiment, spec, truth_hash)
+    recipe = recipe_of(experiment, spec, truth_hash, context.out_dir)
     checkpoints = Checkpoints(path)
     if not context.resume:
         checkpoints.remove()

@@ -47,6 +47,7 @@ from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.contact.penalty import CONTACT_VERSION
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import CONDENSED
 from softprint.runtime.io.files import content_hash
 from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.learned.internal.correction import InternalCorrection
@@ -54,7 +55,6 @@ from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
-from softprint.runtime.scenes.playing import CONDENSED
 from softprint.runtime.scenes.scene import scene_parts
 from softprint.runtime.truth.truth_file import load_truth
 
@@ -177,26 +177,31 @@ def state_corrections(
     experiment: Experiment, files: RunFiles, body: ReducedBody, collider: Collider
 ) -> dict[str, StateCorrection]:
     """Every correction of the run directory, and static condensation beside internal ones."""
-    internals = _internal_displacements(experiment, files, body)
+    trained = {name: read_correction(path, body) for name, path in files.corrections.items()}
+    if isinstance(collider, NoCollider):
+        trained = {}
+    internals: dict[str, InternalDisplacement] = {}
+    if files.internal or any(own.header.added_to for own in trained.values()):
+        internals = _internal_displacements(experiment, files, body)
     found: dict[str, StateCorrection] = {}
-    if not isinstance(collider, NoCollider):
-        for name, path in files.corrections.items():
-            trained = read_correction(path, body)
-            correction, below = StaticCorrection(trained.on(collider), body), trained.header.added_to
-            if below and below not in internals:
-                raise SoftprintError(
-                    f"{path}: is added to the internal correction {below!r}, which is missing"
-                )
-            found[name] = WithInternal(correction, internals[below]) if below else correction
-    return {**found, **internals}
+    for name, own in trained.items():
+        made, below = own.on(collider), own.header.added_to
+        if not below:
+            found[name] = StaticCorrection(made, body)
+            continue
+        if below not in internals:
+            raise SoftprintError(
+                f"{files.corrections[name]}: is added to the internal correction {below!r}, which is missing"
+            )
+        without = internals[below]
+        found[name] = WithInternal(StaticCorrection(made, body, internal=without.internal), without)
+    return {**found, **(internals if files.internal else {})}
 
 
 def _internal_displacements(
     experiment: Experiment, files: RunFiles, body: ReducedBody
 ) -> dict[str, InternalDisplacement]:
     """Every internal correction of the run directory, and static condensation beside them."""
-    if not files.internal:
-        return {}
     condensation = compute_static_condensation(body, experiment.dynamics.gravity, NullSpaceCompliance(body))
     found = {CONDENSED: InternalDisplacement(body, condensation, None)}
     for name, path in files.internal.items():

@@ -6,8 +6,8 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.learned.correction import InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 
 
@@ -22,8 +22,8 @@ def check_mechanics(body: ReducedBody, mechanics: BodyMechanics | None) -> None:
 
 
 def check_internal(internal: InternalField | None, mechanics: BodyMechanics | None, gravity: Array) -> None:
-    """Raises SoftprintError for an internal correction with other mechanics than it was trained on, for one that was
-    trained under another gravity (dim,) [m/s^2], and with condensed contact, which does not see it."""
+    """Raises SoftprintError for an internal correction with other mechanics than it was trained on, and for one that
+    was trained under another gravity (dim,) [m/s^2]."""
     if internal is None:
         return
     if internal.gravity and not np.allclose(internal.gravity, gravity, rtol=1e-6, atol=1e-9):
@@ -39,8 +39,4 @@ def check_internal(internal: InternalField | None, mechanics: BodyMechanics | No
     if condensed and not internal.on_condensation:
         raise SoftprintError(
             "the internal correction was trained on the subspace alone: leave static condensation out"
-        )
-    if mechanics is not None and mechanics.compliance is not None:
-        raise SoftprintError(
-            "condensed contact does not see an internal correction: give mechanics without a surface compliance"
         )

@@ -15,13 +15,12 @@ from softprint.runtime.contact.condensed.condensed_contact import CondensedConta
 from softprint.runtime.contact.condensed.drawn_contact import DrawnContact
 from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.elasticity.displacement_field import BoundInternal, InternalField
 from softprint.runtime.learned.correction import (
     BoundContactCorrection,
     BoundField,
-    BoundInternal,
     ContactCorrection,
     FieldCorrection,
-    InternalField,
 )
 from softprint.runtime.linalg.row_products import placed
 from softprint.runtime.mechanics.static_condensation import StaticCondensation

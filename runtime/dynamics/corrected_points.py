@@ -17,14 +17,9 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.dynamics.timings import Phase
+from softprint.runtime.elasticity.displacement_field import BoundInternal, CorrectionField, InternalField
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.correction import (
-    BoundField,
-    BoundInternal,
-    CorrectionField,
-    FieldCorrection,
-    InternalField,
-)
+from softprint.runtime.learned.correction import BoundField, FieldCorrection
 
 
 class CorrectedPoints:

@@ -49,7 +49,7 @@ from softprint.runtime.dynamics.step.step_start import kept_factorisation
 from softprint.runtime.dynamics.terms.springs import HandleSpring, PointSpring, QuadraticForm
 from softprint.runtime.dynamics.terms.weight import acceleration
 from softprint.runtime.dynamics.timings import Timings
-from softprint.runtime.learned.correction import InternalField
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.optimise import Minimum, Newton, NewtonSettings, Status
 

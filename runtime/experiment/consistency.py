@@ -8,7 +8,7 @@ from pathlib import Path
 
 from softprint.runtime.colliders.surface_mesh.mesh_collider import SUFFIXES
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.experiment.experiment import LIBRARY, MODELS, RESERVED, Experiment
+from softprint.runtime.experiment.experiment import CONDENSED, LIBRARY, MODELS, RESERVED, Experiment
 from softprint.runtime.experiment.own_shapes import matches
 from softprint.runtime.experiment.problems import Problem
 from softprint.runtime.experiment.schema.colliders import LibraryTable
@@ -199,13 +199,29 @@ def _named_colliders(experiment: Experiment) -> Iterator[Problem]:
 
 def _added_to(experiment: Experiment) -> Iterator[Problem]:
     """Of models that are added to internal corrections."""
-    names = [own.name for own in experiment.training.internal]
+    on = {CONDENSED: "condensation"} | {own.name: own.on for own in experiment.training.internal}
     for number, model in enumerate(experiment.training.models):
         here = f"training.models[{number}]"
         if model.added_to:
             yield from _known(
-                f"{here}.added_to", model.added_to, names, "correction of [[training.internal]]"
+                f"{here}.added_to", model.added_to, list(on), "correction of [[training.internal]]"
             )
+        if FORMS[model.form].on_mechanics and model.added_to:
+            own = "condensation" if model.static_condensation else "subspace"
+            if model.added_to == CONDENSED:
+                yield Problem(
+                    f"{here}.added_to",
+                    f"adds what form {model.form} has by itself",
+                    "leave it out",
+                    model.added_to,
+                )
+            elif on.get(model.added_to, own) != own:
+                yield Problem(
+                    f"{here}.static_condensation",
+                    f"is {str(model.static_condensation).lower()}, but {model.added_to!r} is learned on the "
+                    f"{on[model.added_to]}",
+                    f"set it to {str(not model.static_condensation).lower()}",
+                )
         if model.added_to and model.target == "whole":
             yield Problem(
                 f"{here}.target",

@@ -26,8 +26,9 @@ ANY_COLLIDER = "any"  # collider of a correction that was trained for all collid
 # Names that no collider of a file may have.
 RESERVED = {LIBRARY: "stands for all shapes of [library]", ANY_COLLIDER: "stands for any collider"}
 
+CONDENSED = "condensed"  # the model of static condensation alone
 # Models that are not learned, whose names no internal correction may have.
-MODELS = ("full", "bare", "condensed")
+MODELS = ("full", "bare", CONDENSED)
 
 
 class ExperimentSpec(Section):

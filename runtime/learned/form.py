@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
@@ -21,7 +21,11 @@ from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 @dataclass(frozen=True)
 class ModelOptions:
     """Architecture of a model, stored in the header of its file. Every kind has `widths`, the neurons of each hidden
-    layer."""
+    layer.
+
+    added_to: name of the internal correction of the body that the model is added to, empty for none."""
+
+    added_to: str = field(default="", kw_only=True)
 
     def to_json(self) -> dict[str, Any]:
         """As plain values for a file's header."""

@@ -24,21 +24,27 @@ from typing import NamedTuple
 
 
 class Registered(NamedTuple):
-    """any_collider: whether one model can be trained on a library of colliders, for any; description: for those who
-    write experiment files."""
+    """any_collider: whether one model can be trained on a library of colliders, for any; on_mechanics: whether it has
+    the linear mechanics of the body below it; description: for those who write experiment files."""
 
     any_collider: bool
+    on_mechanics: bool
     description: str
 
 
 FORMS: Mapping[str, Registered] = {
     "force": Registered(
-        True, "a network corrects the contact forces of the body's linear mechanics, for any collider"
+        True, True, "a network corrects the contact forces of the body's linear mechanics, for any collider"
     ),
     "thesis4": Registered(
         True,
+        False,
         "principal components of the displacement by colliders of one shape, object-centric (thesis, eq. 4.7)",
     ),
-    "thesis5": Registered(False, "a network is the displacement field of one collider (thesis, eq. 5.4)"),
-    "thesis6": Registered(True, "the displacement from a local descriptor of any collider (thesis, eq. 6.5)"),
+    "thesis5": Registered(
+        False, False, "a network is the displacement field of one collider (thesis, eq. 5.4)"
+    ),
+    "thesis6": Registered(
+        True, False, "the displacement from a local descriptor of any collider (thesis, eq. 6.5)"
+    ),
 }

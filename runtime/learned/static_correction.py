@@ -11,19 +11,28 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.learned.correction import ContactCorrection, Correction
 
 
 class StaticCorrection:
-    """A correction at nodes (n,) of a body, all by default. Solved contacts are arguments and results."""
+    """A correction at nodes (n,) of a body, all by default; internal: correction of the body, which contact sees.
+    Solved contacts are arguments and results."""
 
-    def __init__(self, correction: Correction, body: ReducedBody, nodes: IntArray | None = None) -> None:
+    def __init__(
+        self,
+        correction: Correction,
+        body: ReducedBody,
+        nodes: IntArray | None = None,
+        internal: InternalField | None = None,
+    ) -> None:
         points = body.node_points(nodes)
         self._name, self._shape = correction.collider, points.rest.shape
         if isinstance(correction, ContactCorrection):
             colliders = {correction.collider: correction.shape}
+            own = correction.law, correction.band, correction.learned, internal
             self._contact: CondensedContact | None = CondensedContact.of(
-                body, correction.mechanics, colliders, correction.law, correction.band, correction.learned
+                body, correction.mechanics, colliders, *own
             )
             self._bound = correction.bind(points, self._contact, correction.collider)
         else:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
@@ -18,19 +18,22 @@ from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.dynamics.state import ReducedState, StepResult
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import CONDENSED
 from softprint.runtime.learned.correction import ContactCorrection
-from softprint.runtime.mechanics.body_mechanics import BodyMechanics
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
-from softprint.runtime.mechanics.static_condensation import compute_static_condensation
+from softprint.runtime.scenes.corrected_body import (
+    CorrectedBody,
+    body_below,
+    condensed_mechanics,
+    corrected_body,
+    internal_path,
+)
 from softprint.runtime.scenes.scene import find_scene, scene_parts, scene_simulator, scene_steps
 
 if TYPE_CHECKING:
     from softprint.runtime.experiment import Experiment, SceneSpec
-    from softprint.runtime.learned.internal.correction import InternalCorrection
 
 MODEL_GROUP = "softprint.models"
 BARE = "bare"
-CONDENSED = "condensed"
 
 
 class SceneModel(Protocol):
@@ -133,37 +136,12 @@ def condensed_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec)
     return ReducedModel(scene_simulator(body, parts, mechanics=mechanics), parts.held)
 
 
-def condensed_mechanics(body: ReducedBody, gravity: Array) -> BodyMechanics:
-    """Static condensation alone, without a compliance of the surface; gravity: (dim,) [m/s^2]."""
-    return BodyMechanics(None, compute_static_condensation(body, gravity, NullSpaceCompliance(body)))
-
-
 def internal_model(experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path) -> ReducedModel:
     """The subspace, or static condensation, with the internal correction of a file; contact is penalty contact."""
     parts = scene_parts(experiment, scene)
     own = corrected_body(body, path, parts.gravity)
     simulator = scene_simulator(own.body, parts, mechanics=own.mechanics, internal=own.internal)
     return ReducedModel(simulator, parts.held)
-
-
-class CorrectedBody(NamedTuple):
-    """A body, with the cubature of its internal correction, the mechanics below that correction, and it."""
-
-    body: ReducedBody
-    mechanics: BodyMechanics | None = None
-    internal: InternalCorrection | None = None
-
-
-def corrected_body(body: ReducedBody, path: Path, gravity: Array) -> CorrectedBody:
-    """The body with the internal correction of a file; gravity: (dim,) [m/s^2]."""
-    # Imported here, because torch takes a second to load and the other models do not need it.
-    from softprint.runtime.learned.internal.correction import InternalCorrection
-    from softprint.runtime.learned.internal.file import load_internal
-
-    trained = load_internal(path, body)
-    internal, own = InternalCorrection(trained.model, body), trained.on(body)
-    mechanics = condensed_mechanics(own, gravity) if internal.on_condensation else None
-    return CorrectedBody(own, mechanics, internal)
 
 
 def correction_path(out: Path, name: str) -> Path:
@@ -174,11 +152,6 @@ def correction_path(out: Path, name: str) -> Path:
 def trained_models(out: Path) -> list[str]:
     """Names of the corrections in a run directory."""
     return sorted(file.stem for file in (out / "corrections").glob("*.safetensors"))
-
-
-def internal_path(out: Path, name: str) -> Path:
-    """The file that `train` writes for the internal correction of that name."""
-    return out / "internal" / f"{name}.safetensors"
 
 
 def internal_models(out: Path) -> list[str]:
@@ -222,13 +195,13 @@ def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, p
             f"scene {scene.name!r} has no collider {trained.header.collider!r}, for which {path.name} was trained: "
             f"play it with the model {BARE!r}"
         )
+    own = CorrectedBody(body)
     if trained.header.added_to:
-        own = corrected_body(body, internal_path(path.parent.parent, trained.header.added_to), parts.gravity)
-        simulator = scene_simulator(own.body, parts, corrections, own.mechanics, own.internal)
-        return ReducedModel(simulator, parts.held)
+        own = body_below(body, path.parent.parent, trained.header.added_to, parts.gravity)
     # The correction's own mechanics, which may be without static condensation.
-    mechanics = (c.mechanics for c in corrections if isinstance(c, ContactCorrection))
-    return ReducedModel(scene_simulator(body, parts, corrections, next(mechanics, None)), parts.held)
+    of_contact = (c.mechanics for c in corrections if isinstance(c, ContactCorrection))
+    mechanics = next(of_contact, own.mechanics)
+    return ReducedModel(scene_simulator(own.body, parts, corrections, mechanics, own.internal), parts.held)
 
 
 def _announced() -> list[str]:

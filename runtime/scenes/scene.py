@@ -18,9 +18,10 @@ from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.settings import DynamicsSettings
 from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.dynamics.terms.springs import HandleSpring
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.recorded_motion import read_recorded_motion
-from softprint.runtime.learned.correction import Correction, InternalField
+from softprint.runtime.learned.correction import Correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.optimise import NewtonSettings
 from softprint.runtime.rigid import free_collider

@@ -12,8 +12,10 @@ from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion, pierced_from
 from softprint.runtime.contact.penalty import CONTACT_VERSION
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import CONDENSED
 from softprint.runtime.experiment.sources import scene_files
 from softprint.runtime.io.files import content_hash, file_hash
+from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.scenes.motion_colliders import collider_tables
 from softprint.runtime.scenes.motion_file import (
     MotionHeader,
@@ -22,7 +24,7 @@ from softprint.runtime.scenes.motion_file import (
     write_motion,
     write_side_file,
 )
-from softprint.runtime.scenes.playing import BARE, build_model, correction_path, internal_path, play
+from softprint.runtime.scenes.playing import BARE, build_model, correction_path, play
 from softprint.runtime.scenes.scene import scene_steps
 
 if TYPE_CHECKING:
@@ -74,7 +76,7 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         header = read_header(correction)
         content["correction"] = file_hash(correction)
         content["mechanics"] = header.mechanics_hash
-        if header.added_to:
+        if header.added_to and header.added_to != CONDENSED:
             content["internal"] = file_hash(internal_path(out, header.added_to))
     return content_hash(content)
 

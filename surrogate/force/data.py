@@ -14,6 +14,7 @@ from torch.nn.utils.rnn import pad_sequence
 from softprint.runtime.arrays import IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.model import ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
@@ -62,10 +63,11 @@ def read_force_data(
     metric: ForceMetric,
     samples: IntArray,
     progress: Callable[[int], None] | None = None,
+    internal: InternalField | None = None,
 ) -> ForceData | None:
     """The given rows of a truth file. Samples in which the reduced body has no contact are dropped; None where no other
-    is left."""
-    probe = ContactStateProbe(body, collider, mechanics, options.law, options.band, options.learned)
+    is left. internal: correction of the body, which contact sees."""
+    probe = ContactStateProbe(body, collider, mechanics, options.law, options.band, options.learned, internal)
     loaded = probe.contact.loaded
     gradient = body.node_points().basis_gradient
     state = -1

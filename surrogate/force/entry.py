@@ -15,7 +15,10 @@ from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModelOptions
+from softprint.runtime.learned.internal.correction import InternalCorrection
+from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.surrogate.data.folds import folds_of
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.crossed import CrossedForceTask
@@ -70,6 +73,17 @@ def mechanics(data: TrainingData, spec: ModelSpec) -> BodyMechanics:
     return found if spec.static_condensation else found._replace(condensation=None)
 
 
+def internal_below(data: TrainingData, spec: ModelSpec) -> InternalCorrection | None:
+    """The internal correction that the model is added to, from the run directory; None for none."""
+    if not spec.added_to:
+        return None
+    path = internal_path(data.context.out_dir, spec.added_to)
+    return data.once(
+        ("internal", spec.added_to),
+        lambda: InternalCorrection(load_internal(path, data.body).model, data.body),
+    )
+
+
 def force_data(
     data: TrainingData,
     spec: ModelSpec,
@@ -79,9 +93,9 @@ def force_data(
 ) -> ForceData:
     """Some rows of the truth file, with any mix of colliders. Raises SoftprintError if none of them touches the reduced
     body."""
-    own, measured_in = mechanics(data, spec), metric(data, spec)
+    own, measured_in, internal = mechanics(data, spec), metric(data, spec), internal_below(data, spec)
     parts = [
-        read_force_data(data.truth, data.body, collider, own, options, measured_in, part, progress)
+        read_force_data(data.truth, data.body, collider, own, options, measured_in, part, progress, internal)
         for collider, part in data.by_collider(samples)
     ]
     touching = [part for part in parts if part is not None]
@@ -94,10 +108,10 @@ def force_data(
 
 def contact_maker(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) -> ContactMaker:
     """Makes the contact of the body with a collider, under an energy."""
-    own = mechanics(data, spec)
+    own, internal = mechanics(data, spec), internal_below(data, spec)
 
     def contact_of(collider: Collider, learned: LearnedEnergy) -> ContactStateProbe:
-        return ContactStateProbe(data.body, collider, own, options.law, options.band, learned)
+        return ContactStateProbe(data.body, collider, own, options.law, options.band, learned, internal)
 
     return contact_of
 
@@ -106,7 +120,7 @@ def _energy(
     data: TrainingData, spec: ModelSpec, options: ForceModelOptions
 ) -> tuple[LearnedEnergy | None, EnergyErrors] | None:
     """The energy of contact, learned once for all networks on the same mechanics."""
-    key = ("energy", spec.contact_nodes, spec.static_condensation, options.band, options.law)
+    key = ("energy", spec.contact_nodes, spec.static_condensation, spec.added_to, options.band, options.law)
     return data.once(key, lambda: energy_of(data, contact_maker(data, spec, options)))
 
 
@@ -122,7 +136,14 @@ def _read(
                 force_data(data, spec, options, samples, bar.update).to(data.device) for samples in parts
             )
 
-    own = (spec.contact_nodes, spec.static_condensation, options.band, options.law, options.energy)
+    own = (
+        spec.contact_nodes,
+        spec.static_condensation,
+        spec.added_to,
+        options.band,
+        options.law,
+        options.energy,
+    )
     return data.once(("force", own, *(part.tobytes() for part in parts)), read)
 
 

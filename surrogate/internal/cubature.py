@@ -25,7 +25,7 @@ from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
 from softprint.runtime.dynamics.terms.elastic import ElasticEnergy
 from softprint.runtime.dynamics.timings import Timings
-from softprint.runtime.learned.correction import InternalField
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.learned.internal.file import with_cubature
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 

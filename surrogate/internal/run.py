@@ -17,7 +17,7 @@ from softprint.runtime.learned.internal.file import InternalHeader, read_interna
 from softprint.runtime.learned.internal.model import InternalOptions
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
-from softprint.runtime.scenes.playing import internal_path
+from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.truth.truth_file import TruthData
 from softprint.surrogate.internal.cubature import fitted_cubature
 from softprint.surrogate.internal.data import read_internal_data

@@ -58,7 +58,7 @@ def test_a_correction_with_other_mechanics_is_not_kept(tmp_path, jelly2d_body, c
     context = Context(write_experiment(tmp_path, 2), out=tmp_path / "run", quiet=True, rank=0)
     spec = next(model for model in context.experiment.training.models if model.name == "ours")
     model = ForceModel(options(spec, jelly2d_body, PenaltyContact(1e9)), 2, jelly2d_body.n_rows)
-    training = {**recipe_of(context.experiment, spec, "abc"), "program": program_hash()}
+    training = {**recipe_of(context.experiment, spec, "abc", context.out_dir), "program": program_hash()}
     path = correction_path(context.out_dir, "ours")
     path.parent.mkdir()
     save_correction(path, "ours", model, jelly2d_body, "ball", "abc", 0.1, training, "own")

@@ -10,7 +10,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import ColliderBase
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
-from softprint.runtime.learned.correction import InternalField
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
@@ -30,13 +30,14 @@ class NoCollider(ColliderBase):
 
 class InternalDisplacement:
     """Static condensation and an internal correction of all nodes, or one of the two, with the methods of a
-    `StaticCorrection`: what it adds by contact is zero."""
+    `StaticCorrection`: what it adds by contact is zero. internal: the correction, None for static condensation
+    alone."""
 
     def __init__(
         self, body: ReducedBody, condensation: StaticCondensation | None, internal: InternalField | None
     ) -> None:
         self._shape, self._condensation = body.mesh.points.shape, condensation
-        self._internal = None if internal is None else internal.bind()
+        self.internal, self._bound = internal, None if internal is None else internal.bind()
 
     def solve(self, rows: Array, pose: RigidPose, near: SolvedContact | None) -> SolvedContact | None:
         """None: there is no contact to solve."""
@@ -51,7 +52,7 @@ class InternalDisplacement:
         u = np.zeros(self._shape)
         if self._condensation is not None:
             u += self._condensation.corotated(rows).displacement(rows)
-        return u if self._internal is None else u + self._internal.displacement(rows)
+        return u if self._bound is None else u + self._bound.displacement(rows)
 
 
 class WithInternal:

@@ -32,6 +32,7 @@ from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoin
 from softprint.runtime.contact.solver.sharp_search import Dent, SharpSearch, bearing_facets, sharp_colliders
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
 from softprint.runtime.contact.solver.warm_start import PointCompliance, WarmStart
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints, owners
@@ -85,10 +86,11 @@ class CondensedContact:
         law: PenaltyContact,
         band: float = 0.0,
         learned: LearnedEnergy | None = None,
+        internal: InternalField | None = None,
     ) -> CondensedContact:
         """law: contact is at the contact nodes, or on the facets between them; band: [m], see `CandidateSearch`;
-        learned: None for the energy of linear mechanics. Raises SoftprintError for mechanics without surface
-        compliance."""
+        learned: None for the energy of linear mechanics; internal: correction of the body. Raises SoftprintError for
+        mechanics without surface compliance."""
         scale = None if learned is None else learned.scale
         compliance = mechanics.surface_compliance
         loaded = LoadedPoints.of_compliance(body, compliance, law.reduced_points)
@@ -98,11 +100,11 @@ class CondensedContact:
         if known:
             owner = owners(body, compliance.nodes)
             corners = np.unique(bearing_facets(body.mesh.facets, owner))
-            points = ContactPoints.of(body, loaded, mechanics.condensation, corners, scale)
+            points = ContactPoints.of(body, loaded, mechanics.condensation, corners, scale, internal)
             sharp = SharpSearch(body, known, law, owner, of_nodes, loaded, points, corners)
             stiffness = np.concatenate([stiffness, np.full(sharp.count, law.stiffness * sharp.area)])
         else:
-            points = ContactPoints.of(body, loaded, mechanics.condensation, scale=scale)
+            points = ContactPoints.of(body, loaded, mechanics.condensation, None, scale, internal)
         return cls(
             loaded,
             compliance.nodes,

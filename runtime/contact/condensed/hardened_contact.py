@@ -71,13 +71,14 @@ class HardenedContact:
     def hessian(self, along: Array | None = None) -> Array:
         """d2W~/drows2, see `RowHessian`."""
         contact, moments = self._contact, self._stiffened * self._contact.moments
+        forces = self._stiffened * contact.force
         motions, slopes = contact.motions.along(along), self._slopes_along(along)
         found = self._stiffened * motions.second(motions) + slopes @ self._outer @ slopes.T
         if self._curvature is not None:
             own = self._measured_rows(self._curvature, motions, along)
             found, moments = found + self._curvature.between(own, own), moments + self._curvature.moments
-        bent = contact.bending(moments, along)
-        return np.asarray(found if bent is None else found - bent)
+            forces = forces + self._weighted_response[0]
+        return np.asarray(found - contact.bending(forces, moments, along))
 
     def twist_gradient(self, own: ColliderSensitivity) -> Array:
         """dW~/dtwist (n_twist,) of a collider."""

@@ -16,6 +16,8 @@ the rotations of the frame are fixed; so the last term is zero where A = F, and 
 
     f . d2A v = f . A v (dtheta dtheta^T + d2theta) + s f . (dF dtheta + dtheta dF) v.
 
+An internal correction of the body is not affine: with it -sum_j f_j . d2x_j is added.
+
 The contact Hessian of a reduced step is `LinearisedContact.hessian`.
 """
 
@@ -32,6 +34,7 @@ from softprint.runtime.contact.solver import contact_solve_kernels as solve_kern
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
 from softprint.runtime.contact.solver.compliance_scale import ScaleDerivatives
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints, PointMotion
+from softprint.runtime.contact.solver.internal_points import InternalMotion
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
@@ -72,21 +75,21 @@ class LinearisedContact:
         solution, index, scales = self.solved.solution, self.solved.active, self._scales
         v = solution.rest_displacement[solution.active]
         turned = None if moved is None else self.force[:, :, None] * moved[:, None, :]
+        internal = 0.0 if self._internal is None else self._internal.pulled_back(forces)
         if scales is None:
-            return self.points.handle_forces(index, forces, v, turned)
+            return self.points.handle_forces(index, forces, v, turned) + internal
         s = scales.scale[:, None, None]
         moments = forces[:, :, None] * v[:, None, :] + (0.0 if turned is None else turned)
         by_strain = (self._carriers * moments).sum(axis=(1, 2))[:, None, None] * scales.slope
         if turned is not None:
             by_strain += s * turned
-        return self.points.handle_forces(index, forces, s[:, 0] * v, by_strain)
+        return self.points.handle_forces(index, forces, s[:, 0] * v, by_strain) + internal
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
         motions = self.motions.along(along)
         found = motions.second(motions)
-        bent = self.bending(self.moments, along)
-        return np.asarray(found if bent is None else found - bent, dtype=np.float64)
+        return np.asarray(found - self.bending(self.force, self.moments, along), dtype=np.float64)
 
     @lazy
     def motions(self) -> ContactMotions:
@@ -112,7 +115,15 @@ class LinearisedContact:
     @lazy
     def derivatives(self) -> PointMotion:
         """Of the active points by the rows."""
-        return self.points.motion(self.solved.active)
+        motion = self.points.motion(self.solved.active)
+        if self._internal is None:
+            return motion
+        return PointMotion(motion.position + self._internal.jacobian, motion.basis_gradient)
+
+    @lazy
+    def _internal(self) -> InternalMotion | None:
+        """What an internal correction adds to these."""
+        return self.points.internal_motion(self.solved.rows, self.solved.active)
 
     def curvature_change(self, directions: Array) -> Array:
         """t . d3s (k, dim, dim): how the Hessian of the distance at the active points changes along directions t (k,
@@ -149,9 +160,15 @@ class LinearisedContact:
         v = self.solved.solution.rest_displacement[self.solved.solution.active]
         return np.asarray(self.force[:, :, None] * v[:, None, :])
 
-    def bending(self, moments: Array, along: Array | None = None) -> Array | None:
-        """sum_j M_j : d2A_j (R, R) of moments M (k, dim, dim); along: see `RowHessian`. None for zero, where the
-        compliance is not scaled."""
+    def bending(self, forces: Array, moments: Array, along: Array | None = None) -> Array | float:
+        """sum_j F_j . d2x_j + M_j : d2A_j (R, R) of forces F (k, dim) and moments M (k, dim, dim); along: see
+        `RowHessian`. Zero where neither is an internal correction nor a scaled compliance."""
+        of_points = None if self._internal is None else self._internal.curvature(forces, along)
+        of_carriers = self._carrier_bending(moments, along)
+        return sum((part for part in (of_points, of_carriers) if part is not None), start=0.0)
+
+    def _carrier_bending(self, moments: Array, along: Array | None) -> Array | None:
+        """sum_j M_j : d2A_j (R, R); None where the compliance is not scaled."""
         scales = self._scales
         if scales is None:
             return None

@@ -7,6 +7,8 @@ points. The force on the handles alone is computed without it,
 
     sum_j f_j . (dx_j + dA_j v_j),    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j,
     f_j . dA_j v_j = f_j . dF_j (s_j v_j) + (f_j . A_j v_j) dtheta_j.
+
+An internal correction of the body moves the points, too (`internal_points.py`); the formulas here are without it.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.contact.solver import contact_point_kernels as kernels
 from softprint.runtime.contact.solver.compliance_scale import ComplianceScale, ScaleDerivatives
+from softprint.runtime.contact.solver.internal_points import InternalMotion, InternalPoints
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.row_products import deformed_some, placed, placed_some
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
@@ -42,15 +46,17 @@ class PointMotion:
 
 class ContactPoints:
     """Material points of a body that may touch a collider, n of them. condensation: of these points, None for a body
-    without static condensation; scale: of the compliance there, None for 1."""
+    without static condensation; scale: of the compliance there, None for 1; internal: correction of these points, None
+    for a body without one."""
 
     def __init__(
         self,
         material: MaterialPoints,
         condensation: PointCondensation | None,
         scale: ComplianceScale | None = None,
+        internal: InternalPoints | None = None,
     ) -> None:
-        self.material, self.condensation, self.scale = material, condensation, scale
+        self.material, self.condensation, self.scale, self.internal = material, condensation, scale, internal
         self.basis_gradients = np.ascontiguousarray(material.basis_gradient.transpose(0, 2, 1))
 
     @classmethod
@@ -61,13 +67,16 @@ class ContactPoints:
         condensation: StaticCondensation | None,
         nodes: IntArray | None = None,
         scale: ComplianceScale | None = None,
+        internal: InternalField | None = None,
     ) -> ContactPoints:
         """The loaded points of a body; condensation: of all its nodes; nodes: see `PointCondensation.at`."""
-        material = loaded.material(body)
-        if condensation is None:
-            return cls(material, None, scale)
-        at = loaded.corners, loaded.weights
-        return cls(material, PointCondensation.at(body, condensation, *at, nodes), scale)
+        at = loaded.corners, loaded.weights, nodes
+        return cls(
+            loaded.material(body),
+            None if condensation is None else PointCondensation.at(body, condensation, *at),
+            scale,
+            None if internal is None else InternalPoints.at(internal, *at),
+        )
 
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
@@ -81,17 +90,21 @@ class ContactPoints:
 
 @dataclass(frozen=True, eq=False)
 class CorotatedPoints:
-    """The contact points in the corotated frame of one step: x is affine in the handle rows. index: (m,) some."""
+    """The contact points in the corotated frame of one step: without an internal correction x is affine in the handle
+    rows. index: (m,) some."""
 
     points: ContactPoints
     frame_rows: Array
     condensation: CorotatedPointCondensation | None
 
     def positions(self, rows: Array, index: IntArray | None = None) -> Array:
-        """x (m, dim) [m] of some of the points (all by default), static condensation included."""
-        basis = self.points.material.basis
+        """x (m, dim) [m] of some of the points (all by default), static condensation and internal correction
+        included."""
+        basis, internal = self.points.material.basis, self.points.internal
         x = placed(basis, rows) if index is None else placed_some(basis, rows, index)
-        return x if self.condensation is None else x + self.condensation.displacement(rows, index)
+        if self.condensation is not None:
+            x = x + self.condensation.displacement(rows, index)
+        return x if internal is None else x + internal.displacement(rows, index)
 
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """F (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
@@ -122,14 +135,22 @@ class CorotatedPoints:
 
     def bounded_positions(self, rows: Array) -> tuple[Array, Array]:
         """Approximate positions (n, dim) [m] of all points, and bounds on their error (n,) [m]."""
+        basis, internal = self.points.material.basis, self.points.internal
         if self._bounded is None:
-            basis = self.points.material.basis
-            return placed(basis, rows), np.zeros(len(basis))
-        return self._bounded(rows)
+            x, reach = placed(basis, rows), np.zeros(len(basis))
+        else:
+            x, reach = self._bounded(rows)
+        return (x if internal is None else x + internal.displacement(rows)), reach
 
     @lazy
     def _bounded(self) -> BoundedPoints | None:
         return None if self.condensation is None else self.condensation.bounded(self.frame_rows)
+
+    def internal_motion(self, rows: Array, index: IntArray) -> InternalMotion | None:
+        """What an internal correction adds to the derivatives of some of the points (m,) at handle rows (n_rows, dim);
+        None without one."""
+        internal = self.points.internal
+        return None if internal is None else internal.motion(rows, index)
 
     def motion(self, index: IntArray) -> PointMotion:
         """The derivatives of some of the points (m,) by the rows."""

@@ -21,6 +21,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.contact.solver.compliance_scale import ComplianceScale
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints, PointMotion
+from softprint.runtime.contact.solver.internal_points import InternalMotion, InternalPoints
 from softprint.runtime.contact.solver.planes import Planes
 from softprint.runtime.linalg.means import means
 from softprint.runtime.mechanics.point_condensation import CorotatedPointCondensation, PointCondensation
@@ -87,6 +88,14 @@ class CorotatedPressedPoints(CorotatedPoints):
         own, others = self._split(index)
         return np.concatenate([super().surface_normals(own), self.pressed.surface_normals(others)])
 
+    def internal_motion(self, rows: Array, index: IntArray) -> InternalMotion | None:
+        """See `CorotatedPoints`."""
+        (own, others), internal = self._split(index), self.points.internal
+        pressed = self.pressed.points.internal
+        if internal is None or pressed is None:
+            return None
+        return internal.motion(rows, own, (pressed, others))
+
     def motion(self, index: IntArray) -> PointMotion:
         """See `CorotatedPoints`."""
         own, others = self._split(index)
@@ -118,13 +127,14 @@ class CorotatedPressedPoints(CorotatedPoints):
 @dataclass(frozen=True, eq=False)
 class SurfaceNodes:
     """The nodes of the surface of a body, of which pressed points are weighted means. nodes: (k,) of the mesh,
-    ascending; material: these; condensation: of these, None for a body without static condensation; scale: of the
-    compliance, see `ContactPoints`."""
+    ascending; material: these; condensation, internal: of these, None for a body without; scale: of the compliance, see
+    `ContactPoints`."""
 
     nodes: IntArray
     material: MaterialPoints
     condensation: PointCondensation | None
     scale: ComplianceScale | None
+    internal: InternalPoints | None
 
     def pressed(self, pressed: PressedPoints) -> ContactPoints:
         """The pressed points as contact points."""
@@ -133,7 +143,9 @@ class SurfaceNodes:
         rest, basis, gradient, normals = (means(column, at, pressed.weights) for column in columns)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         material = MaterialPoints(rest, basis, gradient, np.zeros(len(rest)), normals)
-        if self.condensation is None:
-            return ContactPoints(material, None, self.scale)
-        condensation = replace(self.condensation, corners=at, weights=pressed.weights)
-        return ContactPoints(material, condensation, self.scale)
+        condensation, internal = self.condensation, self.internal
+        if condensation is not None:
+            condensation = replace(condensation, corners=at, weights=pressed.weights)
+        if internal is not None:
+            internal = replace(internal, corners=at, weights=pressed.weights)
+        return ContactPoints(material, condensation, self.scale, internal)

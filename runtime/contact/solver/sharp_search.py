@@ -93,7 +93,9 @@ class SharpSearch:
         loaded, points: the contact points on the facets; nodes: (k,) those of the facets, ascending."""
         mesh, spacing = body.mesh, law.sharp_spacing(body.mesh)
         self.area = spacing ** (mesh.dim - 1)
-        self.surface = SurfaceNodes(nodes, body.node_points(nodes), points.condensation, points.scale)
+        self.surface = SurfaceNodes(
+            nodes, body.node_points(nodes), points.condensation, points.scale, points.internal
+        )
         self._gradients = np.ascontiguousarray(self.surface.material.basis_gradient.transpose(0, 2, 1))
         self._owner, self._compliance, self._spacing = owner[nodes], compliance, mesh.surface_spacing
         facets = bearing_facets(mesh.facets, owner)
@@ -191,6 +193,8 @@ class SharpSearch:
         x = placed_some(self.surface.material.basis, rows, nodes)
         if points.condensation is not None:
             x += points.condensation.of_nodes.displacement(rows, nodes)
+        if self.surface.internal is not None:
+            x += self.surface.internal.of_corners(rows)[nodes]
         of = self._owner[nodes]
         free = np.flatnonzero(of >= 0)
         if dent is not None and len(dent.nodes) and len(free):

@@ -25,7 +25,8 @@ from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticEnergy
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import HessianReuse
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
 from softprint.runtime.dynamics.terms.weight import Weight
-from softprint.runtime.learned.correction import ContactCorrection, FieldCorrection, InternalField
+from softprint.runtime.elasticity.displacement_field import InternalField
+from softprint.runtime.learned.correction import ContactCorrection, FieldCorrection
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 
 # A correction is assumed to displace surface samples by less than this fraction of the collider's size: samples farther
@@ -56,7 +57,7 @@ def find_corrections(
     band = max((correction.band for correction in of_contact.values()), default=0.0)
     # Of the body: `check_colliders` has made sure that all are the same.
     learned = next((correction.learned for correction in of_contact.values()), None)
-    solver = CondensedContact.of(body, mechanics, condensed, contact, band, learned)
+    solver = CondensedContact.of(body, mechanics, condensed, contact, band, learned, internal)
     return Corrections(fields, of_contact, solver, mechanics.compliance, internal)
 
 
@@ -74,16 +75,16 @@ def build_terms(
     shapes = {placed.name: placed.collider for placed in colliders}
     sizes = [shapes[name].size for name in corrections.fields if np.isfinite(shapes[name].size)]
     reach = _REACH * max(sizes, default=np.inf)
+    solver = corrections.contact
+    penalised = {name: s for name, s in shapes.items() if solver is None or name not in solver.searches}
     points = CorrectedPoints(
-        body, list(corrections.fields.items()), reach, corrections.internal, surface=bool(colliders)
+        body, list(corrections.fields.items()), reach, corrections.internal, surface=bool(penalised)
     )
     elastic: Elastic = (
         ElasticEnergy(body, points)
         if condensation is None
         else CondensedElasticEnergy(body, points, condensation)
     )
-    solver = corrections.contact
-    penalised = {name: s for name, s in shapes.items() if solver is None or name not in solver.searches}
     return BodyTerms(
         points=points,
         weight=Weight(body, gravity, condensation),

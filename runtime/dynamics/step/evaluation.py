@@ -16,8 +16,8 @@ from softprint.runtime.dynamics.terms.elastic import ElasticEvaluation
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEvaluation
 from softprint.runtime.dynamics.timings import Timings
+from softprint.runtime.elasticity.displacement_field import CorrectionField, WeightPoint
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.correction import CorrectionField, WeightPoint
 
 
 @dataclass(eq=False)

@@ -17,8 +17,8 @@ from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticInFrame
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import HessianReuse
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy, SurfaceInFrame
 from softprint.runtime.dynamics.terms.weight import Weight
+from softprint.runtime.elasticity.displacement_field import CorrectionWeight
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.correction import CorrectionWeight
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,9 +36,9 @@ from softprint.runtime.dynamics.terms.cell_group_blocks import CellGroupBlocks
 from softprint.runtime.dynamics.terms.corner_gradients import CornerGradients
 from softprint.runtime.dynamics.terms.cubature_residual import CubatureResidual, Expansion
 from softprint.runtime.dynamics.terms.elastic import watched_elasticity
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.correction import CorrectionField
 from softprint.runtime.mechanics.corotation import Corotation
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 

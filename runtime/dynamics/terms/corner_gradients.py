@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
-from softprint.runtime.learned.correction import CorrectionField
 
 Floats = NDArray[np.floating[Any]]
 

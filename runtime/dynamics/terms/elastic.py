@@ -20,9 +20,9 @@ from softprint.runtime.arrays import Array, RowHessian, known_hessian
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.corner_gradients import CornerGradients
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.correction import CorrectionField
 
 
 class ElasticEvaluation(Protocol):

@@ -36,8 +36,8 @@ from softprint.runtime.dynamics.terms.sharp_surface import (
     SharpSurfaceEvaluation,
     SharpSurfaceInFrame,
 )
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.correction import CorrectionField
 from softprint.runtime.linalg.chain_rule import through_basis, through_jacobian
 from softprint.runtime.linalg.means import means
 from softprint.runtime.linalg.row_products import placed

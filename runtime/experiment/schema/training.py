@@ -66,7 +66,9 @@ class ModelSpec(Section):
         description="form thesis4: learn what contact adds (thesis eq. 4.9), or all that the subspace lacks in contact",
     )
     added_to: str = Field(
-        "", description="form thesis4: name of a correction of [[training.internal]] that it is added to"
+        "",
+        description="name of a correction of [[training.internal]] that it is added to; condensed: to static "
+        "condensation, which form force has by itself",
     )
     fade: Literal["saturating", "proportional"] = Field(
         "saturating",

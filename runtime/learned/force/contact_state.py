@@ -21,6 +21,7 @@ from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.learned.deformed_normal import SHORTEST
 from softprint.runtime.learned.force.inputs import RANGE, contact_inputs, inputs_around
@@ -111,10 +112,12 @@ class ContactStateProbe:
         law: PenaltyContact,
         band: float,
         learned: LearnedEnergy | None = None,
+        internal: InternalField | None = None,
     ) -> None:
-        """law, learned: see `CondensedContact.of`; band: see `ContactMeasurement`."""
+        """law, learned, internal: see `CondensedContact.of`; band: see `ContactMeasurement`."""
         self._name = collider.name
-        self.contact = CondensedContact.of(body, mechanics, {collider.name: collider}, law, band, learned)
+        colliders = {collider.name: collider}
+        self.contact = CondensedContact.of(body, mechanics, colliders, law, band, learned, internal)
         self._measurement = ContactMeasurement(self.contact, collider.name, collider, band)
 
     def solve(self, rows: Array, pose: RigidPose, near: SolvedContact | None = None) -> SolvedContact | None:

@@ -26,6 +26,7 @@ def options(spec: ModelSpec, body: ReducedBody, law: PenaltyContact) -> ForceMod
         static_condensation=spec.static_condensation,
         refinement=law.refinement,
         reduced_refinement=law.reduced_refinement,
+        added_to=spec.added_to,
     )
 
 

@@ -21,9 +21,10 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.compiled import summing
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.correction import CorrectionField, require_body
+from softprint.runtime.learned.correction import require_body
 from softprint.runtime.learned.internal.inputs import RigidFreeRows
 from softprint.runtime.learned.internal.local_field import LocalField, LocalPoint, ModelField
 from softprint.runtime.learned.internal.model import InternalModel
@@ -83,6 +84,12 @@ class MappedField:
         """The same of another r, at the same nodes."""
         other = copy(self)
         other.local = local
+        return other
+
+    def at(self, index: IntArray) -> MappedField:
+        """The same at some of the nodes (m,)."""
+        other = self.of(self.local.some(index))
+        other.by_row, other.by_row_single = self.by_row[index], self.by_row_single[index]
         return other
 
     def displacement(self, rows: Array) -> Array:

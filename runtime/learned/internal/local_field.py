@@ -47,6 +47,10 @@ class LocalField(Protocol):
         """r with its derivatives."""
         ...
 
+    def some(self, index: IntArray) -> LocalField:
+        """r at some of the nodes (m,)."""
+        ...
+
 
 class InputPoint(Protocol):
     """The inputs z of a network at one state, with their derivatives by the handle rows."""
@@ -91,6 +95,14 @@ class ModelField:
         """The same with other inputs of its network."""
         other = copy(self)
         other.inputs = inputs
+        return other
+
+    def some(self, index: IntArray) -> ModelField:
+        """See `LocalField`."""
+        other, (count, n, dim) = copy(self), self.shape
+        other.shape = count, len(index), dim
+        other.modes = np.ascontiguousarray(self.modes.reshape(count, n, dim)[:, index].reshape(count, -1))
+        other.by_node = np.ascontiguousarray(self.by_node.reshape(n, dim, count)[index].reshape(-1, count))
         return other
 
     def value(self, rows: Array) -> Array:

@@ -19,10 +19,11 @@ from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.contact_patch import ContactProbe, Patch
-from softprint.runtime.learned.correction import CorrectionField, require_body
+from softprint.runtime.learned.correction import require_body
 from softprint.runtime.learned.internal.correction import MappedField
 from softprint.runtime.learned.internal.local_field import ModelField
 from softprint.runtime.learned.thesis4.inputs import InteractionState, parameters_of

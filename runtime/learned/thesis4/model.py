@@ -39,8 +39,7 @@ class ObjectCentricOptions(ModelOptions):
 
     widths: neurons of each hidden layer; components: number of principal components; n_inputs: of the network; n_nodes:
     of the body; parameters: of the collider, which are inputs too (`inputs.PARAMETERS`); target: what contact adds, or
-    all that the subspace lacks; added_to: name of the internal correction that it is added to, empty for none; fade,
-    fade_depth [m]: see the module.
+    all that the subspace lacks; fade, fade_depth [m]: see the module.
     """
 
     widths: tuple[int, ...]
@@ -49,7 +48,6 @@ class ObjectCentricOptions(ModelOptions):
     n_nodes: int
     parameters: tuple[str, ...]
     target: Literal["contact", "whole"]
-    added_to: str
     fade: Literal["saturating", "proportional"]
     fade_depth: float
 

@@ -14,8 +14,9 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.learned.contact_patch import ContactProbe, Patch
-from softprint.runtime.learned.correction import CorrectionField, require_body
+from softprint.runtime.learned.correction import require_body
 from softprint.runtime.learned.point_states import PointStates, PointTensors
 from softprint.runtime.learned.reach import Reach
 from softprint.runtime.learned.thesis5.model import ContactCentricModel

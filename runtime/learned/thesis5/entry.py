@@ -24,6 +24,7 @@ def options(spec: ModelSpec, body: ReducedBody, law: PenaltyContact) -> ContactC
         activation=spec.activation,
         fade=spec.fade,
         fade_depth=spec.fade_depth,
+        added_to=spec.added_to,
     )
 
 

@@ -11,9 +11,10 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.contact_patch import ContactProbe, Patch
-from softprint.runtime.learned.correction import CorrectionField, require_body
+from softprint.runtime.learned.correction import require_body
 from softprint.runtime.learned.reach import Reach
 from softprint.runtime.learned.thesis6.descriptors import (
     Geometry,

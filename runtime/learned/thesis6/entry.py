@@ -25,6 +25,7 @@ def options(spec: ModelSpec, body: ReducedBody, law: PenaltyContact) -> Descript
         sets=spec.differences,
         samples=spec.samples,
         fade_depth=spec.fade_depth,
+        added_to=spec.added_to,
     )
 
 

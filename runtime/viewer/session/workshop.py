@@ -19,19 +19,11 @@ from softprint.runtime.colliders.kinds.table import ColliderTable
 from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import CONDENSED
 from softprint.runtime.learned.correction import ContactCorrection, Correction
 from softprint.runtime.rigid import FreeCollider, free_collider
-from softprint.runtime.scenes.playing import (
-    BARE,
-    CONDENSED,
-    CorrectedBody,
-    condensed_mechanics,
-    corrected_body,
-    correction_path,
-    internal_models,
-    internal_path,
-    usual_models,
-)
+from softprint.runtime.scenes.corrected_body import CorrectedBody, body_below
+from softprint.runtime.scenes.playing import BARE, correction_path, internal_models, usual_models
 from softprint.runtime.scenes.scene import SceneParts, scene_parts, scene_simulator
 from softprint.runtime.viewer.session.painting import Painter
 
@@ -151,18 +143,19 @@ class Workshop:
         return Model(plan.model, simulator, painter, rest_rows, note)
 
     def _body(self, model: str, corrections: Mapping[str, Correction]) -> CorrectedBody:
-        """The body of a model without its contact. That of a contact correction is its mechanics."""
-        if model not in (CONDENSED, *internal_models(self.out)):
-            own = (c.mechanics for c in corrections.values() if isinstance(c, ContactCorrection))
-            return CorrectedBody(self.body, next(own, None))
-        if model not in self._bodies:
-            gravity = self.parts.gravity
-            self._bodies[model] = (
-                CorrectedBody(self.body, condensed_mechanics(self.body, gravity))
-                if model == CONDENSED
-                else corrected_body(self.body, internal_path(self.out, model), gravity)
-            )
-        return self._bodies[model]
+        """The body of a model without its contact. The mechanics are those of its contact correction, if it has one."""
+        below = model
+        if model not in (BARE, CONDENSED, *internal_models(self.out)):
+            below = self._read(model).header.added_to
+        own = CorrectedBody(self.body) if below in ("", BARE) else self._body_below(below)
+        of_contact = (c.mechanics for c in corrections.values() if isinstance(c, ContactCorrection))
+        return own._replace(mechanics=next(of_contact, own.mechanics))
+
+    def _body_below(self, name: str) -> CorrectedBody:
+        """With static condensation, or an internal correction."""
+        if name not in self._bodies:
+            self._bodies[name] = body_below(self.body, self.out, name, self.parts.gravity)
+        return self._bodies[name]
 
     def _corrections(self, model: str, shapes: Mapping[str, Collider]) -> tuple[dict[str, Correction], str]:
         if model in (BARE, CONDENSED, *internal_models(self.out)):

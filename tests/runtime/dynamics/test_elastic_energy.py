@@ -7,9 +7,9 @@ from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.elastic import ElasticEnergy
 from softprint.runtime.elasticity import make_material
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient, element_hessians
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
-from softprint.runtime.learned.correction import CorrectionField
 from softprint.runtime.mesh import box_mesh
 
 STEP = 1e-6  # m on a body of 1 m: central differences err by about 1e-9 relative

@@ -19,7 +19,7 @@ from softprint.runtime.dynamics import (
 from softprint.runtime.dynamics import simulator as simulator_module
 from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.elasticity import make_material
-from softprint.runtime.learned.correction import CorrectionField
+from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation

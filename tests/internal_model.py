@@ -1,0 +1,27 @@
+"""An internal correction of any body, with random weights."""
+
+import numpy as np
+import torch
+
+from softprint.runtime.body import ReducedBody
+from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
+
+
+def made_model(
+    body: ReducedBody, on_condensation: bool = False, size: float = 1e-3, gravity: tuple[float, ...] = ()
+) -> InternalModel:
+    """Random weights, smooth components, and corrections of about this size [m]; none in the frames."""
+    options = InternalOptions((12, 12), 4, True, on_condensation, gravity)
+    model = InternalModel(options, body.dim, body.n_rows, body.n_nodes)
+    generator = torch.Generator().manual_seed(2)
+    for parameter in model.parameters():
+        parameter.data = 0.4 * torch.randn(parameter.shape, generator=generator)
+    waves = np.array([np.sin((40.0 + 10.0 * k) * body.mesh.points) for k in range(4)])
+    waves[:, body.handles.frame_nodes] = 0.0
+    model.modes.copy_(torch.from_numpy(waves))
+    model.coefficient_scale.fill_(size)
+    model.input_scale.fill_(0.01)
+    if gravity:
+        model.input_scale[-body.dim :] = 1.0
+    model.linear.copy_(0.1 * torch.randn(model.linear.shape, generator=generator))
+    return model
