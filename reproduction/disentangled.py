@@ -38,7 +38,7 @@ from reproduction.object_centric import (
     truth_path,
 )
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.report.run_files import FULL, RunFiles, find_run_files, judged_scenes, load_motions
+from softprint.fem_truth.report.run_files import RunFiles, find_run_files, judged_scenes, load_motions
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody
@@ -48,6 +48,7 @@ from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment
+from softprint.runtime.experiment.experiment import FULL
 from softprint.runtime.learned.internal.correction import mapped, unmapped
 from softprint.runtime.learned.internal.inputs import RigidFreeRows
 from softprint.runtime.learned.thesis4.inputs import InteractionState

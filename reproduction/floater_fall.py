@@ -20,13 +20,14 @@ from pathlib import Path
 
 import numpy as np
 
-from softprint.fem_truth.report.run_files import FULL, find_run_files, load_motions
+from softprint.fem_truth.report.run_files import find_run_files, load_motions
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import FULL
 from softprint.runtime.scenes.motion_file import ColliderTrack, Motion
 from softprint.runtime.scenes.scene import find_scene
 

@@ -27,7 +27,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from softprint.fem_truth.report.measurements.held_out import Comparer, HeldOutMotion
-from softprint.fem_truth.report.run_files import FULL, RunFiles, find_run_files, judged_scenes, load_motions
+from softprint.fem_truth.report.run_files import RunFiles, find_run_files, judged_scenes, load_motions
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.context import Context
@@ -38,6 +38,7 @@ from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment
+from softprint.runtime.experiment.experiment import FULL
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.learned.static_correction import StaticCorrection

@@ -17,11 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
-from softprint.fem_truth.report.run_files import FULL, find_run_files, load_motions
+from softprint.fem_truth.report.run_files import find_run_files, load_motions
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.experiment import FULL
 from softprint.runtime.scenes.motion_file import Motion
 from softprint.runtime.scenes.scene import find_scene
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softprint.fem_truth.report.run_files import FULL, find_run_files, load_motions
+from softprint.fem_truth.report.run_files import find_run_files, load_motions
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.context import Context
@@ -30,6 +30,7 @@ from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.dynamics.terms.springs import HandleSpring
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, SceneSpec
+from softprint.runtime.experiment.experiment import FULL
 from softprint.runtime.scenes.motion_file import Motion
 from softprint.runtime.scenes.scene import find_scene, scene_parts
 

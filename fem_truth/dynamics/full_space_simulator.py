@@ -4,9 +4,9 @@ terms.
     x_new = argmin  1/(2 h^2) |x - x_old - h v_old|_M^2 + W_elastic + W_gravity + W_springs
                    + W_contact + W_friction
 
-over all nodes except those of kinematic handles, whose positions are prescribed. M is the lumped mass. Colliders that
-move freely are solved for together with the nodes (`free_body_energy.py`). This is the reference for the accuracy and
-for the speed of every reduced motion.
+over all nodes, while kinematic handles have prescribed positions (`prescribed_handles.py`). M is the lumped mass.
+Colliders that move freely are solved for together with the nodes (`free_body_energy.py`). This is the reference for the
+accuracy and for the speed of every reduced motion.
 """
 
 from __future__ import annotations
@@ -24,14 +24,13 @@ from softprint.fem_truth.dynamics.full_space_forces import contact_force
 from softprint.fem_truth.dynamics.full_space_state import FullSpaceState
 from softprint.fem_truth.dynamics.full_space_step_energy import Contact, StepEnergy, StepParts
 from softprint.fem_truth.dynamics.full_space_surface import DeformedBody, full_space_search
-from softprint.fem_truth.dynamics.prescribed_nodes import PrescribedNodes
+from softprint.fem_truth.dynamics.prescribed_handles import PrescribedHandles
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.energy.full_space_springs import linear_springs
 from softprint.fem_truth.energy.moving_contact import MovingContact
 from softprint.fem_truth.energy.potentials import Gravity, Inertia, Potential
 from softprint.fem_truth.energy.surface_contact import LaggedFriction, SurfaceContact
 from softprint.fem_truth.energy.total_energy import ElasticTangent
-from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.fem_truth.parts.body_part import whole_body
 from softprint.fem_truth.statics.newton import FullSpaceSettings, NewtonResult, minimise
 from softprint.runtime.arrays import Array, IntArray
@@ -75,10 +74,10 @@ class FullSpaceSimulator:
     """Steps one body in full space; constructor arguments, methods and results are those of
     `runtime.dynamics.Simulator`.
 
-    Kinematic handles have prescribed positions (the region of a frame moves rigidly); all other nodes are free,
-    including those of non-kinematic frames. Corrections of the colliders are ignored. The elastic Hessian is reused
-    between steps while it converges fast enough: a step is bitwise reproducible only after the same previous steps,
-    otherwise within the tolerance.
+    Kinematic handles have prescribed positions: the region of a frame moves rigidly, a point is a projection. All
+    other nodes are free, including those of non-kinematic frames. Corrections of the colliders are ignored. The elastic
+    Hessian is reused between steps while it converges fast enough: a step is bitwise reproducible only after the same
+    previous steps, otherwise within the tolerance.
     """
 
     def __init__(
@@ -114,8 +113,8 @@ class FullSpaceSimulator:
         ]
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
         self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
-        self._springs, self._prescribed = tuple(springs), PrescribedNodes(body, kinematic)
-        self._null_space = NullSpace(np.zeros((body.n_nodes, 0)), self._prescribed.index)
+        self._springs, self._prescribed = tuple(springs), PrescribedHandles(body, kinematic)
+        self._null_space = self._prescribed.null_space
         self._tangent = ElasticTangent(self.elasticity)
         weight = float(np.linalg.norm(body.node_mass) * np.linalg.norm(self._gravity))
         self._force_floor = max(1e-9 * self.elasticity.unit_force, weight)

@@ -1,4 +1,8 @@
-"""Springs on handles in full space: they act on the node of a point handle and on the region of a frame.
+"""Springs on handles in full space: they act on the projection of a point handle and on the region of a frame.
+
+A spring on a point acts on its row in the reduced state of the body (`ReducedBody.project`), as in the reduced model.
+Its force is then spread like those that hold a state in the truth. On a single node it would be a point load, whose
+displacement depends on the size of the cells: on the small Ball it was half of what the subspace misses.
 
 A frame's region is elastic here. Its position is the mean of its nodes; its orientation is the least-squares
 linear fit A of x_i - mean(x) = A (X_i - mean(X)), so that  k_r/4 |A - R_target|^2  is a sum of dim linear
@@ -27,8 +31,7 @@ def linear_springs(springs: Sequence[HandleSpring], body: ReducedBody, time: flo
     for spring in springs:
         pose = spring.target.pose(time)
         if not isinstance(spring.handle, str):
-            weights = np.zeros(body.n_nodes)
-            weights[body.handles.points[spring.handle]] = 1.0
+            weights = body.point_projection[spring.handle]
             result.append(LinearSpring(weights, spring.stiffness, pose.translation))
             continue
         mean, fit = _region_weights(body, spring.handle)

@@ -29,7 +29,6 @@ from softprint.fem_truth.report.measurements.solves import FrameSolves, SolveSto
 from softprint.fem_truth.report.page import render_page
 from softprint.fem_truth.report.report_json import json_text, write_text
 from softprint.fem_truth.report.run_files import (
-    FULL,
     RunFiles,
     find_run_files,
     judged_scenes,
@@ -47,7 +46,7 @@ from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.contact.penalty import CONTACT_VERSION
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.experiment.experiment import CONDENSED
+from softprint.runtime.experiment.experiment import CONDENSED, FULL
 from softprint.runtime.io.files import content_hash
 from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.learned.internal.correction import InternalCorrection

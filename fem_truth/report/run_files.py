@@ -7,14 +7,14 @@ from pathlib import Path
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, SceneSpec
-from softprint.runtime.experiment.experiment import CONDENSED
+from softprint.runtime.experiment.experiment import CONDENSED, FULL
 from softprint.runtime.mechanics.mechanics_file import PATTERN as MECHANICS_FILES
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.scenes.motion_file import Motion, load_motion
 from softprint.runtime.scenes.playing import internal_models
 from softprint.runtime.scenes.simulate import inputs_hash, motion_path
 
-FULL, BARE = "full", "bare"
+BARE = "bare"
 
 
 @dataclass(frozen=True)

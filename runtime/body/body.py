@@ -177,6 +177,18 @@ class ReducedBody:
         return rows
 
     @cached_property
+    def point_projection(self) -> Array:
+        """(n_points, n_nodes) W: W x are the rows of the points in `project`, with frames fitted affinely."""
+        free, basis = self._free, self.basis[self._free]
+        weights = np.zeros((self.handles.n_points, self.n_nodes))
+        weights[:, free] = cho_solve(self._gram, self.constraint_basis[free].T)
+        for frame in self.handles.frames:
+            rest = np.column_stack([self.mesh.points[frame.nodes], np.ones(len(frame.nodes))])
+            by_frame = weights[:, free] @ basis[:, self.handles.rows_of(frame.name)]
+            weights[:, frame.nodes] -= by_frame @ np.linalg.pinv(rest)
+        return weights
+
+    @cached_property
     def nodes_as_points(self) -> MaterialPoints:
         """All nodes as material points, computed once."""
         gradient = np.stack([derivative @ self.basis for derivative in self.mesh.nodal_gradient], axis=-1)

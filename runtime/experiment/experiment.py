@@ -26,9 +26,10 @@ ANY_COLLIDER = "any"  # collider of a correction that was trained for all collid
 # Names that no collider of a file may have.
 RESERVED = {LIBRARY: "stands for all shapes of [library]", ANY_COLLIDER: "stands for any collider"}
 
+FULL = "full"  # the model of full space
 CONDENSED = "condensed"  # the model of static condensation alone
 # Models that are not learned, whose names no internal correction may have.
-MODELS = ("full", "bare", CONDENSED)
+MODELS = (FULL, "bare", CONDENSED)
 
 
 class ExperimentSpec(Section):

@@ -12,7 +12,7 @@ from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion, pierced_from
 from softprint.runtime.contact.penalty import CONTACT_VERSION
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.experiment.experiment import CONDENSED
+from softprint.runtime.experiment.experiment import CONDENSED, FULL
 from softprint.runtime.experiment.sources import scene_files
 from softprint.runtime.io.files import content_hash, file_hash
 from softprint.runtime.scenes.corrected_body import internal_path
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from softprint.runtime.experiment import Experiment, SceneSpec
 
 log = logging.getLogger(__name__)
+
+# Of what holds and pulls point handles in full space: their projections.
+_POINTS_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,8 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         "contact_version": CONTACT_VERSION,
         "dynamics": experiment.dynamics.model_dump_json(),
     }
+    if model == FULL and scene.leads_points:
+        content["points_version"] = _POINTS_VERSION
     for entry in scene.colliders:
         content[f"collider_{entry.name}"] = experiment.collider(entry.name).model_dump_json()
     content |= scene_files(experiment, scene)

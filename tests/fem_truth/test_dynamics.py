@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.energy.full_space_springs import linear_springs
+from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.body.cubature import Cubature
 from softprint.runtime.body.handles import Handles
@@ -84,10 +86,11 @@ def test_kinematic_handles_follow_their_keyframes(block, dim):
     held = [KinematicHandle("base"), KinematicHandle(0, path)]
     simulator = FullSpaceSimulator(body, contact=CONTACT, gravity=down(dim), kinematic=held, settings=TIGHT)
     state = simulator.step(simulator.rest_state()).state
-    base, point = body.handles.frame_nodes, body.handles.points[0]
+    base = body.handles.frame_nodes
     np.testing.assert_allclose(state.x[base], body.mesh.points[base], atol=1e-15)
-    np.testing.assert_allclose(state.x[point], body.mesh.points[point] + 0.004, atol=1e-15)
-    free = np.setdiff1d(np.arange(body.n_nodes), [*base, point])
+    # A point is prescribed in the reduced state; round-off of a sum over all nodes.
+    np.testing.assert_allclose(body.project(state.x)[0], body.rest_rows[0] + 0.004, atol=1e-14)
+    free = np.setdiff1d(np.arange(body.n_nodes), base)
     assert np.abs(state.x - body.mesh.points)[free].max() > 1e-4
 
 
@@ -122,6 +125,30 @@ def test_frame_springs_pull_position_and_orientation(block, dim):
     energy = sum(term.energy(body.mesh.points) for term in linear_springs([spring], body, 0.0))
     turns = 2.0 / 4.0 * 4.0 * (1 - np.cos(angle))  # |I - R|_F^2 = 4 (1 - cos) in 2D and 3D
     assert energy == pytest.approx(0.5 * 50.0 * dim * 0.01**2 + turns, rel=1e-9)
+
+
+@both
+@pytest.mark.parametrize("led", [False, True], ids=["a spring", "kinematic"])
+def test_what_pulls_a_point_pulls_its_state(block, dim, led):
+    """The force is one of those that hold a state in the truth: nothing is displaced but what the state displaces."""
+    body, target = block(dim), np.zeros(dim)
+    target[-1] = 0.07
+    held, springs = [KinematicHandle("base")], []
+    if led:
+        held.append(KinematicHandle(0, KeyframedPath([0.0], [np.full(dim, 0.006)])))
+    else:
+        springs.append(HandleSpring(0, 30.0, KeyframedPath.constant(RigidPose(np.eye(dim), target))))
+    simulator = FullSpaceSimulator(
+        body, contact=CONTACT, gravity=down(dim), springs=springs, kinematic=held, settings=TIGHT
+    )
+    x = simulator.settle().state.x
+    rows = body.project(x)
+    problem = ConstrainedProblem(FullSpaceElasticity(body), down(dim), CONTACT, body)
+    pulled = x - body.reduced_positions(body.rest_rows)
+    # Both are solved to 1e-7 of their forces or better.
+    assert np.abs(problem.internal_equilibrium(rows).x - x).max() < 1e-5 * np.abs(pulled).max()
+    # In the reduced model it acts on the same row.
+    np.testing.assert_allclose(body.point_projection @ x, rows[: body.handles.n_points], atol=1e-12)
 
 
 @both

@@ -104,3 +104,9 @@ class SceneSpec(Section):
     colliders: tuple[SceneColliderSpec, ...] = ()
     springs: tuple[SpringSpec, ...] = ()
     tracking: TrackingSpec | None = None
+
+    @property
+    def leads_points(self) -> bool:
+        """Whether any point handle is held or pulled."""
+        led = [entry.handle if isinstance(entry, KinematicSpec) else entry for entry in self.kinematic]
+        return any(isinstance(handle, int) for handle in [*led, *(spring.handle for spring in self.springs)])
