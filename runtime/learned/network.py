@@ -77,6 +77,16 @@ class Mlp(nn.Module):
             h = self.activation.value(layer(h))
         return self.head(h)
 
+    def along(self, local: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        """y (n, n_out) of local inputs (n, n_local) alone, and its derivatives (n, k, n_out) along directions (n, k,
+        n_local). Both can be differentiated by the weights."""
+        h, moved = local, directions
+        for layer in (self.local, *self.hidden):
+            x = layer(h)
+            h = self.activation.value(x)
+            moved = self.activation.slope(x, h)[:, None, :] * (moved @ cast(nn.Linear, layer).weight.T)
+        return self.head(h), moved @ self.head.weight.T
+
     @torch.no_grad()
     def derivatives(self, local: Tensor, shared: Tensor, rotation: Tensor) -> NetworkDerivatives:
         """rotation @ y and both of its Jacobians, for local inputs (n, n_local) of one contact with shared inputs

@@ -1,4 +1,4 @@
-"""Null-space compliance: the linear response of the body at rest in the null space of the reduced coordinates.
+"""Null-space compliance: the linear response of the body in the null space of the reduced coordinates.
 
 The displacement u with C^T u = 0 (no change of the reduced state, see `ReducedBody.constraint_basis`) that balances
 nodal forces f is (thesis 5.3.3, linearised at rest)
@@ -6,13 +6,15 @@ nodal forces f is (thesis 5.3.3, linearised at rest)
     u = G f,    G = A - A Q (Q^T A Q)^-1 Q^T A,    A = K^-1,
 
 with K the elastic stiffness of the nodes outside rigid frames and Q an orthonormal basis of the columns of C there.
-G is symmetric, C^T G = 0, and it depends on the body alone.
+G is symmetric, C^T G = 0, and it depends on the body alone, unless another K than that at rest is given.
 
 K is factorised in a nested-dissection order by coordinates: on solids it gives a quarter less fill than minimum degree
 and, above all, wide supernodes, so that factorisation and solves are three to four times as fast.
 """
 
 from __future__ import annotations
+
+from copy import copy
 
 import numpy as np
 import scipy.sparse as sp
@@ -41,21 +43,31 @@ class NullSpaceCompliance:
         stiffness = rest_stiffness(body)
         adjacent = node_adjacency(body.mesh)[free][:, free]
         self._free = free[dissection_order(body.mesh.points[free], adjacent)]
-        unknowns = (self._free[:, None] * body.dim + np.arange(body.dim)).ravel()
-        self._stiffness = stiffness[unknowns][:, unknowns]
+        self._unknowns = (self._free[:, None] * body.dim + np.arange(body.dim)).ravel()
         self._floating = not body.handles.frames
+        kept = body.constraint_basis[self._free]
+        left, singular, _ = np.linalg.svd(kept, full_matrices=False)
+        self._constraint = np.kron(left[:, singular > 1e-10 * singular.max(initial=0.0)], np.eye(body.dim))
+        self._factorise(stiffness)
+
+    def with_stiffness(self, stiffness: sp.csr_matrix) -> NullSpaceCompliance:
+        """G of another K (n_nodes dim, n_nodes dim) [N/m], such as that of a deformed body."""
+        other = copy(self)
+        other._factorise(stiffness)
+        return other
+
+    def _factorise(self, stiffness: sp.csr_matrix) -> None:
+        self._stiffness = stiffness[self._unknowns][:, self._unknowns]
         shift = _SHIFT * self._stiffness.diagonal().mean() if self._floating else 0.0
         self._factor = splu(
-            (self._stiffness + shift * sp.identity(len(unknowns))).tocsc(),
+            (self._stiffness + shift * sp.identity(len(self._unknowns))).tocsc(),
             permc_spec="NATURAL",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        kept = body.constraint_basis[self._free]
-        left, singular, _ = np.linalg.svd(kept, full_matrices=False)
-        self._constraint = np.kron(left[:, singular > 1e-10 * singular.max(initial=0.0)], np.eye(body.dim))
         # For a body of rigid frames alone no columns are left, which SuperLU does not accept.
-        self._deflected = self._factor.solve(self._constraint) if kept.size else self._constraint
+        size = self._constraint.size
+        self._deflected = self._factor.solve(self._constraint) if size else self._constraint
         self._lagrange = np.linalg.inv(self._constraint.T @ self._deflected)
 
     def solve(self, forces: Array) -> Array:
@@ -81,12 +93,17 @@ def rest_stiffness(body: ReducedBody, among: IntArray | slice = slice(None)) -> 
     return elastic_stiffness(body.mesh, body.material, among)
 
 
-def elastic_stiffness(mesh: Mesh, material: Material, among: IntArray | slice = slice(None)) -> sp.csr_matrix:
-    """`rest_stiffness` of a mesh and its material."""
+def elastic_stiffness(
+    mesh: Mesh, material: Material, among: IntArray | slice = slice(None), x: Array | None = None
+) -> sp.csr_matrix:
+    """(n_nodes dim, n_nodes dim) d2W_elastic/dx2 [N/m] of a mesh and its material, of all cells or of some, at
+    positions x (n_nodes, dim), by default at rest."""
     dim = mesh.dim
     corners, gradients, volumes = mesh.cells[among], mesh.cell_gradients[among], mesh.cell_volumes[among]
-    rest = np.broadcast_to(np.eye(dim), (len(corners), dim, dim)).copy()
-    tangent = material.at(among).tangent(rest)
+    F = np.broadcast_to(np.eye(dim), (len(corners), dim, dim)).copy()
+    if x is not None:
+        F = np.einsum("cai,caj->cij", x[corners], gradients)
+    tangent = material.at(among).tangent(F)
     cells = np.einsum("c,caj,cijkl,cbl->caibk", volumes, gradients, tangent, gradients, optimize=True)
     size = (dim + 1) * dim
     dofs = (corners[:, :, None] * dim + np.arange(dim)).reshape(-1, size)

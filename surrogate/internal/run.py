@@ -14,15 +14,19 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.experiment import InternalSpec
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import InternalHeader, read_internal_header, save_internal
-from softprint.runtime.learned.internal.model import InternalOptions
+from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.truth.truth_file import TruthData
 from softprint.surrogate.internal.cubature import fitted_cubature
 from softprint.surrogate.internal.data import read_internal_data
+from softprint.surrogate.internal.slope_data import evaluations, read_slope_data
+from softprint.surrogate.internal.slope_task import SlopeTask
+from softprint.surrogate.internal.slopes import EquilibriumSlopes
 from softprint.surrogate.internal.task import InternalTask
 from softprint.surrogate.kept_corrections import kept_header, program_hash
+from softprint.surrogate.learning_task import LearningTask
 from softprint.surrogate.train import TrainingSettings
 from softprint.surrogate.training_bar import train_with_bar, write_curves
 
@@ -57,7 +61,12 @@ def _train_one(
     options = InternalOptions(
         spec.hidden, spec.components, spec.linear, condensation is not None, data.gravity
     )
-    task = InternalTask(options, data, body.n_rows)
+    task: LearningTask[InternalModel] = InternalTask(options, data, body.n_rows)
+    if spec.derivatives:
+        with context.progress(evaluations(data), "state", f"derivatives for {spec.name}") as bar:
+            slopes = EquilibriumSlopes(body, condensation)
+            learned = read_slope_data(truth, body, data, slopes, spec.components, context.seed, bar.update)
+        task = SlopeTask(options, data, learned, body.n_rows)
     settings = TrainingSettings(
         spec.steps, spec.batch, spec.learning_rate, spec.weight_decay, spec.validations, context.seed
     )

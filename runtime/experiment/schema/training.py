@@ -87,26 +87,29 @@ class ModelSpec(Section):
 class InternalSpec(Section):
     """`[[training.internal]]`: one internal correction of the body, learned from the states of the truth file.
 
-    The thesis has on = "subspace", components = 15, linear = false (table 4.1).
+    The thesis has hidden = [100, 100], components = 15, linear = false, derivatives = false (table 4.1).
     """
 
     name: Name = Field(description="name of the correction in files, simulations and reports")
     on: Literal["subspace", "condensation"] = Field(
-        "condensation", description="what it is added to: U q alone, or static condensation as well"
+        "subspace", description="what it is added to: U q alone, or static condensation as well"
     )
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
-        (100, 100), description="neurons of each hidden layer; their activation is tanh"
+        (200, 200), description="neurons of each hidden layer; their activation is tanh"
     )
-    components: Count = Field(60, description="principal components of the displacement")
+    components: Count = Field(100, description="principal components of the displacement")
     linear: bool = Field(True, description="fit a linear part first, and train the network on the rest")
+    derivatives: bool = Field(
+        True, description="train on the derivatives of the equilibria by the reduced state, too"
+    )
     cubature: Count | None = Field(
         None,
         description="cells of its own cubature, whose weights are fitted to forces in the training states; without, "
         "the cubature of the body is used",
     )
-    steps: Count = Field(6000, description="optimiser steps")
-    batch: Count = Field(128, description="states of one optimiser step")
-    learning_rate: Positive = Field(3e-3, description="at the start; falls to zero along a cosine")
+    steps: Count = Field(8000, description="optimiser steps")
+    batch: Count = Field(64, description="states of one optimiser step")
+    learning_rate: Positive = Field(6e-3, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(1e-4, description="decoupled weight decay (AdamW)")
     validations: Count = Field(20, description="number of times that a run measures the held-out error")
 

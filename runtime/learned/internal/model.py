@@ -69,6 +69,14 @@ class InternalModel(LearnedModel):
         value = self.network(scaled, z.new_zeros(*z.shape[:-1], 0))
         return self._coefficients(scaled, value)
 
+    def along(self, z: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        """Coefficients (b, components) of inputs z (b, n_inputs), and their derivatives (b, k, components) along
+        directions (b, k, n_inputs)."""
+        scaled = z / self.input_scale
+        moved = directions / self.input_scale
+        value, slope = self.network.along(scaled, moved)
+        return self._coefficients(scaled, value), self.coefficient_scale * (moved @ self.linear.T + slope)
+
     @torch.no_grad()
     def as_arrays(self) -> TanhNetwork:
         """The same function of one input z, in NumPy and double precision."""
