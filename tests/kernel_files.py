@@ -13,6 +13,7 @@ _FILES = (
     "runtime/contact/solver/compliance_scale.py",
     "runtime/contact/solver/dent_network.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
+    "runtime/dynamics/terms/corner_gradients.py",
     "runtime/touch/raster_kernels.py",
     *(
         str(path.relative_to(REPOSITORY))

@@ -64,6 +64,11 @@ class CorrectedPoints:
         return not self._corrections
 
     @property
+    def by_colliders(self) -> bool:
+        """Whether any correction depends on a collider."""
+        return bool(self._corrections)
+
+    @property
     def corrected(self) -> bool:
         """Whether there is any correction."""
         return bool(self._corrections) or self._internal is not None

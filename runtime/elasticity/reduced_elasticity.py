@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.elasticity.materials import Material
@@ -122,12 +123,17 @@ class ReducedElasticity:
         dim = self.basis_gradient.shape[2]
         return np.einsum("crj,ik->cijrk", self.basis_gradient, np.eye(dim))
 
-    def basis_along(self, directions: Array | None) -> Array:
-        """B (m*dim*dim, k) along directions (n_rows*dim, k) of the rows, by default every row and axis."""
+    @cached_property
+    def _flat_single(self) -> NDArray[np.float32]:
+        return self._flat.astype(np.float32)
+
+    def basis_along(self, directions: Array | None) -> NDArray[np.float32]:
+        """B (m*dim*dim, k) along directions (n_rows*dim, k) of the rows, by default every row and axis; in single
+        precision, for Hessians."""
         m, n_rows, dim = self.basis_gradient.shape
-        if directions is None:
-            return self.basis_derivative().reshape(m * dim * dim, n_rows * dim)
-        B = np.empty((m, dim, dim, directions.shape[1]))
+        along = np.eye(n_rows * dim) if directions is None else directions
+        B = np.empty((m, dim, dim, along.shape[1]), dtype=np.float32)
         for axis in range(dim):
-            B[:, axis] = (self._flat @ directions[axis::dim]).reshape(m, dim, -1)
+            of_axis = np.ascontiguousarray(along[axis::dim], dtype=np.float32)
+            B[:, axis] = (self._flat_single @ of_axis).reshape(m, dim, -1)
         return B.reshape(m * dim * dim, -1)

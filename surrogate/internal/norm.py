@@ -26,7 +26,9 @@ class CorrectionNorm:
         flat = fields.reshape(len(fields), -1)
         stiffness = rest_stiffness(body)
         mass = sp.diags(np.repeat(body.mesh.node_volumes, body.dim))
-        by_energy, by_volume = (float(np.vdot(flat.T, part @ flat.T)) / len(flat) for part in (stiffness, mass))
+        by_energy, by_volume = (
+            float(np.vdot(flat.T, part @ flat.T)) / len(flat) for part in (stiffness, mass)
+        )
         if min(by_energy, by_volume) <= 0.0:
             raise SoftprintError("the states have no internal displacement: there is nothing to learn")
         self._matrix = (0.5 * (stiffness / by_energy + mass / by_volume)).tocsr()
@@ -37,8 +39,8 @@ class CorrectionNorm:
         return np.asarray(np.einsum("sn,ns->s", flat, self._matrix @ flat.T))
 
     def components(self, fields: Array, count: int) -> tuple[Array, float]:
-        """The first principal components (count, n_nodes, dim) of fields (s, n_nodes, dim), orthonormal, and the share of
-        |r|^2 beyond them. Raises SoftprintError if the fields have fewer."""
+        """The first principal components (count, n_nodes, dim) of fields (s, n_nodes, dim), orthonormal, and the share
+        of |r|^2 beyond them. Raises SoftprintError if the fields have fewer."""
         flat = fields.reshape(len(fields), -1)
         gram = flat @ (self._matrix @ flat.T)
         energy, vectors = eigh(0.5 * (gram + gram.T))

@@ -31,9 +31,9 @@ _SLOPED, _MIXED, _COMBINATIONS = 240, 48, 8
 @dataclass(frozen=True, eq=False)
 class SlopeData:
     """Of s training states, t of which have derivatives. modes: (count, n_nodes, dim), orthonormal in the norm;
-    discarded: the share beyond them; weights: (s,) of the states, relative; coefficients: (s, count); sloped: (t,) which
-    states; input_slopes: (t, n_dofs, n_inputs) and slopes (t, n_dofs, count): derivatives of inputs and coefficients
-    along the coordinates, each in its unit."""
+    discarded: the share beyond them; weights: (s,) of the states, relative; coefficients: (s, count); sloped: (t,)
+    which states; input_slopes: (t, n_dofs, n_inputs) and slopes (t, n_dofs, count): derivatives of inputs and
+    coefficients along the coordinates, each in its unit."""
 
     modes: Array
     discarded: float

@@ -23,7 +23,7 @@ from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.elasticity.elastic_energy import elastic_energy, elastic_gradient
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.learned.internal.correction import InternalCorrection, mapped
+from softprint.runtime.learned.internal.correction import InternalCorrection, mapped, unmapped
 from softprint.runtime.learned.internal.file import load_internal, save_internal
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
@@ -33,6 +33,8 @@ from softprint.surrogate.data.components import principal_components
 from softprint.surrogate.internal.cubature import fitted_cubature, force_system
 from softprint.surrogate.internal.data import read_internal_data
 from softprint.surrogate.internal.entry import train_internal
+from softprint.surrogate.internal.norm import CorrectionNorm
+from softprint.surrogate.internal.slopes import EquilibriumSlopes
 from softprint.surrogate.train import TrainingSettings
 
 FRAMES, DISTURBED = 12, 4
@@ -127,6 +129,56 @@ def test_exact_targets_give_the_full_space_equilibrium(body, condensation, truth
     # A recorded state and its disturbed ones are held out together, and nothing is on both sides.
     assert not set(data.train) & set(data.held_out)
     assert len(set(data.held_out // (1 + DISTURBED))) * (1 + DISTURBED) == len(data.held_out) > 0
+
+
+@pytest.mark.parametrize("condensed", [False, True])
+def test_slopes_are_differences_of_equilibria(body, condensation, truth_path, condensed):
+    """Of the correction at equilibria a small step away, to the error of central differences."""
+    gradient, own = basis_gradient_at_nodes(body), condensation if condensed else None
+    problem = ConstrainedProblem(FullSpaceElasticity(body), np.zeros(2), PenaltyContact(1e9), body)
+    slopes, rng = EquilibriumSlopes(body, own), np.random.default_rng(6)
+
+    def correction(rows: Array) -> tuple[Array, Array]:
+        solved = problem.internal_equilibrium(rows)
+        assert solved.converged
+        u = internal = solved.x - body.reduced_positions(rows)
+        if own is not None:
+            u = u - own.corotated(rows).displacement(rows)
+        return internal, unmapped(gradient, rows, u)
+
+    with load_truth(truth_path, body) as truth:
+        rows = truth.states["rows"][37]
+    internal, r = correction(rows)
+    direction, step = rng.normal(size=body.handles.n_dofs), 1e-3
+    change = step * (slopes.tangent(rows) @ direction).reshape(rows.shape)
+    expected = (correction(rows + change)[1] - correction(rows - change)[1]) / (2.0 * step)
+    found = slopes.at(rows, internal, r) @ direction
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_derivatives_help_a_correction_learn(body, truth_path):
+    """From the same states, in the same steps of training."""
+    with load_truth(truth_path, body) as truth:
+        with_them, without = (
+            train_internal(truth, body, None, (16, 16), 10, settings=SETTINGS, derivatives=derivatives)
+            for derivatives in (True, False)
+        )
+    assert with_them.held_out.rms < without.held_out.rms
+
+
+def test_the_norm_is_energy_and_volume_in_equal_parts(body):
+    rng = np.random.default_rng(8)
+    fields = rng.normal(size=(12, body.n_nodes, 2))
+    norm = CorrectionNorm(body, fields)
+    assert norm.squares(fields).mean() == pytest.approx(1.0, rel=1e-10)
+    modes, beyond = norm.components(fields, 12)
+    assert beyond == pytest.approx(0.0, abs=1e-12)
+    coefficients = fields.reshape(12, -1) @ norm.dual(modes).T
+    np.testing.assert_allclose(np.tensordot(coefficients, modes, axes=1), fields, atol=1e-8)
+    with pytest.raises(SoftprintError, match="have 12"):
+        norm.components(fields, 13)
+    with pytest.raises(SoftprintError, match="nothing to learn"):
+        CorrectionNorm(body, np.zeros_like(fields))
 
 
 def energy(fields: Array, volumes: Array) -> float:

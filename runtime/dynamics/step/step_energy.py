@@ -169,11 +169,14 @@ class StepEnergy:
 
     def slope(self, body: BodyEvaluation, contact: Array) -> Array:
         """The gradient (n_free,) [N] at a state of the body, with the contact gradient (n_free,) of another state."""
-        rows = body.at.rows
+        rows, elasticity, field = body.at.rows, body.elastic, body.field
         with self.timings.elastic:
-            elastic, _ = body.elastic.linearise(None)
+            gradient, _ = elasticity.linearise(field)
         with self.timings.solve:
-            return self.unknowns.pulled_back(rows, self.quadratic.gradient(rows) + elastic) + contact
+            gradient = gradient + self.quadratic.gradient(rows)
+            if body.correction_weight is not None:
+                gradient += body.correction_weight.gradient
+            return self.unknowns.pulled_back(rows, gradient) + contact
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,11 @@ class StepStart:
         Hessian that predicted it, None at constant velocity. begin: the body at the state, in the frame of the step."""
         kept = state.factorisation
         if kept is not None and _same_poses(state.poses, poses):
-            at = self.at_rest(state, time, poses)
+            at = (
+                Configuration(self._at_constant_velocity(state, time), poses)
+                if begin.frame.terms.points.corrected
+                else self.at_rest(state, time, poses)
+            )
             slope = problem.slope(begin.near(at), kept.contact_gradient)
             return problem.moved(at, kept.descent(slope)), kept.descent
         return Configuration(self._at_constant_velocity(state, time), poses), None
@@ -64,9 +68,8 @@ def kept_factorisation(solved: Minimum[StepPoint], predicted_by: Descent | None)
     """The factorisation that predicts the next step. None where the forces do not balance, or where contact depends on
     more than the state of the body: with friction, free colliders or field corrections."""
     problem, x = solved.x.problem, solved.x
-    own_state_only = (
-        problem.lagged is None and problem.free_bodies is None and not x.body.frame.terms.points.corrected
-    )
+    points = x.body.frame.terms.points
+    own_state_only = problem.lagged is None and problem.free_bodies is None and not points.by_colliders
     # A step that converges at its starting point factorises nothing: the factorisation that predicted it is kept.
     descent = solved.descent or predicted_by
     if not (solved.converged and own_state_only) or descent is None:

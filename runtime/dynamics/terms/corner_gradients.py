@@ -17,12 +17,14 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import summing
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
 
 Floats = NDArray[np.floating[Any]]
+Singles = NDArray[np.float32]
 
 
 class CornerGradients:
@@ -43,7 +45,7 @@ class CornerGradients:
         )
         whole = sp.csr_matrix(entries, shape=shape)
         self._adjoint = whole.T.tocsr()
-        self._single = whole.astype(np.float32)
+        self._gradients = gradients.astype(np.float32)
         self._dim, self._count = dim, points.count
 
     def forces(self, stress: Array, field: CorrectionField) -> Array:
@@ -59,17 +61,17 @@ class CornerGradients:
         m, square = len(F), self._dim**2
         B = self.corrected(B, field, along)
         tangent = self._elasticity.material.tangent(F).reshape(m, square, square)
-        tangent = (self._elasticity.weights[:, None, None] * tangent).astype(np.float32)
+        weighted: Singles = (self._elasticity.weights[:, None, None] * tangent).astype(np.float32)
         size = B.shape[2]
-        total = (B.reshape(-1, size).T @ (tangent @ B).reshape(-1, size)).astype(np.float64)
+        total = (B.reshape(-1, size).T @ _stressed(weighted, B).reshape(-1, size)).astype(np.float64)
         bent = field.curvature(forces, along)
         return total if bent is None else total + bent
 
-    def corrected(self, B: Floats, field: CorrectionField, along: Array | None) -> NDArray[np.float32]:
+    def corrected(self, B: Floats, field: CorrectionField, along: Array | None) -> Singles:
         """B + G du/drows (m, dim*dim, k), see `hessian`."""
-        added = self._single @ self._everywhere(field, along)
-        whole = B.astype(np.float32, copy=False) + added
-        return np.asarray(whole.reshape(-1, self._dim**2, whole.shape[1]))
+        rest = np.ascontiguousarray(B, dtype=np.float32).reshape(-1, self._dim**2, B.shape[1])
+        J = np.ascontiguousarray(self._everywhere(field, along)).reshape(self._count, self._dim, -1)
+        return _moved_corners(rest, J, self._elasticity.corners, self._gradients)
 
     def _everywhere(self, field: CorrectionField, along: Array | None) -> NDArray[np.float32]:
         """du/drows (n*dim, k) of all points, zero where the field is inactive."""
@@ -79,3 +81,38 @@ class CornerGradients:
         every = np.zeros((self._count, self._dim, J.shape[1]), dtype=np.float32)
         every[field.index] = J.reshape(-1, self._dim, J.shape[1])
         return every.reshape(-1, J.shape[1])
+
+
+def _dense_moved_corners(B: Singles, J: Singles, corners: IntArray, gradients: Singles) -> Singles:
+    return B + np.einsum("caik,caj->cijk", J[corners], gradients).reshape(B.shape)
+
+
+@summing(reference=_dense_moved_corners)
+def _moved_corners(B: Singles, J: Singles, corners: IntArray, gradients: Singles) -> Singles:
+    """B + G J (m, dim*dim, k) of J (n, dim, k) at the nodes, for cells with corners (m, dim+1) and the gradients (m,
+    dim+1, dim) of their shape functions."""
+    dim, size = J.shape[1], J.shape[2]
+    total = B.copy()
+    for c in range(len(corners)):
+        for a in range(corners.shape[1]):
+            for i in range(dim):
+                own = J[corners[c, a], i]
+                for j in range(dim):
+                    share, into = gradients[c, a, j], total[c, i * dim + j]
+                    for k in range(size):
+                        into[k] += share * own[k]
+    return total
+
+
+@summing(reference=lambda A, B: A @ B)
+def _stressed(A: Singles, B: Singles) -> Singles:
+    """A_c B_c (m, s, k) of A (m, s, s) and B (m, s, k)."""
+    total = np.zeros_like(B)
+    for c in range(len(A)):
+        for i in range(A.shape[1]):
+            into = total[c, i]
+            for j in range(A.shape[2]):
+                share, own = A[c, i, j], B[c, j]
+                for k in range(len(own)):
+                    into[k] += share * own[k]
+    return total

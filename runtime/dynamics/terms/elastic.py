@@ -77,6 +77,7 @@ class ElasticEnergy:
         self.points = points
         self.elasticity = watched_elasticity(body, points)
         self.corners = CornerGradients(self.elasticity, points)
+        self._along: tuple[Array, NDArray[np.float32]] | None = None
         m, n_rows, dim = self.elasticity.basis_gradient.shape
         self.products = m * dim**2 * (n_rows * dim) ** 2
 
@@ -84,9 +85,15 @@ class ElasticEnergy:
         """See `Elastic`."""
         return self
 
-    def basis_along(self, directions: Array | None) -> Array:
-        """See `ElasticInFrame`."""
-        return self.elasticity.basis_along(directions)
+    def basis_along(self, directions: Array | None) -> NDArray[np.float32]:
+        """See `ElasticInFrame`. Along points B is the same at every state, and kept."""
+        kept = self._along
+        if kept is not None and directions is not None and np.array_equal(kept[0], directions):
+            return kept[1]
+        found = self.elasticity.basis_along(directions)
+        if directions is not None:
+            self._along = directions, found
+        return found
 
     def evaluate(self, rows: Array, displacement: Array | None) -> CellElasticity:
         """See `ElasticInFrame`."""

@@ -150,7 +150,11 @@ class MappedPoint(CorrectionField):
         if self._field.mode == "linear":
             return np.zeros((n_rows, dim))
         found = self._local.pulled_back(self._unturned(forces)).reshape(n_rows, dim)
-        return found + self._by_gradient.T @ forces if self._field.mode == "full" else found
+        if self._field.mode != "full":
+            return found
+        # f . dF r = sum_nj (r_j f)_n . drows G_nj.
+        both = (self._local.value[:, :, None] * forces[:, None, :]).reshape(-1, dim)
+        return found + self._field.by_row.reshape(-1, n_rows).T @ both
 
     def curvature(self, forces: Array, directions: Array | None) -> Array | None:
         """See `CorrectionField`; of the full Jacobian alone."""
@@ -162,7 +166,7 @@ class MappedPoint(CorrectionField):
         # F along one change, and r along the other: f . (dF dr).
         turned = _turned(forces.astype(np.float32), self._field.by_row_single).reshape(n * dim, -1)
         cross = turned.T @ self._local.along(directions).reshape(n * dim, -1)
-        both = T.T @ cross
+        both = T.astype(np.float32).T @ cross
         return np.asarray(total + both + both.T)
 
     def _unturned(self, forces: Array) -> Array:

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.internal.tanh_network import NetworkPoint, TanhNetwork
+from softprint.runtime.learned.internal.tanh_network import MovedNetwork, NetworkPoint, TanhNetwork
 
 
 class LocalPoint(Protocol):
@@ -129,25 +129,24 @@ class ModelPoint:
         return np.asarray((self.network.value @ self.field.modes).reshape(self.field.shape[1:]))
 
     @lazy
-    def _slope(self) -> Array:
-        """dc/drows (components, n_rows*dim)."""
-        return self.network.slope @ self.inputs.derivative
-
-    @lazy
-    def _computed(self) -> list[tuple[Array | None, NDArray[np.float32]]]:
-        """What `along` has found, with its directions: it is asked for the same ones again."""
+    def _computed(self) -> list[Moved]:
+        """The last one: the same directions are asked for again."""
         return []
+
+    def _moved(self, directions: Array | None) -> Moved:
+        """The field along directions."""
+        for known in self._computed:
+            if known.directions is directions:
+                return known
+        of_inputs = self.inputs.derivative
+        of_network = self.network.moved(of_inputs if directions is None else of_inputs @ directions)
+        of_r = (self.field.by_node @ of_network.slope.astype(np.float32)).reshape(*self.field.shape[1:], -1)
+        self._computed[:] = [Moved(directions, of_network, of_r)]
+        return self._computed[0]
 
     def along(self, directions: Array | None) -> NDArray[np.float32]:
         """See `LocalPoint`."""
-        for known, found in self._computed:
-            if known is directions:
-                return found
-        slope = self._slope if directions is None else self._slope @ directions
-        by_node = self.field.by_node @ slope.astype(np.float32)
-        found = by_node.reshape(*self.field.shape[1:], slope.shape[1])
-        self._computed[:] = [(directions, found)]
-        return found
+        return self._moved(directions).of_r
 
     def pulled_back(self, forces: Array) -> Array:
         """See `LocalPoint`."""
@@ -156,7 +155,15 @@ class ModelPoint:
     def curvature(self, forces: Array, directions: Array | None) -> Array:
         """See `LocalPoint`."""
         a = self.field.modes @ forces.ravel()
-        Z, of_inputs = self.inputs.derivative, self.inputs.curvature(self.network.pulled_back(a))
+        of_inputs = self.inputs.curvature(self.network.pulled_back(a))
         if directions is not None:
-            Z, of_inputs = Z @ directions, directions.T @ of_inputs @ directions
-        return Z.T @ self.network.curvature(a) @ Z + of_inputs
+            of_inputs = directions.T @ of_inputs @ directions
+        return self._moved(directions).network.curvature(a) + of_inputs
+
+
+class Moved(NamedTuple):
+    """A `ModelPoint` along directions (n_rows*dim, k), None for every row and axis: its network, and r (n, dim, k)."""
+
+    directions: Array | None
+    network: MovedNetwork
+    of_r: NDArray[np.float32]

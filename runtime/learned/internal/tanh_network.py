@@ -79,6 +79,15 @@ class NetworkPoint:
         own = self.network
         return np.asarray(own.linear + own.head @ (self._slopes[-1][:, None] * self._jacobians[-1]))
 
+    def moved(self, directions: Array) -> MovedNetwork:
+        """The network along directions (n_in, k)."""
+        own = self.network
+        found = [own.weights[0] @ directions]
+        for weight, slope in zip(own.weights[1:], self._slopes, strict=False):
+            found.append(weight @ (slope[:, None] * found[-1]))
+        whole = own.linear @ directions + own.head @ (self._slopes[-1][:, None] * found[-1])
+        return MovedNetwork(self, whole, found)
+
     def pulled_back(self, along: Array) -> Array:
         """d(a . y)/dz (n_in,) of a direction a (n_out,), without the whole slope."""
         own = self.network
@@ -89,12 +98,36 @@ class NetworkPoint:
 
     def curvature(self, along: Array) -> Array:
         """d2(a . y)/dz2 (n_in, n_in) of a direction a (n_out,)."""
-        own, size = self.network, self.network.linear.shape[1]
-        adjoint, total = own.head.T @ along, np.zeros((size, size))
+        size = self.network.linear.shape[1]
+        total = np.zeros((size, size))
+        for bend, J in zip(self.bends(along), self._jacobians, strict=True):
+            total += J.T @ (bend[:, None] * J)
+        return total
+
+    def bends(self, along: Array) -> list[Array]:
+        """g_l (-2 h_l (1 - h_l^2)) of every layer, for a direction a (n_out,)."""
+        own = self.network
+        adjoint, found = own.head.T @ along, []
         for layer in reversed(range(len(self.hidden))):
-            slope, J = self._slopes[layer], self._jacobians[layer]
-            total += J.T @ ((-2.0 * adjoint * self.hidden[layer] * slope)[:, None] * J)
+            slope = self._slopes[layer]
+            found.append(-2.0 * adjoint * self.hidden[layer] * slope)
             adjoint = own.weights[layer].T @ (adjoint * slope)
+        return found[::-1]
+
+
+@dataclass(frozen=True, eq=False)
+class MovedNetwork:
+    """The derivatives of a network along k directions. slope: dy (n_out, k); jacobians: J_l (n_l, k) of every layer."""
+
+    point: NetworkPoint
+    slope: Array
+    jacobians: list[Array]
+
+    def curvature(self, along: Array) -> Array:
+        """d2(a . y) (k, k) between the directions, of a (n_out,)."""
+        total = np.zeros((self.slope.shape[1],) * 2)
+        for bend, J in zip(self.point.bends(along), self.jacobians, strict=True):
+            total += J.T @ (bend[:, None] * J)
         return total
 
 

@@ -114,7 +114,7 @@ def test_corrections_of_corners_add_to_the_basis(body, share):
     assert relative(elasticity.gradient_of(stress), elasticity.gradient(F)) < 1e-12
     directions = rng.normal(size=(rows.size, 5))
     whole = elasticity.basis_along(None)
-    assert relative(elasticity.basis_along(directions), whole @ directions) < 1e-12
+    assert relative(elasticity.basis_along(directions), whole @ directions) < 1e-6  # single precision
 
     nodes = np.union1d(body.mesh.cells[body.cubature.cells], body.surface.nodes)
     active = np.flatnonzero(rng.random(len(nodes)) < share)

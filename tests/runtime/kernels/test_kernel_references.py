@@ -321,6 +321,18 @@ INPUTS = {
             rng.normal(size=(4, 4)).astype(np.float32),
         ),
     },
+    "dynamics.terms.corner_gradients": {
+        "_moved_corners": lambda rng, dim: (
+            rng.normal(size=(M, dim**2, 5)).astype(np.float32),
+            rng.normal(size=(9, dim, 5)).astype(np.float32),
+            rng.integers(9, size=(M, dim + 1)),
+            rng.normal(size=(M, dim + 1, dim)).astype(np.float32),
+        ),
+        "_stressed": lambda rng, dim: (
+            rng.normal(size=(M, dim**2, dim**2)).astype(np.float32),
+            rng.normal(size=(M, dim**2, 5)).astype(np.float32),
+        ),
+    },
     "elasticity.invariants": {
         name: lambda rng, dim: (near_identity(rng, dim),)
         for name in ("first_invariant", "determinant", "cofactor")

@@ -106,6 +106,27 @@ def test_the_network_in_numpy_is_that_in_torch_and_knows_its_derivatives(jelly_b
     np.testing.assert_allclose(at.value, network.value(z), atol=1e-18)
     close(at.slope, differences(network.value, z))
     close(at.curvature(a), differences(lambda own: a @ network.at(own).slope, z))
+    directions = rng.normal(size=(len(z), 3))
+    along = at.moved(directions)
+    for found, whole in (
+        (along.slope, at.slope @ directions),
+        (along.curvature(a), directions.T @ at.curvature(a) @ directions),
+    ):
+        np.testing.assert_allclose(found, whole, atol=1e-12 * np.abs(whole).max())
+
+
+def test_the_network_in_torch_knows_its_derivatives_along_directions(jelly_body):
+    model = made_model(jelly_body)
+    rng = np.random.default_rng(4)
+    z = 0.01 * rng.normal(size=(3, jelly_body.rest_rows.size)).astype(np.float32)
+    directions = rng.normal(size=(3, 2, z.shape[1])).astype(np.float32)
+    with torch.no_grad():
+        value, slope = model.along(torch.from_numpy(z), torch.from_numpy(directions))
+        np.testing.assert_array_equal(value, model(torch.from_numpy(z)))
+    network = model.as_arrays()
+    for own, along, found in zip(z, directions, slope.numpy(), strict=True):
+        expected = along @ network.at(own.astype(np.float64)).slope.T
+        np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())  # single precision
 
 
 @pytest.mark.parametrize("gravity", [False, True])

@@ -39,6 +39,11 @@ def check(body, tolerance):
     forces = np.random.default_rng(0).normal(size=(body.n_nodes, dim, 4))
     expected = null @ np.linalg.solve(null.T @ stiffness @ null, null.T @ forces[free].reshape(-1, 4))
     found = NullSpaceCompliance(body).solve(forces)
+    # With twice the stiffness it gives half the response, and does not change.
+    compliance = NullSpaceCompliance(body)
+    half = compliance.with_stiffness(2.0 * rest_stiffness(body)).solve(forces)
+    np.testing.assert_allclose(half, 0.5 * found, atol=tolerance * np.abs(found).max())
+    np.testing.assert_array_equal(compliance.solve(forces), found)
     assert not found[body.handles.frame_nodes].any()
     error = np.abs(found[free].reshape(-1, 4) - expected).max()
     assert error < tolerance * np.abs(expected).max()
