@@ -61,12 +61,14 @@ def _train_one(
     options = InternalOptions(
         spec.hidden, spec.components, spec.linear, condensation is not None, data.gravity
     )
-    task: LearningTask[InternalModel] = InternalTask(options, data, body.n_rows)
+    task: LearningTask[InternalModel]
     if spec.derivatives:
         with context.progress(evaluations(data), "state", f"derivatives for {spec.name}") as bar:
             slopes = EquilibriumSlopes(body, condensation)
             learned = read_slope_data(truth, body, data, slopes, spec.components, context.seed, bar.update)
         task = SlopeTask(options, data, learned, body.n_rows)
+    else:
+        task = InternalTask(options, data, body.n_rows)
     settings = TrainingSettings(
         spec.steps, spec.batch, spec.learning_rate, spec.weight_decay, spec.validations, context.seed
     )

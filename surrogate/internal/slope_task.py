@@ -15,16 +15,13 @@ import torch
 from torch import Tensor
 
 from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
-from softprint.runtime.learned.network import spread
 from softprint.surrogate.internal.data import InternalData
 from softprint.surrogate.internal.slope_data import SlopeData
-from softprint.surrogate.learning_task import HeldOutError, seeded
+from softprint.surrogate.internal.task import RIDGE, start_from_linear, untrained
+from softprint.surrogate.learning_task import HeldOutError
 
 # Of the derivatives in the loss; and the number of directions of a state in a batch.
 _WEIGHT, _DIRECTIONS = 0.01, 2
-# Of the linear part: the ridge, relative to the variance of an input; and the initial weights of the network's last
-# layer beside it, relative to torch's.
-_RIDGE, _SMALL = 1e-6, 0.1
 
 
 class SlopeTask:
@@ -64,17 +61,10 @@ class SlopeTask:
     @torch.no_grad()
     def fresh_model(self, seed: int) -> InternalModel:
         """Initial weights from the seed; components and scales from the data."""
-        _, n_nodes, dim = self._slopes.modes.shape
-        model = seeded(lambda: InternalModel(self._options, dim, self._n_rows, n_nodes), seed)
-        model.modes.copy_(torch.from_numpy(self._slopes.modes))
-        model.coefficient_scale.copy_(self._c.square().mean(0).sqrt())
-        model.input_scale.copy_(spread(self._z))
-        if self._options.gravity:  # a direction, which may hardly change
-            model.input_scale[-dim:] = 1.0
+        modes, scale = torch.from_numpy(self._slopes.modes), self._c.square().mean(0).sqrt()
+        model = untrained(self._options, self._n_rows, modes, scale, self._z, seed)
         if self._options.linear:
-            model.linear.copy_(self._fitted(model))
-            for weights in (model.network.head.weight, model.network.head.bias):
-                weights.mul_(_SMALL)
+            start_from_linear(model, self._fitted(model))
         return model
 
     def _fitted(self, model: InternalModel) -> Tensor:
@@ -85,7 +75,7 @@ class SlopeTask:
         weighted = self._weights[:, None] * z / len(z)
         dz, dc = dz.flatten(0, 1), dc.flatten(0, 1)
         turned = self._slope_weight * dz / len(dz)
-        gram = weighted.T @ z + turned.T @ dz + _RIDGE * torch.eye(z.shape[1], dtype=z.dtype)
+        gram = weighted.T @ z + turned.T @ dz + RIDGE * torch.eye(z.shape[1], dtype=z.dtype)
         return torch.linalg.solve(gram, weighted.T @ c + turned.T @ dc).T.float()
 
     def loss(self, model: InternalModel, index: Tensor) -> Tensor:

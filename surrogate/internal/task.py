@@ -13,9 +13,9 @@ from softprint.surrogate.data.component_targets import ComponentTargets
 from softprint.surrogate.internal.data import InternalData
 from softprint.surrogate.learning_task import HeldOutError, seeded
 
-# Of the linear part: the ridge, relative to the variance of an input; and the initial weights of the network's last
+# The ridge of the linear part, relative to the variance of an input; and the initial weights of the network's last
 # layer beside it, relative to torch's.
-_RIDGE, _SMALL = 1e-6, 0.1
+RIDGE, _SMALL = 1e-6, 0.1
 
 
 class InternalTask:
@@ -48,24 +48,17 @@ class InternalTask:
     @torch.no_grad()
     def fresh_model(self, seed: int) -> InternalModel:
         """Initial weights from the seed; components and scales from the data."""
-        _, n_nodes, dim = self._targets.modes.shape
-        model = seeded(lambda: InternalModel(self._options, dim, self._n_rows, n_nodes), seed)
-        model.modes.copy_(self._targets.modes)
-        model.coefficient_scale.copy_(self._targets.scale)
-        model.input_scale.copy_(spread(self._z))
-        if self._options.gravity:  # a direction, which may hardly change
-            model.input_scale[-dim:] = 1.0
+        targets = self._targets
+        model = untrained(self._options, self._n_rows, targets.modes, targets.scale, self._z, seed)
         if self._options.linear:
-            model.linear.copy_(self._fitted(model))
-            for weights in (model.network.head.weight, model.network.head.bias):
-                weights.mul_(_SMALL)
+            start_from_linear(model, self._fitted(model))
         return model
 
     def _fitted(self, model: InternalModel) -> Tensor:
         """L by ridge regression of the coefficients on the inputs, both scaled."""
         targets = self._targets
         z, target = (self._z / model.input_scale).double(), (targets.target / targets.scale).double()
-        gram = z.T @ z + _RIDGE * len(z) * torch.eye(z.shape[1], dtype=z.dtype)
+        gram = z.T @ z + RIDGE * len(z) * torch.eye(z.shape[1], dtype=z.dtype)
         return torch.linalg.solve(gram, z.T @ target).T.float()
 
     def loss(self, model: InternalModel, index: Tensor) -> Tensor:
@@ -79,3 +72,25 @@ class InternalTask:
 
     def finish(self, model: InternalModel) -> None:
         """Nothing to set."""
+
+
+def untrained(
+    options: InternalOptions, n_rows: int, modes: Tensor, scale: Tensor, inputs: Tensor, seed: int
+) -> InternalModel:
+    """With weights from the seed; components (count, n_nodes, dim), scales of their coefficients (count,), and the
+    training inputs (s, n_inputs), whose spread scales them."""
+    _, n_nodes, dim = modes.shape
+    model = seeded(lambda: InternalModel(options, dim, n_rows, n_nodes), seed)
+    model.modes.copy_(modes)
+    model.coefficient_scale.copy_(scale)
+    model.input_scale.copy_(spread(inputs))
+    if options.gravity:  # a direction, which may hardly change
+        model.input_scale[-dim:] = 1.0
+    return model
+
+
+def start_from_linear(model: InternalModel, linear: Tensor) -> None:
+    """Sets the linear part L, and starts the network beside it small."""
+    model.linear.copy_(linear)
+    for weights in (model.network.head.weight, model.network.head.bias):
+        weights.mul_(_SMALL)

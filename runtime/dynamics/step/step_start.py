@@ -6,8 +6,9 @@ all other energies at the same rows, but with moving kinematic handles at their 
 
     v = -H^-1 (g + c)
 
-is the step of a Newton iteration without the expensive contact evaluation. Where contact has changed for other reasons,
-because colliders have moved or friction has slipped, the start is again at constant velocity.
+is the step of a Newton iteration without the expensive contact evaluation. A body with an internal correction takes it
+from constant velocity instead, since its Hessian changes faster with the state. Where contact has changed for other
+reasons, because colliders have moved or friction has slipped, the start is again at constant velocity.
 """
 
 from __future__ import annotations
