@@ -44,6 +44,7 @@ hidden = [8, 8]
 added_to = "condensed"
 [[training.internal]]
 name = "own"
+on = "condensation"
 hidden = [8, 8]
 components = 3
 steps = 50
@@ -117,7 +118,7 @@ def test_every_form_on_an_internal_correction(tmp_path, capsys):
     [
         ('hidden = [8, 8]\nadded_to = "own"', 'added_to = "other"', "other"),
         ('hidden = [8, 8]\nadded_to = "own"', 'added_to = "condensed"', "has by itself"),
-        ('name = "own"\nhidden', 'name = "own"\non = "subspace"\nhidden', "static_condensation"),
+        ('on = "condensation"', 'on = "subspace"', "static_condensation"),
     ],
 )
 def test_what_does_not_fit_is_refused(tmp_path, before, after, message, capsys):
