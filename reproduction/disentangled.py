@@ -60,7 +60,7 @@ from softprint.surrogate.thesis4.task import ObjectCentricTask
 from softprint.surrogate.train import train
 
 # Neurons and components of an internal correction (table 4.1: 200 and 15).
-INTERNAL = Recipe((100, 100), 15, 4000)
+INTERNAL = Recipe((100, 100), 15, 4000, learning_rate=1e-3, input_gain=1.0)
 Read = Callable[[Array, RigidPose], Array]
 TABLES = ("without", "contact")
 # Internal equilibria are solved at one in so many frames.
@@ -106,7 +106,9 @@ def fitted(
         for own in (train_on, choose_by)
     ]
     nothing = TrainedColliders(np.zeros(1), np.zeros(2))
-    task = ObjectCentricTask(options, parts[0], parts[1], body.mesh.node_volumes, body.n_rows, nothing)
+    task = ObjectCentricTask(
+        options, parts[0], parts[1], body.mesh.node_volumes, body.n_rows, nothing, recipe.input_gain
+    )
     model = train(task, recipe.settings).model
     network, modes = model.as_arrays(), model.modes.double().numpy()
     return lambda z: np.einsum("k,knd->nd", network.value(z), modes)
@@ -248,7 +250,7 @@ def main() -> None:
             if TABLES[0] in given.tables:
                 frames = frames_of(context.experiment, files, body)
                 print(f"\n| without contact, {len(frames.rows)} frames | error |\n| --- | --- |")
-                small = replace(recipe, components=INTERNAL.components)
+                small = replace(INTERNAL, widths=recipe.widths, steps=recipe.steps)
                 for name, error in without_contact(truth, body, frames, small).items():
                     print(f"| {name} | {error:.1%} |", flush=True)
             if TABLES[1] not in given.tables:

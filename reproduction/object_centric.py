@@ -6,21 +6,26 @@
 Needs the truth and the motions of the run. The method is trained on the usable samples of the truth: principal
 components of r = F^-1 (x - U q), as functions of the collider's place relative to the handles; two tanh layers, Adam,
 batches of 512 (eqs. 4.7 to 4.9, 4.3.3), without the fade that a simulation needs. Like the Jelly of table 4.1, it has
-no internal correction: r is the whole of it. A table in Markdown, a line for each number of samples and each model:
+no internal correction: r is the whole of it. A table in Markdown, a line for each model:
 
     discarded     energy beyond the principal components
     training      error of r on the samples that the model has learned from, at the end of training
-    samples       on the samples of the held-out states, sqrt(sum |x(model) - x|^2 / sum |U q - x|^2)
+    random        on a tenth of the samples, drawn at random and not learned from: the thesis's test data (4.3.3);
+                  sqrt(sum |x(model) - x|^2 / sum |U q - x|^2)
+    state         the same on the samples of the held-out states
     held-out      the same over the nodes and the frames in contact of the test scenes, at the full-space motion's state
 
 The other models are the corrections of the run, with their internal displacement. --samples: learn from so many.
+--each-layer: a model for each of these numbers of neurons, which both layers have.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -46,13 +51,15 @@ from softprint.runtime.learned.thesis4.correction import ObjectCentricCorrection
 from softprint.runtime.learned.thesis4.entry import options
 from softprint.runtime.truth.truth_file import TruthData, load_truth
 from softprint.surrogate.data.training_data import TrainingData
-from softprint.surrogate.thesis4.data import common_shape, read_object_centric
+from softprint.surrogate.thesis4.data import ObjectCentricData, common_shape, read_object_centric
 from softprint.surrogate.thesis4.task import ObjectCentricTask
 from softprint.surrogate.train import TrainingSettings, train
 
 OBJECT_CENTRIC = "object-centric"
 # The thesis has no fade: this is one that ends before any contact is felt [m].
 NO_FADE = 1e-9
+# One in so many samples is drawn for the column `random`.
+RANDOM = 10
 # x - U q (n_nodes, dim) [m] at handle rows and a pose of the collider.
 Displacement = Callable[[Array, RigidPose], Array]
 
@@ -65,11 +72,13 @@ class Recipe:
     components: int
     steps: int
     target: Literal["contact", "whole"] = "whole"
+    learning_rate: float = 1e-2
+    input_gain: float = 4.0
 
     @property
     def settings(self) -> TrainingSettings:
-        """Of the thesis, with a learning rate that falls."""
-        return TrainingSettings(self.steps, 512, 1e-3, 0.0, 10, 0)
+        """Batches of the thesis, with a learning rate that falls."""
+        return TrainingSettings(self.steps, 512, self.learning_rate, 0.0, 10, 0)
 
 
 class Learned(NamedTuple):
@@ -81,9 +90,21 @@ class Learned(NamedTuple):
     training: float
 
 
+def read(data: TrainingData, samples: IntArray, recipe: Recipe) -> ObjectCentricData:
+    """What the method learns from samples of a truth."""
+    return read_object_centric(data.truth, data.body, data.by_collider(samples), recipe.target)
+
+
 def learned(data: TrainingData, samples: IntArray, recipe: Recipe) -> Learned:
     """The method, learned from samples of a truth; the weights are those with the lowest error on `data.held_out`."""
-    body, truth = data.body, data.truth
+    return fitted(data, read(data, samples, recipe), read(data, data.held_out, recipe), recipe)
+
+
+def fitted(
+    data: TrainingData, training: ObjectCentricData, validation: ObjectCentricData, recipe: Recipe
+) -> Learned:
+    """`learned`, of what was read before."""
+    body, samples = data.body, training.sample
     table = {
         "name": OBJECT_CENTRIC,
         "form": "thesis4",
@@ -94,12 +115,14 @@ def learned(data: TrainingData, samples: IntArray, recipe: Recipe) -> Learned:
     }
     architecture = options(ModelSpec.model_validate(table), body, PenaltyContact(1.0))
     colliders = [collider for collider, _ in data.by_collider(samples)]
-    training, validation = (
-        read_object_centric(truth, body, data.by_collider(own), recipe.target)
-        for own in (samples, data.held_out)
-    )
     task = ObjectCentricTask(
-        architecture, training, validation, body.mesh.node_volumes, body.n_rows, common_shape(colliders, ())
+        architecture,
+        training,
+        validation,
+        body.mesh.node_volumes,
+        body.n_rows,
+        common_shape(colliders, ()),
+        recipe.input_gain,
     )
     result = train(task, recipe.settings)
     correction = ObjectCentricCorrection(OBJECT_CENTRIC, result.model, body, colliders[0])
@@ -114,7 +137,7 @@ def exact(truth: TruthData, sample: int, target: str = "whole") -> Array:
 
 
 def on_samples(truth: TruthData, model: Displacement, samples: IntArray, target: str = "whole") -> float:
-    """The column `samples`."""
+    """The columns `random` and `state`."""
     missed = size = 0.0
     for sample in map(int, samples):
         rows, wanted = truth.states["rows"][truth.sample_state[sample]], exact(truth, sample, target)
@@ -188,36 +211,42 @@ def main() -> None:
     parser.add_argument(
         "--samples", type=int, nargs="+", help="to learn from, one model for each number (default: all)"
     )
+    parser.add_argument(
+        "--each-layer", type=int, nargs="+", help="neurons of both layers, one model for each number"
+    )
     given = parser.parse_args()
     context = context_of(given)
     experiment = context.experiment
     try:
         files, body = find_run_files(context.out_dir, experiment), body_of_run(context)
-        recipe = Recipe(given.widths, given.components, given.steps)
+        networks = [[width, width] for width in given.each_layer or ()] or [given.widths]
+        recipes = [Recipe(widths, given.components, given.steps) for widths in networks]
         lines: dict[str, list[str]] = {}
         models: dict[str, Displacement] = {}
         with load_truth(truth_path(files, context), body) as truth:
             data = TrainingData(truth, body, context)
             order = np.random.default_rng(0).permutation(data.split.train)
-            for count in given.samples or [len(order)]:
-                own = order[:count]
-                model = learned(data, own, recipe)
-                name = f"{OBJECT_CENTRIC}, {len(own)} samples"
+            drawn, order = np.sort(order[::RANDOM]), np.delete(order, np.s_[::RANDOM])
+            training, validation = (read(data, own, recipes[0]) for own in (order, data.held_out))
+            for count, recipe in product(given.samples or [len(order)], recipes):
+                model = fitted(data, training.some(order[:count]), validation, recipe)
+                name = f"{OBJECT_CENTRIC}, {min(count, len(order)):,} samples, {'+'.join(map(str, recipe.widths))}"
                 models[name] = model.displacement
-                error = on_samples(truth, model.displacement, data.held_out)
-                lines[name] = [f"{model.discarded:.1e}", f"{model.training:.1%}", f"{error:.1%}"]
+                errors = [on_samples(truth, model.displacement, own) for own in (drawn, data.held_out)]
+                lines[name] = [f"{model.discarded:.1e}", *(f"{own:.1%}" for own in (model.training, *errors))]
+                print(name, *lines[name], file=sys.stderr)
         motions = on_motions(experiment, files, body, models)
     except SoftprintError as error:
         parser.error(str(error))
     print(
-        "| model | discarded | training | samples | "
+        "| model | discarded | training | random | state | "
         + " | ".join(motions)
         + " |\n"
-        + "| --- " * (4 + len(motions))
+        + "| --- " * (5 + len(motions))
         + "|"
     )
     for name in next(iter(motions.values())):
-        first = lines.get(name, ["", "", ""])
+        first = lines.get(name, [""] * 4)
         print(f"| {name} | {' | '.join([*first, *(f'{own[name]:.1%}' for own in motions.values())])} |")
 
 

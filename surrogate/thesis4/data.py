@@ -37,6 +37,11 @@ class ObjectCentricData:
     fields: Array
     sample: IntArray
 
+    def some(self, samples: IntArray) -> ObjectCentricData:
+        """Those of the given rows of the truth file."""
+        own = np.isin(self.sample, samples)
+        return ObjectCentricData(self.inputs[own], self.depth[own], self.fields[own], self.sample[own])
+
 
 def read_object_centric(
     truth: TruthData,

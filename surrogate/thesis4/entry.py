@@ -25,6 +25,7 @@ def task(data: TrainingData, spec: ModelSpec) -> ObjectCentricTask:
         data.body.mesh.node_volumes,
         data.body.n_rows,
         colliders,
+        data.spec.thesis4.input_gain,
         data.device,
     )
 

@@ -17,7 +17,9 @@ from softprint.surrogate.thesis4.loss import held_out_error, object_centric_loss
 
 
 class ObjectCentricTask:
-    """Trains an `ObjectCentricModel`. volumes: of the nodes (n_nodes,); colliders: those of the data."""
+    """Trains an `ObjectCentricModel`. volumes: of the nodes (n_nodes,); colliders: those of the data;
+    input_gain: on the initial weights of the first layer, which tanh needs to tell contacts apart that are a few
+    millimetres from each other on a body of centimetres."""
 
     def __init__(
         self,
@@ -27,9 +29,11 @@ class ObjectCentricTask:
         volumes: Array,
         n_rows: int,
         colliders: TrainedColliders,
+        input_gain: float,
         device: torch.device | None = None,
     ) -> None:
         self._options, self._n_rows, self._colliders = options, n_rows, colliders
+        self._input_gain = input_gain
         self.targets = ComponentTargets(data.fields, validation.fields, volumes, options.components, device)
         self._z, self._depth = (_tensor(part, device) for part in (data.inputs, data.depth))
         self._held_z, self._held_depth = (
@@ -46,7 +50,11 @@ class ObjectCentricTask:
 
     @property
     def identity(self) -> dict[str, Any]:
-        return {"form": ObjectCentricModel.form, **self._options.to_json()}
+        return {
+            "form": ObjectCentricModel.form,
+            **self._options.to_json(),
+            "input_gain": self._input_gain,
+        }
 
     @property
     def notes(self) -> dict[str, Any]:
@@ -63,6 +71,8 @@ class ObjectCentricTask:
         model.normalise(self._z)
         model.shape.copy_(torch.from_numpy(self._colliders.shape))
         model.sizes.copy_(torch.from_numpy(self._colliders.sizes))
+        for weights in (model.network.local.weight, model.network.local.bias):
+            weights *= self._input_gain
         return model
 
     def loss(self, model: ObjectCentricModel, index: Tensor) -> Tensor:

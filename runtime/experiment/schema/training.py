@@ -119,9 +119,10 @@ class Thesis4TrainingSpec(Section):
 
     steps: Count = Field(4000, description="optimiser steps for each model")
     batch: Count = Field(512, description="samples of one optimiser step")
-    learning_rate: Positive = Field(1e-3, description="at the start; falls to zero along a cosine")
+    learning_rate: Positive = Field(1e-2, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(0.0, description="decoupled weight decay (AdamW)")
     validations: Count = Field(20, description="number of times that a run measures the held-out error")
+    input_gain: Positive = Field(4.0, description="initial weights of all inputs, relative to torch's")
 
 
 class Thesis5TrainingSpec(Section):
