@@ -59,8 +59,10 @@ from softprint.surrogate.thesis4.data import ObjectCentricData, TrainedColliders
 from softprint.surrogate.thesis4.task import ObjectCentricTask
 from softprint.surrogate.train import train
 
+# The thesis's learning rate, and torch's initial weights.
+THESIS = Recipe((), 0, 4000, learning_rate=1e-3, input_gain=1.0)
 # Neurons and components of an internal correction (table 4.1: 200 and 15).
-INTERNAL = Recipe((100, 100), 15, 4000, learning_rate=1e-3, input_gain=1.0)
+INTERNAL = replace(THESIS, widths=(100, 100), components=15)
 Read = Callable[[Array, RigidPose], Array]
 TABLES = ("without", "contact")
 # Internal equilibria are solved at one in so many frames.
@@ -242,7 +244,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, help="to learn from in contact (default: all)")
     given = parser.parse_args()
     context = context_of(given)
-    recipe = Recipe(given.widths, given.components, given.steps)
+    recipe = replace(THESIS, widths=given.widths, components=given.components, steps=given.steps)
     try:
         files, body = find_run_files(context.out_dir, context.experiment), body_of_run(context)
         with load_truth(truth_path(files, context), body) as truth:
@@ -250,7 +252,7 @@ def main() -> None:
             if TABLES[0] in given.tables:
                 frames = frames_of(context.experiment, files, body)
                 print(f"\n| without contact, {len(frames.rows)} frames | error |\n| --- | --- |")
-                small = replace(INTERNAL, widths=recipe.widths, steps=recipe.steps)
+                small = replace(recipe, components=INTERNAL.components)
                 for name, error in without_contact(truth, body, frames, small).items():
                     print(f"| {name} | {error:.1%} |", flush=True)
             if TABLES[1] not in given.tables:

@@ -35,6 +35,7 @@ from softprint.fem_truth.report.measurements.held_out import Comparer, HeldOutMo
 from softprint.fem_truth.report.run_files import RunFiles, find_run_files, judged_scenes, load_motions
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody
+from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders.build import build_collider
@@ -46,18 +47,21 @@ from softprint.runtime.experiment import Experiment
 from softprint.runtime.experiment.experiment import FULL
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.correction_file import load_correction
+from softprint.runtime.learned.internal.correction import mapped, unmapped
 from softprint.runtime.learned.static_correction import StaticCorrection
-from softprint.runtime.learned.thesis4.correction import ObjectCentricCorrection
 from softprint.runtime.learned.thesis4.entry import options
+from softprint.runtime.learned.thesis4.inputs import InteractionState
 from softprint.runtime.truth.truth_file import TruthData, load_truth
 from softprint.surrogate.data.training_data import TrainingData
-from softprint.surrogate.thesis4.data import ObjectCentricData, common_shape, read_object_centric
+from softprint.surrogate.thesis4.data import ObjectCentricData, common_shape
 from softprint.surrogate.thesis4.task import ObjectCentricTask
 from softprint.surrogate.train import TrainingSettings, train
 
 OBJECT_CENTRIC = "object-centric"
-# The thesis has no fade: this is one that ends before any contact is felt [m].
+# The thesis has no fade: this one ends far before the depth of one that all samples are given [m].
 NO_FADE = 1e-9
+# Parameters of a collider of one size.
+NOTHING = np.empty(0)
 # One in so many samples is drawn for the column `random`.
 RANDOM = 10
 # x - U q (n_nodes, dim) [m] at handle rows and a pose of the collider.
@@ -91,8 +95,17 @@ class Learned(NamedTuple):
 
 
 def read(data: TrainingData, samples: IntArray, recipe: Recipe) -> ObjectCentricData:
-    """What the method learns from samples of a truth."""
-    return read_object_centric(data.truth, data.body, data.by_collider(samples), recipe.target)
+    """What the method learns from samples of a truth; also from those where the reduced body has left the collider,
+    because nothing fades out."""
+    truth, body = data.truth, data.body
+    state, gradient = InteractionState.of(body), basis_gradient_at_nodes(body)
+    inputs, fields = [], []
+    for sample in map(int, samples):
+        rows = np.asarray(truth.states["rows"][truth.sample_state[sample]])
+        inputs.append(state.seen(truth.pose(sample), NOTHING)(rows))
+        field = unmapped(gradient, rows, exact(truth, sample, recipe.target))
+        fields.append(field.astype(np.float32))
+    return ObjectCentricData(np.array(inputs), np.ones(len(samples)), np.array(fields), np.asarray(samples))
 
 
 def learned(data: TrainingData, samples: IntArray, recipe: Recipe) -> Learned:
@@ -125,9 +138,15 @@ def fitted(
         recipe.input_gain,
     )
     result = train(task, recipe.settings)
-    correction = ObjectCentricCorrection(OBJECT_CENTRIC, result.model, body, colliders[0])
+    network, modes = result.model.as_arrays(), result.model.modes.double().numpy()
+    state, gradient = InteractionState.of(body), basis_gradient_at_nodes(body)
+
+    def displacement(rows: Array, pose: RigidPose) -> Array:
+        value = network.value(state.seen(pose, NOTHING)(rows))
+        return mapped(gradient, rows, np.einsum("k,knd->nd", value, modes))
+
     left = float(np.sqrt(result.history[-1]["loss"] + task.targets.discarded))
-    return Learned(correction.bind(body.node_points()).displacement, task.targets.discarded, left)
+    return Learned(displacement, task.targets.discarded, left)
 
 
 def exact(truth: TruthData, sample: int, target: str = "whole") -> Array:
