@@ -70,6 +70,14 @@ def _motions(experiment: str, scene: str, needs: str, run: str) -> Figure:
     return Figure(commands, (RESULTS,), (needs,))
 
 
+def _whole(experiment: str, scene: str) -> Figure:
+    """A small body from its truth to its motions alone."""
+    models = ("full", "bare", "mechanics", "ours")
+    motions = " ".join(f"runs/{experiment}/motions/{scene}_{model}.h5" for model in models)
+    commands = f"softprint run examples/{experiment}.toml", f"python -m benchmarks.motions_alone {motions}"
+    return Figure(commands, (RESULTS,))
+
+
 # Those that touch the body in the scene.
 _SHAPES_ALONE = {
     "push": (
@@ -377,6 +385,8 @@ FIGURES: Mapping[str, Figure] = {
     "motions_ball": _motions("ball", "bars", "ball", "ball"),
     "motions_finger": _motions("finger", "read", "finger", "finger"),
     "motions_hand": _motions("hand", "explore", "hand", "hand"),
+    "ball_small": _whole("ball_small", "bars"),
+    "finger_small": _whole("finger_small", "read"),
     "motions_hat": _motions("hat_small", "hat", "hat", "jelly_library_small"),
 }
 
