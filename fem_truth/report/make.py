@@ -36,6 +36,7 @@ from softprint.fem_truth.report.run_files import (
     missing_notes,
     used_paths,
 )
+from softprint.fem_truth.report.scene_notes import scene_notes
 from softprint.fem_truth.report.shapes import judge_shapes
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.body.body import ReducedBody
@@ -89,7 +90,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
             model=model,
             folder=folder,
             files=used_paths(files, judged_scenes(experiment)),
-            notes=[*missing_notes(files, experiment), *_contact_notes(scenes)],
+            notes=[*missing_notes(files, experiment), *scene_notes(scenes)],
             shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
         )
         context.say("drawing")
@@ -235,20 +236,6 @@ def _judged_model(experiment: Experiment, files: RunFiles) -> str | None:
     if experiment.report.model in files.trained:
         return experiment.report.model
     return max(files.trained, default=None)
-
-
-def _contact_notes(scenes: list[JudgedScene]) -> list[str]:
-    return [
-        f"In the scene \u201c{scene.name}\u201d "
-        + (
-            "the full-space body is pierced, or has inverted cells, in every frame in contact"
-            if scene.n_left_out
-            else "the body never touches the collider"
-        )
-        + ", so there is no error to report: change its keyframes."
-        for scene in scenes
-        if scene.comparison is None
-    ]
 
 
 def _renderer(scene: JudgedScene) -> Renderer:
