@@ -36,7 +36,7 @@ from softprint.fem_truth.report.run_files import (
     missing_notes,
     used_paths,
 )
-from softprint.fem_truth.report.scene_notes import scene_notes
+from softprint.fem_truth.report.scene_notes import scene_note
 from softprint.fem_truth.report.shapes import judge_shapes
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.body.body import ReducedBody
@@ -90,7 +90,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
             model=model,
             folder=folder,
             files=used_paths(files, judged_scenes(experiment)),
-            notes=[*missing_notes(files, experiment), *scene_notes(scenes)],
+            notes=[*missing_notes(files, experiment), *_scene_notes(scenes)],
             shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
         )
         context.say("drawing")
@@ -236,6 +236,11 @@ def _judged_model(experiment: Experiment, files: RunFiles) -> str | None:
     if experiment.report.model in files.trained:
         return experiment.report.model
     return max(files.trained, default=None)
+
+
+def _scene_notes(scenes: list[JudgedScene]) -> list[str]:
+    notes = (scene_note(scene.name, scene.comparison, scene.n_left_out) for scene in scenes)
+    return [note for note in notes if note]
 
 
 def _renderer(scene: JudgedScene) -> Renderer:

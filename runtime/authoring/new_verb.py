@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,23 +92,20 @@ def run(args: argparse.Namespace, context: Context) -> int:
 
     if not 0 <= args.seed < 2**32:
         raise SoftprintError(f"--seed {args.seed}: must be from 0 to {2**32 - 1}")
-    # What it reads and reorients on the way is not news; what was done to the file is said below.
-    logging.getLogger("softprint.runtime.mesh").setLevel(logging.WARNING)
-    out = args.out or Path(f"{args.mesh.stem}.toml")
     scale = UNITS[args.units] if args.units else args.scale
-    made = new_experiment(
-        Wanted(
-            mesh=args.mesh,
-            out=out,
-            cells=args.cells,
-            placing=Placing(scale, args.size, args.up),
-            hold=_picked(context) if args.hold == "pick" else _hold(args.hold),
-            young=args.young,
-            seed=args.seed,
-            force=args.force,
-        ),
-        context.stage,
+    wanted = Wanted(
+        mesh=args.mesh,
+        out=args.out or Path(f"{args.mesh.stem}.toml"),
+        cells=args.cells,
+        placing=Placing(scale, args.size, args.up),
+        hold=_picked(context) if args.hold == "pick" else _hold(args.hold),
+        young=args.young,
+        seed=args.seed,
+        force=args.force,
     )
+    # What it reads and reorients on the way is not news; what was done to the file is said below.
+    with _warnings_only("softprint.runtime.mesh"):
+        made = new_experiment(wanted, context.stage)
     for sentence in made.body.said:
         context.say(sentence)
     if made.body.apart is not None:
@@ -120,6 +118,18 @@ def run(args: argparse.Namespace, context: Context) -> int:
     )
     context.say(f"{made.mesh} and {made.experiment} written. Next: softprint run {made.experiment}")
     return 0
+
+
+@contextmanager
+def _warnings_only(name: str) -> Iterator[None]:
+    """Without what a logger says for information."""
+    log = logging.getLogger(name)
+    before = log.level
+    log.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
 
 
 def _picked(context: Context) -> Callable[[Mesh], Array]:

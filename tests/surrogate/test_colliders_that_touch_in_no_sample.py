@@ -15,7 +15,7 @@ from softprint.surrogate.force import entry
 
 @pytest.fixture
 def data(monkeypatch):
-    for name in ("mechanics", "metric"):
+    for name in ("mechanics", "metric", "internal_below"):
         monkeypatch.setattr(entry, name, lambda *_: None)
     monkeypatch.setattr(entry, "join_force_data", lambda parts: parts)
     parts = [("needle", np.array([0, 1])), ("ball", np.array([2]))]

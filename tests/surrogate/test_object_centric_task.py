@@ -24,7 +24,7 @@ def dents(places: np.ndarray) -> ObjectCentricData:
 
 
 def task(input_gain: float) -> ObjectCentricTask:
-    options = ObjectCentricOptions((24, 24), COMPONENTS, 1, NODES, (), "whole", "", "saturating", 1e-9)
+    options = ObjectCentricOptions((24, 24), COMPONENTS, 1, NODES, (), "whole", "saturating", 1e-9)
     rng = np.random.default_rng(0)
     training, validation = (dents(rng.uniform(size=count)) for count in (300, 50))
     nothing = TrainedColliders(np.zeros(1), np.zeros(2))
