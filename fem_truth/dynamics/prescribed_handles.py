@@ -1,8 +1,7 @@
 """Kinematic handles in full space: the nodes of frames and the projections of points, whose positions are prescribed.
 
 A point is prescribed as its row in the reduced state of the body (`ReducedBody.project`), like a state of the truth. A
-single fixed node would be a point load, whose displacement depends on the size of the cells: on the small Duck, which
-stands on nine points, it was most of what the subspace misses.
+single fixed node would be a point load, whose displacement depends on the size of the cells.
 """
 
 from __future__ import annotations
