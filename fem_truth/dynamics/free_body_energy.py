@@ -140,7 +140,7 @@ class FreeBodyEnergy:
             by_nodes, by_twist = contact.gradient(*where, centres[contact.name])
             by_contact += by_nodes
             touching[free.bodies.slot(contact.name)] += by_twist
-        pressed = self._body.null_space.project(by_contact)
+        pressed = self._body.null_space_at(at.rows).project(by_contact)
         projected = body.projected + pressed
         norm = float(np.linalg.norm(projected))
         scales = (pressed, units * alone.flying, units * touching)
@@ -183,7 +183,8 @@ class FreeBodyEnergy:
             factor = cholesky(C, lower=True)
         except LinAlgError:
             return JointDirection(JointStep(still, np.zeros(len(C))), 0.0, 0, True, None)
-        matrix, null_space = self._body.hessian(at.rows, convex), self._body.null_space
+        matrix = self._body.hessian(at.rows, convex)
+        null_space = self._body.null_space_at(at.rows, gradient.whole, convex)
         for contact in contacts:
             for facets, blocks in contact.blocks:
                 matrix.add_facets(facets, blocks)
@@ -207,7 +208,7 @@ class FreeBodyEnergy:
     def moved(self, at: Configuration, step: JointStep, length: float) -> Configuration:
         """The configuration after a step of this length."""
         poses = self._free.bodies.retract(at.poses, length * step.twists)
-        return Configuration(at.rows + length * step.nodes, poses)
+        return Configuration(self._body.moved(at.rows, step.nodes, length), poses)
 
     def longest(self, at: Configuration, step: JointStep) -> float:
         """1, or less where free colliders could otherwise pass through something."""

@@ -56,8 +56,8 @@ class FullSpaceModel:
         return lambda state: state.x[nodes]
 
     def rows(self, state: FullSpaceState) -> Array:
-        """(n_rows, dim) handle rows of the nearest reduced state; its frames are affine if the full body strains
-        their regions."""
+        """(n_rows, dim) handle rows of the nearest reduced state; its frames are affine where a barrier lets the body
+        strain their regions."""
         return self._simulator.body.project(state.x)
 
 

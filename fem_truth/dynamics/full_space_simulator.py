@@ -4,7 +4,7 @@ terms.
     x_new = argmin  1/(2 h^2) |x - x_old - h v_old|_M^2 + W_elastic + W_gravity + W_springs
                    + W_contact + W_friction
 
-over all nodes, while kinematic handles have prescribed positions (`prescribed_handles.py`). M is the lumped mass.
+over all nodes, while kinematic handles have prescribed positions (`full_space_handles.py`). M is the lumped mass.
 Colliders that move freely are solved for together with the nodes (`free_body_energy.py`). This is the reference for the
 accuracy and for the speed of every reduced motion.
 """
@@ -21,10 +21,10 @@ import numpy as np
 from softprint.fem_truth.dynamics.collision_free_way import CollisionFreeWay, surfaces_of
 from softprint.fem_truth.dynamics.free_body_energy import FreeBodyEnergy, slip_start
 from softprint.fem_truth.dynamics.full_space_forces import contact_force
+from softprint.fem_truth.dynamics.full_space_handles import FullSpaceHandles
 from softprint.fem_truth.dynamics.full_space_state import FullSpaceState
 from softprint.fem_truth.dynamics.full_space_step_energy import Contact, StepEnergy, StepParts
 from softprint.fem_truth.dynamics.full_space_surface import DeformedBody, full_space_search
-from softprint.fem_truth.dynamics.prescribed_handles import PrescribedHandles
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.energy.full_space_springs import linear_springs
 from softprint.fem_truth.energy.moving_contact import MovingContact
@@ -74,10 +74,10 @@ class FullSpaceSimulator:
     """Steps one body in full space; constructor arguments, methods and results are those of
     `runtime.dynamics.Simulator`.
 
-    Kinematic handles have prescribed positions: the region of a frame moves rigidly, a point is a projection. All
-    other nodes are free, including those of non-kinematic frames. Corrections of the colliders are ignored. The elastic
-    Hessian is reused between steps while it converges fast enough: a step is bitwise reproducible only after the same
-    previous steps, otherwise within the tolerance.
+    The region of a frame moves rigidly; kinematic handles have prescribed positions, a point as a projection. All
+    other nodes are free, and with a barrier those of non-kinematic frames. Corrections of the colliders are ignored.
+    The elastic Hessian is reused between steps while it converges fast enough: a step is bitwise reproducible only
+    after the same previous steps, otherwise within the tolerance.
     """
 
     def __init__(
@@ -113,8 +113,10 @@ class FullSpaceSimulator:
         ]
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
         self._gravity = np.zeros(body.dim) if gravity is None else np.asarray(gravity, dtype=float)
-        self._springs, self._prescribed = tuple(springs), PrescribedHandles(body, kinematic)
-        self._null_space = self._prescribed.null_space
+        self._springs = tuple(springs)
+        # The line search of a barrier follows straight lines, which rigid regions leave as they turn.
+        self._handles = FullSpaceHandles(body, kinematic, soft_frames=barrier is not None)
+        self._null_space = self._handles.null_space
         self._tangent = ElasticTangent(self.elasticity)
         weight = float(np.linalg.norm(body.node_mass) * np.linalg.norm(self._gravity))
         self._force_floor = max(1e-9 * self.elasticity.unit_force, weight)
@@ -126,7 +128,7 @@ class FullSpaceSimulator:
 
     def rest_state(self, time: float = 0.0, poses: Poses | None = None) -> FullSpaceState:
         """The undeformed body at rest, with kinematic handles at their positions at ``time`` [s]."""
-        x = self._prescribed.place(self.body.mesh.points, time)
+        x = self._handles.place(self.body.mesh.points, time)
         where = poses_at(self.colliders, time, poses)
         return FullSpaceState(time, x, np.zeros_like(x), where, starting_motions(self.colliders))
 
@@ -189,11 +191,11 @@ class FullSpaceSimulator:
         if self._free_bodies and inertia is not None:
             return self._solve_with_free_bodies(state, end, poses, inertia, settings, parts, started)
         energy = self._energy(parts)
-        x0 = self._prescribed.place(state.x, end)
+        x0 = self._handles.place(state.x, end)
         energy.lag_friction(x0)
         if inertia is not None:
             # Starting from free motion saves a third of the iterations, except where it runs into a collider.
-            moved = self._prescribed.place(inertia.predicted, end)
+            moved = self._handles.place(inertia.predicted, end)
             if energy.evaluate(moved)[0] < energy.evaluate(x0)[0]:
                 x0 = moved
                 energy.lag_friction(x0)
@@ -240,7 +242,7 @@ class FullSpaceSimulator:
         limit = self._pierced.limit(begin, names)
         updates = self.settings.friction_updates
         problem = FreeBodyEnergy(self._energy(led, 1), free, list(moving.values()), slip, updates, limit)
-        still, moved = (self._prescribed.place(x, end) for x in (state.x, inertia.predicted))
+        still, moved = (self._handles.place(x, end) for x in (state.x, inertia.predicted))
         start = problem.start([still, moved], Configuration(still, poses))
         problem.lag_friction(start)
         result = minimise(problem, start, settings)
@@ -274,14 +276,14 @@ class FullSpaceSimulator:
         way = CollisionFreeWay(self._surfaces, state.x, state.poses)
         way.require_apart()
         loose = replace(settings, newton=replace(settings.newton, tolerance=_LOOSE))
-        target = self._prescribed.place(state.x if inertia is None else inertia.predicted, end)
+        target = self._handles.place(state.x if inertia is None else inertia.predicted, end)
         iterations = 0
         for _ in range(_STAGES):
-            arrived, x0 = way.advance(target, self._prescribed.place(way.x, end), poses)
+            arrived, x0 = way.advance(target, self._handles.place(way.x, end), poses)
             parts = self._parts(state, end, way.poses, inertia, x0)
             result = minimise(self._energy(parts), x0, settings if arrived else loose)
             iterations += result.newton_iterations
-            target = self._prescribed.place(way.continued(result.x), end)
+            target = self._handles.place(way.continued(result.x), end)
             if arrived or result.status is Status.NOT_FINITE:
                 break
         status = result.status if arrived else Status.MAX_ITERATIONS
@@ -292,7 +294,15 @@ class FullSpaceSimulator:
     def _energy(self, parts: StepParts, updates: int | None = None) -> StepEnergy:
         """updates: of friction, by default those of the settings."""
         updates = updates or self.settings.friction_updates
-        return StepEnergy(self.elasticity, self._tangent, self._null_space, parts, updates, self._force_floor)
+        return StepEnergy(
+            self.elasticity,
+            self._tangent,
+            self._null_space,
+            self._handles,
+            parts,
+            updates,
+            self._force_floor,
+        )
 
     def _contacts(self, poses: Poses, x: Array) -> dict[str, Contact]:
         """Contact with every collider; with a barrier, from positions x."""

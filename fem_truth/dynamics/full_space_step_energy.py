@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from softprint.fem_truth.dynamics.full_space_handles import FullSpaceHandles
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.energy.potentials import Potential
 from softprint.fem_truth.energy.surface_contact import LaggedFriction, SurfaceContact
@@ -43,13 +44,15 @@ class StepParts(NamedTuple):
 
 
 class StepEnergy(TotalEnergy):
-    """The energy of one step. Force scale: the largest of the forces that balance each other."""
+    """The energy of one step. Force scale: the largest of the forces that balance each other. null_space: that
+    of the handles."""
 
     def __init__(
         self,
         elastic: FullSpaceElasticity,
         tangent: ElasticTangent,
         null_space: NullSpace,
+        handles: FullSpaceHandles,
         parts: StepParts,
         friction_updates: int,
         force_floor: float,
@@ -58,10 +61,17 @@ class StepEnergy(TotalEnergy):
         super().__init__(
             elastic, (*smooth, *parts.contacts.values(), *parts.friction.values()), null_space, tangent
         )
+        self._handles = handles
         self._contacts, self._friction = parts.contacts, parts.friction
         # The call of `lag_friction` at the start counts as the first update.
         self._updates_left = friction_updates - 1 if parts.friction else 0
         self._floor = force_floor
+
+    def null_space_at(self, x: Array, forces: Array | None = None, convex: bool = False) -> NullSpace:
+        return self._handles.null_space_at(self.null_space, x, forces, convex)
+
+    def moved(self, x: Array, step: Array, length: float) -> Array:
+        return self._handles.moved(x, length * step)
 
     def lag_friction(self, x: Array) -> None:
         """Update the normal forces of friction to those at x."""
@@ -82,8 +92,9 @@ class StepEnergy(TotalEnergy):
 
     def force_scale(self, x: Array, gradient: Gradient) -> float:
         contact = sum((contact.gradient(x) for contact in self._contacts.values()), np.zeros_like(x))
-        elastic = float(np.linalg.norm(self.null_space.project(gradient.elastic)))
-        return max(elastic, float(np.linalg.norm(self.null_space.project(contact))), self._floor)
+        null_space = self.null_space_at(x)
+        elastic = float(np.linalg.norm(null_space.project(gradient.elastic)))
+        return max(elastic, float(np.linalg.norm(null_space.project(contact))), self._floor)
 
     def energy_scale(self, x: Array) -> float:
         """1 J: a step is accepted on its residual alone, because inertia leaves no soft modes."""

@@ -4,7 +4,7 @@ A spring on a point acts on its row in the reduced state of the body (`ReducedBo
 Its force is then spread like those that hold a state in the truth. On a single node it would be a point load, whose
 displacement depends on the size of the cells: on the small Ball it was half of what the subspace misses.
 
-A frame's region is elastic here. Its position is the mean of its nodes; its orientation is the least-squares
+A frame's position is the mean of the nodes of its region; its orientation is the least-squares
 linear fit A of x_i - mean(x) = A (X_i - mean(X)), so that  k_r/4 |A - R_target|^2  is a sum of dim linear
 springs; an anchor X_a is at mean(x) + A (X_a - mean(X)). For a rigid region both agree with the springs of the
 reduced model, `runtime.dynamics.terms.springs`.

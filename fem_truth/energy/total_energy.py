@@ -105,8 +105,13 @@ class TotalEnergy:
             total += term.gradient(x)
         share = self.null_space.share
         share.assemble(total)
-        projected = self.null_space.project(total)
+        projected = self.null_space_at(x).project(total)
         return share.total(energy), Gradient(elastic, total, projected, share.norm(projected))
+
+    def null_space_at(self, x: Array, forces: Array | None = None, convex: bool = False) -> NullSpace:
+        """The null space at x, where it depends on x. forces: (n, dim) [N] there, which do work where displacements are
+        of second order; convex: without the negative curvature of this work."""
+        return self.null_space
 
     def hessian(self, x: Array, convex: bool = False) -> BlockMatrix:
         """convex: without the negative curvature of the terms, which contact with a curved collider has."""
@@ -123,10 +128,11 @@ class TotalEnergy:
         convex: the Hessian is shifted, in proportion to the stiffness of each node, until no negative curvature is
         met: what is left of it is of crushed cells.
         """
-        hessian, share = self.hessian(x, convex), self.null_space.share
+        hessian, null_space = self.hessian(x, convex), self.null_space_at(x, gradient.whole, convex)
+        share = null_space.share
 
         def solved() -> CgResult:
-            return projected_cg(hessian, gradient.projected, self.null_space, tolerance, max_iterations)
+            return projected_cg(hessian, gradient.projected, null_space, tolerance, max_iterations)
 
         found, shift = solved(), 0.0
         stiffness = np.abs(np.trace(hessian.diagonal, axis1=1, axis2=2)) / hessian.dim
@@ -164,7 +170,7 @@ class TotalEnergy:
         Returns True if the energy itself has changed (friction has new normal forces).
         """
         self._tangent.judge(
-            length * step, after.elastic - before.elastic, self.null_space, before.norm, after.norm
+            length * step, after.elastic - before.elastic, self.null_space_at(x), before.norm, after.norm
         )
         return False
 

@@ -5,16 +5,22 @@
     nodes.
 
 U has one column per handle row, so P acts on the (n_nodes, dim) array directly: the Kronecker form P (x) I.
+
+Regions of fixed nodes may move rigidly instead (`rigid_regions.py`). With an orthonormal basis T of what their twists
+do, the coordinates of v are those of its free nodes and T^T v, and U^T v = 0 couples both.
 """
 
 from __future__ import annotations
 
+from copy import copy
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from softprint.fem_truth.linalg.block_kernels import BlockKernels, Real, fitting_tile
+from softprint.fem_truth.linalg.rigid_regions import RigidTangent
 from softprint.fem_truth.parts.share import WHOLE, Share
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.errors import SoftprintError
@@ -46,11 +52,43 @@ class NullSpace:
         self.free = np.ones(len(basis), dtype=bool)
         self.free[fixed] = False
         self._mask = self.free[:, None].astype(float)
+        self._columns = basis
+        self.rigid: RigidTangent | None = None
         reduced = basis * self._mask
         n_free = int(share.total(float(self.free[share.owned].sum())))
         self.condition = _condition(reduced, n_free, share)
         self._basis = np.ascontiguousarray(orthonormal(reduced, share))
+        self._coupling, self._gram = np.zeros((0, 0)), np.zeros((0, 0))
         self._for_kernels: dict[tuple[int, Real], tuple[BlockKernels, tuple[KernelBasis, ...]]] = {}
+
+    def with_rigid(self, rigid: RigidTangent) -> NullSpace:
+        """The same where these nodes, which are fixed here, move rigidly; for a body that is whole on this rank."""
+        moving = copy(self)
+        moving.rigid = rigid
+        if self.rank:
+            at_regions = self._columns[rigid.nodes] @ self._to_basis
+            dim = rigid.modes.shape[0] // len(rigid.nodes)
+            moving._coupling = np.asarray(rigid.modes.T @ np.kron(at_regions, np.eye(dim)))
+            moving._gram = np.linalg.inv(np.eye(self.rank * dim) + moving._coupling.T @ moving._coupling)
+        return moving
+
+    @cached_property
+    def _to_basis(self) -> Array:
+        """R with Q = U_f R."""
+        return np.linalg.lstsq(self._columns * self._mask, self._basis, rcond=None)[0]
+
+    def coupled(self, by_nodes: Array, by_twists: Array) -> Array:
+        """Coordinates c (rank, dim) of the part of v that violates U^T v = 0, from Q^T v (rank, dim) of its free nodes
+        and T^T v (m,): it is Q c at the free nodes, and `by_twists_of(c)` in the twists."""
+        if not self.rank:
+            return by_nodes
+        whole = by_nodes.ravel() + by_twists @ self._coupling
+        return np.asarray(self._gram @ whole).reshape(by_nodes.shape)
+
+    def by_twists_of(self, c: Array) -> Array:
+        """B c (m,), see `coupled`."""
+        assert self.rigid is not None
+        return self._coupling @ c.ravel() if self.rank else np.zeros(self.rigid.modes.shape[1])
 
     @property
     def rank(self) -> int:
@@ -64,8 +102,15 @@ class NullSpace:
 
     def project(self, v: Array) -> Array:
         """P v, (n_nodes, dim)."""
-        v = v * self._mask
-        return v - self._basis @ self._coordinates(v)
+        rigid, free = self.rigid, v * self._mask
+        c = self._coordinates(free)
+        if rigid is None:
+            return free - self._basis @ c
+        twists = rigid.coordinates(v)
+        c = self.coupled(c, twists)
+        free -= self._basis @ c
+        free[rigid.nodes] = rigid.displacement(twists - self.by_twists_of(c))
+        return free
 
     def moving(self, dim: int) -> Array:
         """(n_nodes, dim): 1 for free components, 0 for fixed ones."""
@@ -98,7 +143,7 @@ class NullSpace:
         return float(max(fixed, np.abs(self._coordinates(v)).max(initial=0.0)))
 
     def _coordinates(self, v: Array) -> Array:
-        """Q^T v, (rank, dim)."""
+        """Q^T v, (rank, dim), of the free nodes."""
         owned = self.share.owned
         return self.share.total(self._basis[owned].T @ v[owned])
 

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from softprint.fem_truth.linalg.block_kernels import Real
 from softprint.fem_truth.linalg.block_matrix import BlockMatrix
 from softprint.fem_truth.linalg.null_space import NullSpace
+from softprint.fem_truth.linalg.rigid_regions import RigidSystem
 from softprint.runtime.arrays import Array
 
 # The tolerance that conjugate gradients reach reliably in single precision, even if the condition number of the matrix
@@ -42,7 +43,7 @@ class NullSpaceSystem:
     """
 
     def __init__(self, hessian: BlockMatrix, null_space: NullSpace, real: Real) -> None:
-        self._share = null_space.share
+        self._share, self._null_space = null_space.share, null_space
         kernels, self._runs = null_space.for_kernels(hessian.dim, real)
         self.kernels = kernels
         self._pattern, self._upper = hessian.upper.pattern, hessian.upper.of_type(kernels.real)
@@ -55,6 +56,8 @@ class NullSpaceSystem:
         self._eliminated = None if hessian.eliminated is None else hessian.eliminated.of_type(kernels.real)
         self._dim = hessian.dim
         self._inverse = kernels.inverses(self._share.assembled(hessian.diagonal_blocks()))
+        rigid = null_space.rigid
+        self._rigid = None if rigid is None else RigidSystem(rigid, hessian, kernels.real)
 
     def product(self, p: Array, y: Array) -> float:
         """y = H p; returns the curvature p . H p."""
@@ -73,23 +76,58 @@ class NullSpaceSystem:
             eliminated = self._eliminated.coordinates(p)
             y[self._eliminated.nodes, : self._dim] -= self._eliminated.product(eliminated)
             curvature -= float(eliminated @ eliminated)
+        if self._rigid is not None:
+            curvature += self._rigid.add_stiffness(p, y)
         self._share.assemble(y)
         return self._share.total(curvature)
 
     def descend(self, alpha: float, y: Array, r: Array, z: Array) -> tuple[float, float]:
         """r -= alpha P y and z = P D^-1 r; returns |r|^2 and r . z."""
-        c = self._coordinates(y)
+        if self._rigid is not None:
+            return self._descend_with_twists(self._rigid, alpha, y, r, z)
+        square = self._descend_nodes(self._coordinates(y), alpha, y, r, z)
+        rho = self._deflate_nodes(self._coordinates(z), r, z)
+        square, rho = self._share.total(np.array([square, rho]))
+        return float(square), float(rho)
+
+    def _descend_with_twists(
+        self, rigid: RigidSystem, alpha: float, y: Array, r: Array, z: Array
+    ) -> tuple[float, float]:
+        """The rows of regions by their twists, which the kernels take for fixed nodes, with r = 0."""
+        own, force = rigid.coordinates(r), rigid.coordinates(y)
+        rigid.spread(np.zeros_like(own), r)
+        c = self._coupled(self._coordinates(y), force)
+        square = self._descend_nodes(c, alpha, y, r, z)
+        own = own - alpha * (force - self._by_twists(c))
+        solved = rigid.preconditioned(own)
+        c = self._coupled(self._coordinates(z), solved)
+        rho = self._deflate_nodes(c, r, z)
+        solved = solved - self._by_twists(c)
+        rigid.spread(own, r)
+        rigid.spread(solved, z)
+        return square + float(own @ own), rho + float(own @ solved)
+
+    def _coupled(self, c: Array, by_twists: Array) -> Array:
+        rank, coupled = self._null_space.rank, c.copy()
+        coupled[:rank, : self._dim] = self._null_space.coupled(c[:rank, : self._dim], by_twists)
+        return coupled
+
+    def _by_twists(self, c: Array) -> Array:
+        return self._null_space.by_twists_of(c[: self._null_space.rank, : self._dim]).astype(self.kernels.real)
+
+    def _descend_nodes(self, c: Array, alpha: float, y: Array, r: Array, z: Array) -> float:
         squares = [
             self.kernels.descend(Q, c, moving, self._inverse[i], alpha, y[i], r[i], z[i])
             for i, Q, moving in self._runs
         ]
-        c = self._coordinates(z)
+        return squares[0]  # the first run holds the owned nodes, and each counts by its owner
+
+    def _deflate_nodes(self, c: Array, r: Array, z: Array) -> float:
         rhos = [self.kernels.deflate(Q, c, r[i], z[i]) for i, Q, _ in self._runs]
-        # Over all nodes, each counted by its owner: the first run holds the owned nodes.
-        square, rho = self._share.total(np.array([squares[0], rhos[0]]))
-        return float(square), float(rho)
+        return rhos[0]
 
     def _coordinates(self, v: Array) -> Array:
+        """Q^T v, padded to tiles."""
         own = self._runs[0]
         return self._share.total(self.kernels.coordinates(own.Q, v[own.rows]))
 
