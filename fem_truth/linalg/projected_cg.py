@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from softprint.fem_truth.linalg.block_kernels import Real
 from softprint.fem_truth.linalg.block_matrix import BlockMatrix
 from softprint.fem_truth.linalg.null_space import NullSpace
-from softprint.fem_truth.linalg.rigid_regions import RigidSystem
+from softprint.fem_truth.linalg.rigid_system import RigidSystem
 from softprint.runtime.arrays import Array
 
 # The tolerance that conjugate gradients reach reliably in single precision, even if the condition number of the matrix

@@ -1,4 +1,4 @@
-"""Regions of nodes that move rigidly: where they go, and the part of a projected linear system that is theirs.
+"""Regions of nodes that move rigidly: where they go, and their displacements of first and second order.
 
 A region at x_i = c + r_i, c the mean, moves by its twist (s, w): x_i' = c + s + exp([w]) r_i. With an orthonormal basis
 T of what twists do to its nodes, and forces g_i on these,
@@ -19,9 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from softprint.fem_truth.linalg.block_kernels import Real
-from softprint.fem_truth.linalg.block_matrix import BlockMatrix
-from softprint.fem_truth.linalg.small_blocks import absolute_inverses, block_diagonal, positive_part
+from softprint.fem_truth.linalg.small_blocks import positive_part
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.rotations import nearest_rotations, rotated_by
 from softprint.runtime.rigid.twist import generators, own_curvature, point_motion
@@ -133,52 +131,3 @@ class RigidRegions:
         present = inertia > _NO_ARM * np.maximum(inertia[:, -1:], np.finfo(float).tiny)
         scale = np.where(present, 1.0 / np.sqrt(np.where(present, inertia, 1.0)), 0.0)
         return axes * scale[:, None, :], present
-
-
-class RigidSystem:
-    """The rows of T^T H T + K in a projected linear system, and the preconditioner of these: their inverse, without
-    what facets and eliminated unknowns add."""
-
-    def __init__(self, tangent: RigidTangent, hessian: BlockMatrix, real: Real) -> None:
-        self._at = RigidTangent(tangent.nodes, tangent.modes.astype(real), tangent.stiffness.astype(real))
-        self._dim = hessian.dim
-        own = tangent.modes.T @ (_between(hessian, tangent.nodes) @ tangent.modes)
-        matrix = own.toarray() + tangent.stiffness
-        for weights, stiffness in hessian.low_rank:
-            pulled = tangent.modes.T @ np.kron(weights[tangent.nodes, None], np.eye(hessian.dim))
-            matrix += stiffness * pulled @ pulled.T
-        self._inverse = absolute_inverses(matrix[None])[0].astype(real)
-
-    def add_stiffness(self, p: Array, y: Array) -> float:
-        """y += T K T^T p; returns p . T K T^T p."""
-        coordinates = self._at.coordinates(p)
-        force = self._at.stiffness @ coordinates
-        y[self._at.nodes, : self._dim] += self._at.displacement(force)
-        return float(coordinates @ force)
-
-    def coordinates(self, v: Array) -> Array:
-        """T^T v (m,)."""
-        return self._at.coordinates(v)
-
-    def spread(self, coordinates: Array, v: Array) -> None:
-        """Writes T c into v (n, dim or more)."""
-        v[self._at.nodes, : self._dim] = self._at.displacement(coordinates)
-
-    def preconditioned(self, coordinates: Array) -> Array:
-        return np.asarray(self._inverse @ coordinates)
-
-
-def _between(hessian: BlockMatrix, nodes: IntArray) -> sp.csr_matrix:
-    """The blocks between these nodes (k*dim, k*dim), of cells alone."""
-    pattern, dim, count = hessian.upper.pattern, hessian.dim, len(nodes)
-    place = np.full(hessian.n_nodes, -1)
-    place[nodes] = np.arange(count)
-    rows, columns = place[pattern.rows], place[pattern.columns]
-    both = np.flatnonzero((rows >= 0) & (columns >= 0))
-    axis = np.arange(dim)
-    i = rows[both, None, None] * dim + axis[:, None] + 0 * axis
-    j = columns[both, None, None] * dim + axis + 0 * axis[:, None]
-    above = sp.csr_matrix(
-        (hessian.upper.storage[both].ravel(), (i.ravel(), j.ravel())), shape=(count * dim, count * dim)
-    )
-    return sp.csr_matrix(above + above.T + block_diagonal(hessian.diagonal[nodes]))
