@@ -120,8 +120,9 @@ def check_colliders(
 
 def _check_same_energy(corrections: Sequence[ContactCorrection]) -> None:
     """Raises SoftprintError where corrections have learned different energies of contact."""
-    for other in corrections[1:]:
-        if other.learned != corrections[0].learned:
+    energies = [() if own.learned is None else own.learned.values for own in corrections]
+    for other, energy in zip(corrections, energies, strict=True):
+        if energy != energies[0]:
             raise SoftprintError(
                 f"corrections {corrections[0].name!r} and {other.name!r} have learned different energies of "
                 "contact with the body, which all colliders share: give them all corrections of one training"

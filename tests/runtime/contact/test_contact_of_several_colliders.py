@@ -11,6 +11,7 @@ import pytest
 from softprint.runtime.colliders import KeyframedPath, Placed, RigidPose, SmoothUnion, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.solver.dent_network import N_MEASURES
 from softprint.runtime.dynamics.kinematic import KinematicHandle
 from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.simulator import Simulator
@@ -167,6 +168,24 @@ def test_corrections_of_one_body_have_one_energy(jelly_body, dim):
     mechanics = compute_mechanics(jelly_body, 50, condensation=False)
     one, other = zip(*two_balls(dim), strict=True)
     colliders = corrected(jelly_body, mechanics, [one]) + corrected(jelly_body, mechanics, [other], LEARNED)
+    with pytest.raises(SoftprintError, match="different energies of contact with the body"):
+        Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
+
+
+def test_one_energy_with_a_network_is_the_same_in_each_correction(jelly_body, dim):
+    """Corrections of one training that are read from its file one by one."""
+    mechanics = compute_mechanics(jelly_body, 50, condensation=False)
+    ranges = (*[-1.0] * N_MEASURES, *[1.0] * N_MEASURES)
+    with_network = replace(OPTIONS, energy=(*LEARNED.energy, 0.0, *ranges, *[0.1] * (N_MEASURES + 2)))
+    one, other = zip(*two_balls(dim), strict=True)
+    colliders = [
+        placed
+        for ball in (one, other)
+        for placed in corrected(jelly_body, mechanics, [ball], replace(with_network))
+    ]
+    Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
+    stiffer = replace(with_network, energy=(*with_network.energy[:-1], 0.2))
+    colliders[1:] = corrected(jelly_body, mechanics, [other], stiffer)
     with pytest.raises(SoftprintError, match="different energies of contact with the body"):
         Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
 

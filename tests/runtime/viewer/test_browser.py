@@ -67,6 +67,19 @@ def drag(page, name: str, across: float, down: float) -> None:
         time.sleep(0.04)
 
 
+def press(page, name: str, across: float, down: float) -> None:
+    """`drag` until there is a force. On a busy machine a click can come before the page takes any: then once more."""
+    for _ in range(3):
+        drag(page, name, across, down)
+        end = time.monotonic() + PATIENCE / 3
+        while time.monotonic() < end:
+            if force(page) > 0.3:
+                return
+            time.sleep(0.05)
+        page.mouse.up()
+    raise AssertionError(f"no force after three drags; the window says {page.inner_text('#softprint-status')!r}")
+
+
 def choose(page, present: str, wanted: str) -> None:
     """Choose in the first list that shows `present`."""
     page.locator(f"input[value='{present}']").first.click()
@@ -83,8 +96,7 @@ def test_a_press_by_hand(served, toy3d):
         assert force(page) == 0.0
 
         # Down with the mouse, onto the block: the force rises, the mesh gives way, the colours change.
-        drag(page, "/colliders/ball_0", 0.0, 60.0)
-        wait_for(lambda: force(page) > 0.3)
+        press(page, "/colliders/ball_0", 0.0, 60.0)
         wait_for(lambda: np.abs(vertices(page) - rest).max() > 1e-3)  # m
         assert page.evaluate(COLOURS, "/body_0") != pale
         page.mouse.up()
