@@ -3,7 +3,7 @@
 A region at x_i = c + r_i, c the mean, moves by its twist (s, w): x_i' = c + s + exp([w]) r_i. With an orthonormal basis
 T of what twists do to its nodes, and forces g_i on these,
 
-    T c          displacements of first order, of the coordinates c of a twist
+    T a          displacements of first order, of the coordinates a of a twist
     T^T g        their forces
     T^T H T + K  their Hessian;  K = g_i . (E_k E_l + E_l E_k) r_i / 2 for rotations, because displacements of second
                  order do work
@@ -42,7 +42,7 @@ class RigidTangent(NamedTuple):
         return np.asarray(self.modes.T @ v[self.nodes, :dim].ravel())
 
     def displacement(self, coordinates: Array) -> Array:
-        """T c (k, dim)."""
+        """T a (k, dim), of coordinates a (m,)."""
         return np.asarray(self.modes @ coordinates).reshape(len(self.nodes), -1)
 
 

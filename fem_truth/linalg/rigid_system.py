@@ -38,7 +38,7 @@ class RigidSystem:
         return self._at.coordinates(v)
 
     def spread(self, coordinates: Array, v: Array) -> None:
-        """Writes T c into v (n, dim or more)."""
+        """Writes T a into v (n, dim or more), of coordinates a (m,)."""
         v[self._at.nodes, : self._dim] = self._at.displacement(coordinates)
 
     def preconditioned(self, coordinates: Array) -> Array:

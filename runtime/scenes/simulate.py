@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-# Of what holds and pulls point handles in full space: their projections.
+# Of what holds and pulls point handles in full space, their projections; and of frames that move freely there: rigid.
 _POINTS_VERSION = 2
+_FRAMES_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,8 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
     }
     if model == FULL and scene.leads_points:
         content["points_version"] = _POINTS_VERSION
+    if model == FULL and {frame.name for frame in body.handles.frames} - set(scene.kinematic_handles):
+        content["frames_version"] = _FRAMES_VERSION
     for entry in scene.colliders:
         content[f"collider_{entry.name}"] = experiment.collider(entry.name).model_dump_json()
     content |= scene_files(experiment, scene)

@@ -108,5 +108,10 @@ class SceneSpec(Section):
     @property
     def leads_points(self) -> bool:
         """Whether any point handle is held or pulled."""
-        led = [entry.handle if isinstance(entry, KinematicSpec) else entry for entry in self.kinematic]
-        return any(isinstance(handle, int) for handle in [*led, *(spring.handle for spring in self.springs)])
+        pulled = [spring.handle for spring in self.springs]
+        return any(isinstance(handle, int) for handle in [*self.kinematic_handles, *pulled])
+
+    @property
+    def kinematic_handles(self) -> list[int | str]:
+        """The numbers of points and names of frames whose positions are prescribed."""
+        return [entry.handle if isinstance(entry, KinematicSpec) else entry for entry in self.kinematic]

@@ -56,3 +56,25 @@ def test_contact_has_a_version(tmp_path, monkeypatch):
         monkeypatch.setattr(simulate, "CONTACT_VERSION", version)
         digests.append(inputs_hash(experiment, BODY, scene, tmp_path, "bare"))
     assert digests[0] != digests[1]
+
+
+def test_frames_that_move_freely_in_full_space_have_a_version(tmp_path, monkeypatch):
+    """Where every frame is kinematic, and in reduced models, frames have always been rigid."""
+    experiment = load_experiment(write_experiment(tmp_path, 3))
+    scene = find_scene(experiment, "held_out")
+    frames = [SimpleNamespace(name=handle) for handle in scene.kinematic_handles]
+    assert frames
+    held = SimpleNamespace(**vars(BODY), handles=SimpleNamespace(frames=frames))
+    free = SimpleNamespace(
+        **vars(BODY), handles=SimpleNamespace(frames=[*frames, SimpleNamespace(name="bone")])
+    )
+
+    def digests() -> list[str]:
+        pairs = [(held, "full"), (free, "bare"), (free, "full")]
+        return [inputs_hash(experiment, body, scene, tmp_path, model) for body, model in pairs]
+
+    before = digests()
+    monkeypatch.setattr(simulate, "_FRAMES_VERSION", 99)
+    after = digests()
+    assert after[:2] == before[:2]
+    assert after[2] != before[2]
