@@ -387,8 +387,12 @@ FIGURES: Mapping[str, Figure] = {
     "motions_hand": _motions("hand", "explore", "hand", "hand"),
     "ball_small": _whole("ball_small", "bars"),
     "finger_small": _whole("finger_small", "read"),
-    "hand_small": Figure(
-        ("softprint run examples/hand_small.toml --set contact.refinement=2 --set contact.stiffness=2e12",),
+    "hand_small": _whole("hand_small", "explore"),
+    "hand_nodes": Figure(
+        (
+            "softprint run examples/hand_small.toml --set contact.refinement=0 --set contact.stiffness=2e11 "
+            "--out runs/hand_nodes",
+        ),
         (RESULTS,),
     ),
     "motions_hat": _motions("hat_small", "hat", "hat", "jelly_library_small"),
