@@ -388,6 +388,13 @@ FIGURES: Mapping[str, Figure] = {
     "ball_small": _whole("ball_small", "bars"),
     "finger_small": _whole("finger_small", "read"),
     "hand_small": _whole("hand_small", "explore"),
+    "hand_full": Figure(
+        (
+            "softprint body examples/hand.toml",
+            "softprint simulate examples/hand.toml --model full --scene explore",
+        ),
+        (RESULTS,),
+    ),
     "hand_nodes": Figure(
         (
             "softprint run examples/hand_small.toml --set contact.refinement=0 --set contact.stiffness=2e11 "
