@@ -22,8 +22,8 @@ from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.contact_force import FrictionForces
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.elasticity.displacement_field import CorrectionField

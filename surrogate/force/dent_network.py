@@ -1,4 +1,4 @@
-"""Trains the network in the learned energy (`runtime/contact/solver/dent_network.py`) on solved contacts.
+"""Trains the network in the learned energy (`runtime/contact/learned_energy/dent_network.py`) on solved contacts.
 
 The network changes no contact solve, so that all it needs are the measures l = (log W, psi, rho) of each sample and
 their derivatives: with g(W) from `energy.py`,
@@ -20,8 +20,8 @@ import torch
 from torch import Tensor
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
-from softprint.runtime.contact.solver.dent_network import BOUND, N_MEASURES, DentNetwork
+from softprint.runtime.contact.learned_energy.dent_network import BOUND, N_MEASURES, DentNetwork
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 
 NEURONS = 6
 _ITERATIONS = 300

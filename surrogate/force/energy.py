@@ -1,4 +1,4 @@
-"""Learns the energy of contact (`runtime/contact/condensed/learned_energy.py`) from the energies and forces of a truth.
+"""Learns the energy of contact (`runtime/contact/learned_energy/`) from the energies and forces of a truth.
 
 A sample of the truth has the energy W_true that contact adds, and the generalised contact force h_true = dW_true/dq on
 the handles, which are free: h_true is the Lagrange multiplier of the constraint. The parameters p = (c, log a, b) of
@@ -24,7 +24,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe

@@ -8,7 +8,7 @@ from typing import Any
 
 from softprint.runtime.arrays import IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.schema.training import ModelSpec

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
-from softprint.runtime.contact.solver.dent_network import N_MEASURES, DentNetwork
+from softprint.runtime.contact.learned_energy.dent_network import N_MEASURES, DentNetwork
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.surrogate.force.dent_network import Dents, train_network
 from softprint.surrogate.force.sampled_contacts import LABELS
 

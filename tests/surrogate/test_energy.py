@@ -5,7 +5,7 @@ import pytest
 
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics

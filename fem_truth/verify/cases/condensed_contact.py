@@ -18,7 +18,7 @@ from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mesh import box_mesh

@@ -20,7 +20,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels

@@ -11,9 +11,9 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray, RowHessian
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
-from softprint.runtime.contact.condensed.hardened_contact import HardenedContact, PointForces
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
 from softprint.runtime.contact.contact_force import ContactForce, FrictionForces, SurfaceForces, resultant
+from softprint.runtime.contact.learned_energy.hardened_contact import HardenedContact, PointForces
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels

@@ -17,7 +17,7 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.solved_contact import SolvedContact

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Literal, Self
 import torch
 from torch import Tensor, nn
 
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.learned.fade import Fade
 from softprint.runtime.learned.force.confidence import Confidence

@@ -16,7 +16,7 @@ from softprint.fem_truth.verify.cases import (
     manufactured_solutions,
 )
 from softprint.fem_truth.verify.problems.import_witness import import_witness
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
 

@@ -11,13 +11,13 @@ from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.dent_network import DentNetwork
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.solver import candidate_search, contact_solve
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
 from softprint.runtime.contact.solver.compliance_scale import ComplianceScale
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
-from softprint.runtime.contact.solver.dent_network import DentNetwork
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics

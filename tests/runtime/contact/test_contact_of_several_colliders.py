@@ -11,7 +11,7 @@ import pytest
 from softprint.runtime.colliders import KeyframedPath, Placed, RigidPose, SmoothUnion, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
-from softprint.runtime.contact.solver.dent_network import N_MEASURES
+from softprint.runtime.contact.learned_energy.dent_network import N_MEASURES
 from softprint.runtime.dynamics.kinematic import KinematicHandle
 from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.simulator import Simulator

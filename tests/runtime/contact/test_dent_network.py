@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softprint.runtime.contact.condensed.learned_energy import N_VALUES, LearnedEnergy
-from softprint.runtime.contact.solver.dent_network import BOUND, N_MEASURES, DentNetwork
+from softprint.runtime.contact.learned_energy.dent_network import BOUND, N_MEASURES, DentNetwork
+from softprint.runtime.contact.learned_energy.learned_energy import N_VALUES, LearnedEnergy
 
 CENTRE = -2.5
 # Two of the dents are outside of it.

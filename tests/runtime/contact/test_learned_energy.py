@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softprint.runtime.contact.condensed.learned_energy import N_VALUES, LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import N_VALUES, LearnedEnergy
 from softprint.runtime.learned.force.model import ForceModelOptions
 
 ENERGIES = np.logspace(-12, 2, 15)  # J

@@ -275,7 +275,7 @@ INPUTS = {
     "contact.solver.compliance_scale": {
         "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=3)),
     },
-    "contact.solver.dent_network": {
+    "contact.learned_energy.dent_network": {
         "dent_shape": lambda rng, dim: (
             *rng.uniform(0.5, 1.0, size=(2, M)),
             normals(rng, dim),

@@ -1,7 +1,7 @@
 """A contact under the learned energy: the exact gradient of W~(W, psi, rho), forces at points, and the Hessian.
 
 W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the measures psi and rho of the
-contact forces (`runtime/contact/solver/dent_network.py`). Where a measure changes by -omega . dy with the deformed
+contact forces (`dent_network.py`). Where a measure changes by -omega . dy with the deformed
 positions, and as dy = (I + G_w D)^-1 c in the symbols of `linearised_contact.py`, it changes by
 
     -lambda . dxi - nu . dphi,    lambda = omega - D (I + G_w D)^-1 G_w omega,    nu = G A^T lambda,
@@ -21,12 +21,12 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray
-from softprint.runtime.contact.condensed.learned_energy import LearnedEnergy
-from softprint.runtime.contact.condensed.measure_curvature import MeasureCurvature, MeasuredMotions
+from softprint.runtime.contact.learned_energy.dent_network import DentShape, dent_measures
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.measure_curvature import MeasureCurvature, MeasuredMotions
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
-from softprint.runtime.contact.solver.dent_network import DentShape, dent_measures
 from softprint.runtime.lazy import lazy
 
 

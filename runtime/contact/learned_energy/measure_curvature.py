@@ -1,4 +1,4 @@
-"""Second derivatives of the measures psi and rho of a solved contact (`runtime/contact/solver/dent_network.py`).
+"""Second derivatives of the measures psi and rho of a solved contact (`dent_network.py`).
 
 With weights held, m = w_psi psi + w_rho rho is a function of the deformed positions y. With lambda and nu as in
 `hardened_contact.py`, weighted in the same manner, and in the symbols of
@@ -22,11 +22,11 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.contact.learned_energy.dent_network import DentShape
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.solver.contact_point_kernels import blocks_to_world
-from softprint.runtime.contact.solver.dent_network import DentShape
 from softprint.runtime.linalg.sparse_directions import times_directions
 
 

@@ -11,7 +11,7 @@ so that the forces are g' times those of the contact solve, and
 
     dW~ = g' dW,    d2W~ = g' d2W + g'' dW dW^T
 
-are exact, whatever the solve depends on. A small network (`runtime/contact/solver/dent_network.py`) multiplies g by
+are exact, whatever the solve depends on. A small network (`dent_network.py`) multiplies g by
 exp eta, of the shape of the dent and what bears it. x / (x + x_0) is between 0 and 1: beyond the dents of training, and
 for any coefficients with a > 0 and b > -1, g grows, and forces stay within a and a (1 + b) of those of mechanics, times
 what the network makes of them. Contacts with several colliders are one dent.
@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.contact.learned_energy.dent_network import N_MEASURES, DentNetwork
 from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
-from softprint.runtime.contact.solver.dent_network import N_MEASURES, DentNetwork
 
 #: The number of values of `LearnedEnergy.values` without a network.
 N_VALUES = N_COEFFICIENTS + 3

@@ -1,0 +1,1 @@
+"""The learned energy of condensed contact: how a dent hardens, with exact derivatives."""
