@@ -35,7 +35,7 @@ from softprint.surrogate.force.energy import contacts_of, learn_energy, with_for
 from softprint.surrogate.force.entry import contact_maker
 from softprint.surrogate.force.sampled_contacts import LABELS, SampledContacts
 
-MECHANICS = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0)
+MECHANICS = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0, 1.0)
 HEADS = {"handles": "force on the handles", "collider": "force on the collider", "energy": "energy"}
 ROWS: dict[str, tuple[str, ...]] = {
     "and the force on the handles": ("handles",),

@@ -8,10 +8,11 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 _FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
+    "runtime/contact/learned_energy/dent_network.py",
+    "runtime/contact/learned_energy/dent_shape.py",
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
     "runtime/contact/solver/compliance_scale.py",
-    "runtime/contact/learned_energy/dent_network.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
     "runtime/dynamics/terms/corner_gradients.py",
     "runtime/touch/raster_kernels.py",

@@ -1,9 +1,9 @@
 """Trains the network in the learned energy (`runtime/contact/learned_energy/dent_network.py`) on solved contacts.
 
-The network changes no contact solve, so that all it needs are the measures l = (log W, psi, rho) of each sample and
-their derivatives: with g(W) from `energy.py`,
+The network changes no contact solve, so that all it needs are the number of dents n = exp nu of each sample, the
+measures l = (log W_1, psi, rho) of one, with W_1 = W / n, and their derivatives: with g(W_1) from `energy.py`,
 
-    W~ = g e^eta,    h~ = W~ (dg/dl / g + d eta/dl) . dl,
+    W~ = n g e^eta,    h~ = W~ [ dnu + (dg/dl / g + d eta/dl) . dl ],
 
 and weights minimise the residuals of handle forces, force on the collider and energy, each relative to what is true,
 with the pseudo-Huber loss, which grows linearly for contacts that no weights fit. There are tens of weights and a full
@@ -29,18 +29,22 @@ _ITERATIONS = 300
 _DECAY = 1e-5
 # The least width of a range of training.
 _NARROWEST = 0.1
+# log W_1 = log W - nu, the first of three.
+_SIZE = np.eye(N_MEASURES)[0]
 
 
 @dataclass(frozen=True, eq=False)
 class Dents:
-    """s samples under g alone. measures: (W, psi, rho) (s, 3); energy: g (s,); by_energy: dlog g/dlog W (s,); slopes:
-    dl by kind of force (s, n_k, 3); truth: by kind (s, n_k), the energy among them; weights: by kind (s,), of squared
-    residuals; threshold: by kind, of the weighted residual from which on a sample counts less."""
+    """s samples under g alone. measures: (W_1, psi, rho) (s, 3); energy: n g (s,); by_energy: dlog g/dlog W_1 (s,);
+    slopes: dl by kind of force (s, n_k, 3); by_number: dnu by kind (s, n_k); truth: by kind (s, n_k), the energy among
+    them; weights: by kind (s,), of squared residuals; threshold: by kind, of the weighted residual from which on a
+    sample counts less."""
 
     measures: Array
     energy: Tensor
     by_energy: Tensor
     slopes: Mapping[str, Tensor]
+    by_number: Mapping[str, Tensor]
     truth: Mapping[str, Tensor]
     weights: Mapping[str, Tensor]
     threshold: Mapping[str, float]
@@ -55,15 +59,18 @@ class Dents:
         weights: Mapping[str, Array],
         threshold: Mapping[str, float],
     ) -> Dents:
-        """measures: (s, 3)."""
-        W = measures[:, 0]
+        """measures: (W, psi, rho, nu) (s, 4); slopes: of (log W, psi, rho, nu) by kind (s, n_k, 4)."""
+        number = np.exp(measures[:, 3])
+        W = measures[:, 0] / number
         g = np.array([learned.energy(one) for one in W])
         slope = np.array([learned.slope(one) for one in W])
+        by_number = {kind: of[..., 3] for kind, of in slopes.items()}
         return cls(
-            measures,
-            torch.from_numpy(g),
+            np.column_stack([W, measures[:, 1:3]]),
+            torch.from_numpy(number * g),
             torch.from_numpy(W * slope / g),
-            _tensors(slopes),
+            _tensors({kind: of[..., :3] - of[..., 3:] * _SIZE for kind, of in slopes.items()}),
+            _tensors(by_number),
             _tensors(truth),
             _tensors(weights),
             threshold,
@@ -74,7 +81,8 @@ class Dents:
         energy = self.energy * torch.exp(eta)
         slope = slope + torch.nn.functional.pad(self.by_energy[:, None], (0, slope.shape[1] - 1))
         forces = {
-            kind: energy[:, None] * torch.einsum("sfl,sl->sf", by, slope) for kind, by in self.slopes.items()
+            kind: energy[:, None] * (self.by_number[kind] + torch.einsum("sfl,sl->sf", by, slope))
+            for kind, by in self.slopes.items()
         }
         return {**forces, "energy": energy[:, None]}
 

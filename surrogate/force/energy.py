@@ -11,7 +11,8 @@ over samples i and three kinds of residual k: h~ - h_true along the coordinates 
 force on the collider, and W~ - W_true; s_ik is the square of what is true. w_ik takes weight from what no p fits (Huber
 1964): where the collider presses a rigid frame as well, or where the truth is on another branch. Of p, as much is kept
 as validation samples bear out: a part t p, with t from 0, which is linear mechanics, to 1. The network of the energy is
-learned after that (`dent_network.py`), and a part of it kept in the same way.
+learned after that (`dent_network.py`), and a part of it kept in the same way. The reach within which forces are of one
+dent is a multiple of the spread of those of the samples, in which a collider presses one place.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ _ROUNDED = 1e-9
 _RIDGE = 1e-3
 # x_0, in the x that 95 of 100 samples stay below.
 _SIZE = 2.0
+# The reach of one dent, in the spread that half of the samples stay below, and [m] where each is one point.
+_REACH, _LEAST_REACH = 3.0, 1e-6
 # Parts t of what was learned, of which the best on validation samples is kept.
 _PARTS = (0.25, 0.5, 0.75, 1.0)
 # Bounds of b, and of log a.
@@ -77,9 +80,11 @@ def learn_energy(
 ) -> tuple[LearnedEnergy | None, EnergyErrors]:
     """The energy from samples (n,), and its errors on others; None where linear mechanics is better on these. labels:
     the kinds of residuals to learn from; seed: of the weights that the network starts with."""
-    mechanics = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0)
-    dents = np.cbrt(contacts.at(train, mechanics, progress).measures[:, 0])
-    learned = replace(mechanics, size=_SIZE * float(np.quantile(dents, 0.95)))
+    mechanics = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0, 1.0)
+    alone = contacts.at(train, mechanics, progress)
+    size = _SIZE * float(np.quantile(np.cbrt(alone.measures[:, 0]), 0.95))
+    reach = max(_REACH * float(np.median(alone.spreads)), _LEAST_REACH)
+    learned = replace(mechanics, size=size, reach=reach)
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels))
     before = contacts.at(held_out, mechanics, progress)
@@ -95,12 +100,12 @@ def learn_energy(
     if kept is None:
         return None, EnergyErrors(of_mechanics, best, len(compared), 0.0, 0.0)
     network, of_network = train_network(_dents(contacts.at(train, kept, progress), kept), labels, seed), 0.0
-    dents, alone = _dents(judged, kept), kept
+    dents, plain = _dents(judged, kept), kept
     for share in _PARTS:
         part_of_network = replace(network, output=share * network.output)
         errors = replace(judged, found=dents.under(part_of_network)).errors(compared)
         if _sum(errors, labels) < _sum(best, labels):
-            best, kept, of_network = errors, replace(alone, network=part_of_network), share
+            best, kept, of_network = errors, replace(plain, network=part_of_network), share
     return kept, EnergyErrors(of_mechanics, best, len(compared), part, of_network)
 
 
@@ -190,4 +195,5 @@ def _stepped(learned: LearnedEnergy, change: Array) -> LearnedEnergy:
 def _with_parameters(learned: LearnedEnergy, parameters: Sequence[float] | Array) -> LearnedEnergy:
     """With other parameters p (N_PARAMETERS,)."""
     *coefficients, first, growth = map(float, parameters)
-    return LearnedEnergy(ComplianceScale(tuple(coefficients)), float(np.exp(first)), growth, learned.size)
+    scale = ComplianceScale(tuple(coefficients))
+    return replace(learned, scale=scale, first=float(np.exp(first)), growth=growth)

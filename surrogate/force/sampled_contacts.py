@@ -1,6 +1,10 @@
 """Solved contacts at samples of a truth, with the derivatives of forces and energy by the parameters of the energy.
 
-Condensed contact with parameters p = (c, log a, b) gives W~ = g(W) and h~ = g' h, and their derivatives follow from one
+Condensed contact with parameters p = (c, log a, b) gives W~ = n g(W / n) and
+
+    h~ = g' h + (g - g' W / n) n dnu/dq,
+
+with the number of dents n = exp nu (`runtime/contact/learned_energy/dent_shape.py`). Their derivatives follow from one
 contact solve,
 
     dW/dc = -sum_j e_j dtheta_j/dc,    e_j = f_j . u_j,
@@ -8,19 +12,19 @@ contact solve,
             - sum_j [ f_j . (dA_j v_j) dtheta_j/dc + e_j d2theta_j/dq dc ],
 
 in the symbols of `runtime/contact/linearised/linearised_contact.py`, with c_c = u dtheta/dc + A G dphi_c and dphi_c =
-phi dtheta/dc.
+phi dtheta/dc. Samples are of one contact each, so that n is near one, and that it changes with c is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.learned_energy.dent_network import DentShape, dent_measures
+from softprint.runtime.contact.learned_energy.dent_shape import DentShape, spread
 from softprint.runtime.contact.learned_energy.hardened_contact import dent_slopes, measure_response
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -39,8 +43,8 @@ N_PARAMETERS = N_COEFFICIENTS + 2
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
-    N_PARAMETERS), of an energy without a network. measures: (W, phi, rho) (s, 3) of `dent_network.py`, and by kind but
-    the energy the derivatives of (log W, phi, rho) (s, n_k, 3)."""
+    N_PARAMETERS), of an energy without a network. measures: (W, psi, rho, nu) (s, 4), and by kind but the energy the
+    derivatives of (log W, psi, rho, nu) (s, n_k, 4); spreads: of the contact forces (s,) [m]."""
 
     samples: IntArray
     truth: Mapping[str, Array]
@@ -48,6 +52,7 @@ class Sampled:
     slopes: Mapping[str, Array]
     measures: Array
     measure_slopes: Mapping[str, Array]
+    spreads: Array
 
     def errors(self, samples: IntArray) -> dict[str, float]:
         """See `EnergyErrors`, over some of the samples."""
@@ -86,6 +91,7 @@ class SampledContacts:
         """Those of the samples in which the reduced body touches the collider."""
         truth, columns = self._truth, list[dict[str, tuple[Array, Array, Array]]]()
         taken, measures, by_measure = list[int](), list[Array](), list[dict[str, Array]]()
+        spreads = list[float]()
         for collider, part in self._by_collider(samples):
             probe = self._contact_of(collider, learned)
             for sample in map(int, part):
@@ -97,10 +103,10 @@ class SampledContacts:
                 found = probe.evaluation(solved)
                 contact = found.contact
                 assert contact is not None  # some points are active
-                by_energy, by_force = by_parameters(contact, learned)
-                h, true = found.gradient, truth.contact_handle_force(sample)
-                shape = DentShape.of(solved)
+                shape = DentShape.of(contact, learned.reach)
                 logs = dent_slopes(contact, measure_response(contact, shape))
+                by_energy, by_force = by_parameters(contact, learned, shape.values[2], logs[:, 3])
+                h, true = found.gradient, truth.contact_handle_force(sample)
                 by_measure.append(
                     {
                         "handles": self._along(rows, logs.reshape(*h.shape, -1)),
@@ -119,7 +125,9 @@ class SampledContacts:
                     }
                 )
                 taken.append(sample)
-                measures.append(dent_measures(solved, shape))
+                solution = solved.solution
+                measures.append(np.array([solution.energy, *shape.values]))
+                spreads.append(spread(solution.pressure[solution.active], contact.points.rest(solved.active)))
         if not columns:
             raise SoftprintError(
                 f"{truth.path}: in none of {len(samples)} samples does the reduced body touch the collider"
@@ -128,7 +136,15 @@ class SampledContacts:
             {kind: np.stack([one[kind][k] for one in columns]) for kind in LABELS} for k in range(3)
         )
         of_measures = {kind: np.stack([one[kind] for one in by_measure]) for kind in by_measure[0]}
-        return Sampled(np.array(taken), of_truth, of_contact, slopes, np.array(measures), of_measures)
+        return Sampled(
+            np.array(taken),
+            of_truth,
+            of_contact,
+            slopes,
+            np.array(measures),
+            of_measures,
+            np.array(spreads),
+        )
 
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""
@@ -152,15 +168,22 @@ class SampledContacts:
         return solved
 
 
-def by_parameters(contact: LinearisedContact, learned: LearnedEnergy) -> tuple[Array, Array]:
-    """d g/dp (N_PARAMETERS,) [J] and d(g' h)/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points."""
-    W, h, size = contact.solved.solution.energy, contact.gradient, learned.size
+def by_parameters(
+    contact: LinearisedContact, learned: LearnedEnergy, nu: float, by_nu: Array
+) -> tuple[Array, Array]:
+    """dW~/dp (N_PARAMETERS,) [J] and dh~/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points. nu: of its
+    number of dents, and by_nu: dnu/drows (R,)."""
+    n, h = np.exp(nu), contact.gradient
+    W, r = contact.solved.solution.energy / n, by_nu.reshape(h.shape)
     energy, force = _by_coefficients(contact, learned.scale)
-    x, slope = np.cbrt(W), learned.slope(W)
-    hardened = LearnedEnergy(learned.scale, learned.first, 1.0, size).energy(W) - learned.first * W
-    by_energy = np.concatenate([slope * energy, [learned.energy(W), hardened]])
-    by_scale = slope * force.reshape(*h.shape, -1) + learned.curvature(W) * h[..., None] * energy
-    by_first, by_growth = slope * h, learned.first * x / (x + size) * h
+    slope, curvature = learned.slope(W), learned.curvature(W)
+    x = np.cbrt(W)
+    of_growth = learned.first * x / (x + learned.size)  # of g' by b
+    hardened = replace(learned, growth=1.0, network=None).energy(W) - learned.first * W  # of g
+    by_energy = np.concatenate([slope * energy, [n * learned.energy(W), n * hardened]])
+    by_scale = slope * force.reshape(*h.shape, -1) + curvature * (h / n - W * r)[..., None] * energy
+    by_first = slope * h + n * (learned.energy(W) - W * slope) * r
+    by_growth = of_growth * h + n * (hardened - W * of_growth) * r
     return by_energy, np.concatenate([by_scale, by_first[..., None], by_growth[..., None]], axis=2)
 
 

@@ -8,7 +8,7 @@ from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnerg
 from softprint.surrogate.force.dent_network import Dents, train_network
 from softprint.surrogate.force.sampled_contacts import LABELS
 
-PLAIN = LearnedEnergy.of((0.0, 0.0, 0.0, 0.9, 0.6, 0.3))
+PLAIN = LearnedEnergy.of((0.0, 0.0, 0.0, 0.9, 0.6, 0.3, 0.01))
 CENTRE = -2.5
 WIDE = np.full(3, -9.0), np.full(3, 9.0)
 
@@ -17,8 +17,9 @@ def dents(n, teacher, seed):
     """n contacts of random measures and slopes, whose truth is what a teacher makes of them, one in ten spoilt."""
     rng = np.random.default_rng(seed)
     sizes, shares = CENTRE + rng.normal(size=n), np.maximum(rng.uniform(-0.5, 1.0, size=n), 0.0)
-    measures = np.stack([np.exp(3.0 * sizes), shares, rng.uniform(0.5, 1.0, size=n)], axis=1)
-    slopes = {kind: rng.normal(size=(n, k, N_MEASURES)) for kind, k in (("handles", 12), ("collider", 3))}
+    shapes, numbers = rng.uniform(0.5, 1.0, size=n), rng.exponential(0.1, size=n)
+    measures = np.stack([np.exp(3.0 * sizes), shares, shapes, numbers], axis=1)
+    slopes = {kind: rng.normal(size=(n, k, N_MEASURES + 1)) for kind, k in (("handles", 12), ("collider", 3))}
     ones = {kind: np.ones(n) for kind in LABELS}
     nothing = {kind: np.zeros((n, 1)) for kind in LABELS}
     limits = dict.fromkeys(LABELS, 1.0)

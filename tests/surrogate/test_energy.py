@@ -5,7 +5,10 @@ import pytest
 
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.learned_energy.dent_shape import DentShape
+from softprint.runtime.contact.learned_energy.hardened_contact import dent_slopes, measure_response
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
+from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
@@ -21,14 +24,15 @@ from softprint.surrogate.force.sampled_contacts import (
 
 LAW = PenaltyContact(1e10, 4)
 SIZE = 0.4  # J^(1/3)
+REACH = 0.02  # m
 BAND = 2e-3
 STATES, PLACES, DEPTHS = 4, 3, (0.003, 0.005, 0.007)  # m
 
 
-def energy_at(parameters):
+def energy_at(parameters, reach=REACH):
     """With a slope of the coefficients, log a and b."""
     *coefficients, first, growth = parameters
-    return LearnedEnergy.of((*coefficients, np.exp(first), growth, SIZE))
+    return LearnedEnergy.of((*coefficients, np.exp(first), growth, SIZE, reach))
 
 
 TEACHER = np.array([0.4, -0.9, -0.4, -0.1, 0.6])
@@ -69,15 +73,20 @@ def evaluated(probe, rows, poses):
     return probe.evaluation(solved)
 
 
-def test_derivatives_by_the_parameters(pressed, monkeypatch):
+@pytest.mark.parametrize("reach", [REACH, 1e3], ids=["of a dent", "of everything"])
+def test_derivatives_by_the_parameters(pressed, monkeypatch, reach):
     _, ball, contact_of, states, poses = pressed
     monkeypatch.setattr("softprint.runtime.contact.solver.contact_solve._TOLERANCE", 1e-9)
 
     def at(parameters):
-        return evaluated(contact_of(ball, energy_at(parameters)), states[0], poses[0])
+        return evaluated(contact_of(ball, energy_at(parameters, reach)), states[0], poses[0])
 
-    by_energy, by_force = by_parameters(at(TEACHER).contact, energy_at(TEACHER))
-    for k in range(N_PARAMETERS):
+    contact, learned = at(TEACHER).contact, energy_at(TEACHER, reach)
+    shape = DentShape.of(contact, reach)
+    by_nu = dent_slopes(contact, measure_response(contact, shape))[:, 3]
+    by_energy, by_force = by_parameters(contact, learned, shape.values[2], by_nu)
+    # That the number of dents changes with the scale of the compliance is left out: it is one of everything.
+    for k in range(0 if reach > REACH else N_COEFFICIENTS, N_PARAMETERS):
         h = 1e-5 * np.eye(N_PARAMETERS)[k]
         ahead, behind = at(TEACHER + h), at(TEACHER - h)
         # The compliance, and so each solve, is in single precision: 1e-7 over steps of 1e-5 that change both by 1e-5.

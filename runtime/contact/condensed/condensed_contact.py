@@ -329,7 +329,7 @@ class CondensedContact:
             candidates.position[which],
             candidates.depth,
             distance.among(which),
-            tight=self.learned is not None and self.learned.network is not None,
+            tight=self.learned is not None,
         )
 
     def _pushed_in(

@@ -1,17 +1,17 @@
-"""A contact under the learned energy: the exact gradient of W~(W, psi, rho), forces at points, and the Hessian.
+"""A contact under the learned energy: the exact gradient of W~(W, psi, rho, nu), forces at points, and the Hessian.
 
-W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the measures psi and rho of the
-contact forces (`dent_network.py`). Where a measure changes by -omega . dy with the deformed
+W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the measures psi, rho and nu of
+the contact forces (`dent_shape.py`). Where a measure changes by -omega . dy with the deformed
 positions, and as dy = (I + G_w D)^-1 c in the symbols of `linearised_contact.py`, it changes by
 
-    -lambda . dxi - nu . dphi,    lambda = omega - D (I + G_w D)^-1 G_w omega,    nu = G A^T lambda,
+    -lambda . dxi - mu . dphi,    lambda = omega - D (I + G_w D)^-1 G_w omega,    mu = G A^T lambda,
 
 with dphi the change of rest forces. So W~ pushes the body with the forces W~_W f_j + lambda_j where W pushes it with
-f_j, and by moments A nu x f: forces and moments on body and collider balance. In l = (log W, psi, rho),
+f_j, and by moments A mu x f: forces and moments on body and collider balance. In l = (log W, psi, rho, nu),
 
     dW~ = W~_l . dl,    d2W~ = dl . W~_ll dl + W~_l . d2l,
 
-with d2l of psi and rho in `measure_curvature.py`.
+with d2l of psi, rho and nu in `measure_curvature.py`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray
-from softprint.runtime.contact.learned_energy.dent_network import DentShape, dent_measures
+from softprint.runtime.contact.learned_energy.dent_shape import DentShape
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
-from softprint.runtime.contact.learned_energy.measure_curvature import MeasureCurvature, MeasuredMotions
+from softprint.runtime.contact.learned_energy.measure_curvature import MeasureCurvature
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -49,11 +49,9 @@ class HardenedContact:
     """The learned energy of a contact with active points."""
 
     def __init__(self, contact: LinearisedContact, learned: LearnedEnergy) -> None:
-        self._contact, self._learned = contact, learned
-        self._shape = DentShape.of(contact.solved)
-        self._measures = dent_measures(contact.solved, self._shape)
-        self._mechanics = self._measures[0]
-        self._terms = learned.terms(self._measures)
+        self._contact, self._mechanics = contact, contact.solved.solution.energy
+        self._shape = DentShape.of(contact, learned.reach)
+        self._terms = learned.terms(np.array([self._mechanics, *self._shape.values]))
 
     @property
     def energy(self) -> float:
@@ -63,21 +61,19 @@ class HardenedContact:
     @property
     def gradient(self) -> Array:
         """dW~/drows (n_rows, dim) [N]."""
-        if self._response is None:
-            return np.asarray(self._stiffened * self._contact.gradient)
         forces, moved = self._weighted_response
         return -self._contact.work(self._stiffened * self._contact.force + forces, moved)
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W~/drows2, see `RowHessian`."""
-        contact, moments = self._contact, self._stiffened * self._contact.moments
-        forces = self._stiffened * contact.force
-        motions, slopes = contact.motions.along(along), self._slopes_along(along)
+        contact, of_measures = self._contact, self._curvature
+        motions, slopes = contact.motions.along(along), self._row_slopes
+        slopes = slopes if along is None else along.T @ slopes
         found = self._stiffened * motions.second(motions) + slopes @ self._outer @ slopes.T
-        if self._curvature is not None:
-            own = self._measured_rows(self._curvature, motions, along)
-            found, moments = found + self._curvature.between(own, own), moments + self._curvature.moments
-            forces = forces + self._weighted_response[0]
+        rows = of_measures.by_rows(motions, along)
+        found = found + of_measures.between(rows, rows)
+        forces = self._stiffened * contact.force + self._weighted_response[0]
+        moments = self._stiffened * contact.moments + of_measures.moments
         return np.asarray(found - contact.bending(forces, moments, along))
 
     def twist_gradient(self, own: ColliderSensitivity) -> Array:
@@ -89,21 +85,15 @@ class HardenedContact:
         (mixed, twice), slopes = own.blocks(), self._twist_slopes(own)
         mixed = self._stiffened * mixed + self._row_slopes @ self._outer @ slopes.T
         twice = self._stiffened * twice + slopes @ self._outer @ slopes.T
-        if self._curvature is not None:
-            twist = self._measured_twist(self._curvature, own)
-            rows = self._measured_rows(self._curvature, self._contact.motions)
-            mixed = mixed + self._curvature.mixed(rows, own, twist)
-            twice = twice + self._curvature.twice(own, twist)
-        return mixed, twice
+        of_measures = self._curvature
+        rows, twist = of_measures.by_rows(self._contact.motions), of_measures.by_twist(own)
+        return mixed + of_measures.mixed(rows, own, twist), twice + of_measures.twice(own, twist)
 
     def link(self, one: ColliderSensitivity, other: ColliderSensitivity) -> Array:
         """See `ColliderSensitivity`."""
         outer = self._twist_slopes(one) @ self._outer @ self._twist_slopes(other).T
-        found = self._stiffened * one.link(other) + outer
-        if self._curvature is not None:
-            twists = (self._measured_twist(self._curvature, of) for of in (one, other))
-            found = found + self._curvature.between(*twists)
-        return np.asarray(found)
+        twists = (self._curvature.by_twist(of) for of in (one, other))
+        return np.asarray(self._stiffened * one.link(other) + outer + self._curvature.between(*twists))
 
     @lazy
     def point_forces(self) -> PointForces:
@@ -111,60 +101,40 @@ class HardenedContact:
         solution = self._contact.solved.solution
         b = solution.active
         f, p, g = solution.force[b], solution.pressure[b], solution.normal[b]
-        slope = self._stiffened
-        if self._response is None:
-            return PointForces(slope * p)
         more, at_rest = self._weighted_response
         moved = self._contact.factor.to_world(at_rest.reshape(-1, 1)).reshape(f.shape)
         along = (more * g).sum(axis=1) / (g * g).sum(axis=1)
-        pressure = slope * p + along
+        pressure = self._stiffened * p + along
         lever = moved * p[:, None]
         # Where a pressure vanishes, so does its moment: a point that is about to leave.
         return PointForces(pressure, more - along[:, None] * g, _divided(lever, pressure))
 
     @lazy
-    def _response(self) -> tuple[Array, Array] | None:
-        """lambda and nu (k*dim, 2) of psi and rho; None without a network."""
-        return None if self._learned.network is None else measure_response(self._contact, self._shape)
+    def _response(self) -> tuple[Array, Array]:
+        """lambda and mu (k*dim, 3) of psi, rho and nu."""
+        return measure_response(self._contact, self._shape)
 
     @lazy
     def _weighted_response(self) -> tuple[Array, Array]:
-        """lambda and nu (k, dim), times W~_l."""
-        assert self._response is not None
+        """lambda and mu (k, dim), times W~_l."""
         shape, weights = self._contact.force.shape, self._terms.slope[1:]
         forces, moved = ((part @ weights).reshape(shape) for part in self._response)
         return forces, moved
 
     @lazy
     def _row_slopes(self) -> Array:
-        """dl (R, n) of the measures that the energy depends on, by the rows."""
+        """dl (R, 4) by the rows."""
         return dent_slopes(self._contact, self._response)
 
-    def _slopes_along(self, along: Array | None) -> Array:
-        """The same along some directions."""
-        return self._row_slopes if along is None else np.asarray(along.T @ self._row_slopes)
-
     def _twist_slopes(self, own: ColliderSensitivity) -> Array:
-        """dl (n_twist, n) by the motion of a collider."""
+        """dl (n_twist, 4) by the motion of a collider."""
         by_energy = own.gradient[:, None] / self._mechanics
-        if self._response is None:
-            return by_energy
         return np.hstack([by_energy, -_work(own.motions, self._response)])
 
     @lazy
-    def _curvature(self) -> MeasureCurvature | None:
-        """d2l of psi and rho, times W~_l; None without a network."""
-        if self._response is None:
-            return None
+    def _curvature(self) -> MeasureCurvature:
+        """d2l of psi, rho and nu, times W~_l."""
         return MeasureCurvature(self._contact, self._weighted_response, self._terms.slope[1:], self._shape)
-
-    def _measured_rows(
-        self, of: MeasureCurvature, motions: ContactMotions, along: Array | None = None
-    ) -> MeasuredMotions:
-        return of.by_rows(motions, self._slopes_along(along)[:, 1:] @ self._terms.slope[1:], along)
-
-    def _measured_twist(self, of: MeasureCurvature, own: ColliderSensitivity) -> MeasuredMotions:
-        return of.by_twist(own, self._twist_slopes(own)[:, 1:] @ self._terms.slope[1:])
 
     @property
     def _stiffened(self) -> float:
@@ -180,7 +150,7 @@ class HardenedContact:
 
 
 def measure_response(contact: LinearisedContact, shape: DentShape) -> tuple[Array, Array]:
-    """lambda and nu (k*dim, 2) of psi and rho of a contact with active points."""
+    """lambda and mu (k*dim, 3) of psi, rho and nu of a contact with active points."""
     factor, omega = contact.factor, shape.slopes
     omega = omega.reshape(-1, omega.shape[2])
     given_way = factor.to_world(factor.rest_displacement(factor.to_rest(omega)))
@@ -188,16 +158,14 @@ def measure_response(contact: LinearisedContact, shape: DentShape) -> tuple[Arra
     return forces, np.asarray(factor.rest_displacement(factor.to_rest(forces)), dtype=np.float64)
 
 
-def dent_slopes(contact: LinearisedContact, response: tuple[Array, Array] | None) -> Array:
-    """dl/drows (R, N_MEASURES) of a contact with active points; (R, 1) of log W alone without a response."""
+def dent_slopes(contact: LinearisedContact, response: tuple[Array, Array]) -> Array:
+    """dl/drows (R, 4) of a contact with active points."""
     by_energy = contact.gradient.reshape(-1, 1) / contact.solved.solution.energy
-    if response is None:
-        return by_energy
     return np.hstack([by_energy, -_work(contact.motions, response)])
 
 
 def _work(motions: ContactMotions, response: tuple[Array, Array]) -> Array:
-    """lambda . dxi + nu . dphi (n, 2) of n motions."""
+    """lambda . dxi + mu . dphi (n, 3) of n motions."""
     forces, moved = response
     return np.asarray(motions.position.T @ forces + motions.force.T @ moved)
 

@@ -5,16 +5,17 @@ Linear mechanics gives the energy W of a contact and of its dent as a function o
 (`runtime/contact/solver/compliance_scale.py`), which changes W. And the body hardens with the size of the dent, for
 which W itself is the measure:
 
-    W~ = g(W),    g'(W) = a (1 + b x / (x + x_0)),    x = W^(1/3),
+    W~ = g(W),    g'(W) = a (1 + b x / (x + x_0)),    x = W^(1/3).
 
-so that the forces are g' times those of the contact solve, and
+x / (x + x_0) is between 0 and 1: beyond the dents of training, and for any coefficients with a > 0 and b > -1, g grows,
+and forces stay within a and a (1 + b) of those of mechanics. A small network (`dent_network.py`) multiplies g by exp
+eta, of the shape of the dent and what bears it. Contacts that lie apart are dents of their own, and each hardens by
+itself: where there are n of them,
 
-    dW~ = g' dW,    d2W~ = g' d2W + g'' dW dW^T
+    W~ = n g(W / n) exp eta(W / n, psi, rho),    n = exp nu.
 
-are exact, whatever the solve depends on. A small network (`dent_network.py`) multiplies g by
-exp eta, of the shape of the dent and what bears it. x / (x + x_0) is between 0 and 1: beyond the dents of training, and
-for any coefficients with a > 0 and b > -1, g grows, and forces stay within a and a (1 + b) of those of mechanics, times
-what the network makes of them. Contacts with several colliders are one dent.
+psi, rho and nu (`dent_shape.py`) are functions of the contact forces. Derivatives of W~ by all four are in closed form,
+so that forces are exact, whatever the solve depends on (`hardened_contact.py`).
 """
 
 from __future__ import annotations
@@ -25,15 +26,18 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.learned_energy.dent_network import N_MEASURES, DentNetwork
+from softprint.runtime.contact.learned_energy.dent_network import N_MEASURES, DentNetwork, Factor
 from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
 
 #: The number of values of `LearnedEnergy.values` without a network.
-N_VALUES = N_COEFFICIENTS + 3
+N_VALUES = N_COEFFICIENTS + 4
+# d(log W_1, psi, rho) / d(log W, psi, rho, nu).
+_OF_ONE = np.hstack([np.eye(N_MEASURES), -np.eye(N_MEASURES)[:, :1]])
+_NUMBER = np.eye(N_MEASURES + 1)[-1]
 
 
 class EnergyTerms(NamedTuple):
-    """W~ [J], and its derivatives by the n measures (log W, psi, rho) that it depends on (n,), (n, n) [J]."""
+    """W~ [J], and its derivatives by the measures (log W, psi, rho, nu) (4,), (4, 4) [J]."""
 
     value: float
     slope: Array
@@ -42,12 +46,14 @@ class EnergyTerms(NamedTuple):
 
 @dataclass(frozen=True)
 class LearnedEnergy:
-    """scale: of the compliance; first: a, growth: b, and size: x_0 [J^(1/3)] of the module; network: None without."""
+    """scale: of the compliance; first: a, growth: b, and size: x_0 [J^(1/3)] of the module; reach: [m] of one dent, see
+    `dent_shape.py`; network: None without."""
 
     scale: ComplianceScale
     first: float
     growth: float
     size: float
+    reach: float
     network: DentNetwork | None = None
 
     @classmethod
@@ -57,38 +63,46 @@ class LearnedEnergy:
             raise ValueError(
                 f"a learned energy has {N_VALUES} finite values, and those of its network, not {values}"
             )
-        *coefficients, first, growth, size = values[:N_VALUES]
-        if first <= 0.0 or growth <= -1.0 or size <= 0.0:
+        *coefficients, first, growth, size, reach = values[:N_VALUES]
+        if first <= 0.0 or growth <= -1.0 or size <= 0.0 or reach <= 0.0:
             raise ValueError(
-                f"a learned energy with a = {first:g}, b = {growth:g}, x_0 = {size:g} does not grow: it needs a > 0, "
-                "b > -1 and x_0 > 0"
+                f"a learned energy with a = {first:g}, b = {growth:g}, x_0 = {size:g} and reach = {reach:g} does not "
+                "grow: it needs a > 0, b > -1, x_0 > 0 and reach > 0"
             )
         network = DentNetwork.of(values[N_VALUES:]) if len(values) > N_VALUES else None
-        return cls(ComplianceScale(tuple(coefficients)), first, growth, size, network)
+        return cls(ComplianceScale(tuple(coefficients)), first, growth, size, reach, network)
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The coefficients of the scale, a, b and x_0 (N_VALUES,), and those of the network."""
-        own = *self.scale.coefficients, self.first, self.growth, self.size
+        """The coefficients of the scale, a, b, x_0 and the reach (N_VALUES,), and those of the network."""
+        own = *self.scale.coefficients, self.first, self.growth, self.size, self.reach
         return own if self.network is None else (*own, *self.network.values)
 
     def terms(self, measures: Array) -> EnergyTerms:
-        """W~ at measures (W, psi, rho) of `dent_network.py`, W positive; without a network, of W alone."""
-        W = measures[0]
+        """W~ at measures (W, psi, rho, nu) (4,), W positive."""
+        number = float(np.exp(measures[3]))
+        one = self._of_one_dent(np.array([measures[0] / number, *measures[1:3]]))
+        slope = one.slope @ _OF_ONE
+        crossed = np.outer(slope, _NUMBER)
+        curvature = _OF_ONE.T @ one.curvature @ _OF_ONE + crossed + crossed.T
+        curvature += one.value * np.outer(_NUMBER, _NUMBER)
+        return EnergyTerms(number * one.value, number * (slope + one.value * _NUMBER), number * curvature)
+
+    def _of_one_dent(self, measures: Array) -> Factor:
+        """g exp eta at (W_1, psi, rho), with its derivatives by (log W_1, psi, rho)."""
+        W, own = measures[0], np.eye(N_MEASURES)[0]
         g, slope = self.energy(W), self.slope(W) * W
-        second = slope + self.curvature(W) * W**2
+        second = (slope + self.curvature(W) * W**2) * np.outer(own, own)
         if self.network is None:
-            return EnergyTerms(g, np.array([slope]), np.array([[second]]))
+            return Factor(g, slope * own, second)
         eta = self.network.factor(measures)
-        own, crossed = np.eye(N_MEASURES)[0], np.zeros((N_MEASURES, N_MEASURES))
-        crossed[0] = slope * eta.slope
-        curvature = second * np.outer(own, own) + crossed + crossed.T
-        curvature += g * (np.outer(eta.slope, eta.slope) + eta.curvature)
+        crossed = slope * np.outer(own, eta.slope)
+        second += crossed + crossed.T + g * (np.outer(eta.slope, eta.slope) + eta.curvature)
         factor = float(np.exp(eta.value))
-        return EnergyTerms(factor * g, factor * (slope * own + g * eta.slope), factor * curvature)
+        return Factor(factor * g, factor * (slope * own + g * eta.slope), factor * second)
 
     def energy(self, mechanics: float) -> float:
-        """g [J] of the energy W [J] of mechanics, without the network."""
+        """g [J] of the energy W [J] of mechanics of one dent, without the network."""
         risen = 3.0 * self.size**3 * _risen(np.cbrt(mechanics) / self.size)
         return float(self.first * (mechanics + self.growth * risen))
 

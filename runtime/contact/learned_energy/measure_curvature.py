@@ -1,18 +1,21 @@
-"""Second derivatives of the measures psi and rho of a solved contact (`dent_network.py`).
+"""Second derivatives of the measures psi, rho and nu of a solved contact (`dent_shape.py`).
 
-With weights held, m = w_psi psi + w_rho rho is a function of the deformed positions y. With lambda and nu as in
-`hardened_contact.py`, weighted in the same manner, and in the symbols of
+With weights held, m = w_psi psi + w_rho rho + w_nu nu is a function of the deformed positions y. With lambda and mu as
+in `hardened_contact.py`, weighted in the same manner, and in the symbols of
 `runtime/contact/linearised/contact_motions.py`, for two motions
 
-    d2m = dy . C dy' - [dA^T lambda . dv' + dA nu . df' + the same with the motions exchanged]
-          + (w_rho / P) sum_c dF_c . (I - u u^T) dF_c' / L_c - (dP dm' + dm dP') / P - lambda . d2A v - f . d2A nu,
+    d2m = dy . C dy' + M(dp, df; dp', df')
+          - [dA^T lambda . dv' + dA mu . df' + the same with the motions exchanged] - lambda . d2A v - f . d2A mu.
 
-F_c the force on a collider, L_c its length, u its direction, P the sum of pressures. At every point
+At every point
 
-    C = share Hess p + Hess(f . t),    share = (w_psi ([pressed] - psi) - w_rho rho) / P,    t = (w_rho / P) u - A nu,
+    C = share Hess p + Hess(f . t),    share = dm/dp with forces held,    t = (2 w_rho / Q) K f - A mu,
     Hess p = p'' g g^T - p' H,    Hess(f . t) = p'' (t . g) g g^T - p' ((t . g) H + g (H t)^T + (H t) g^T) + p t . d3s,
 
-for a fixed vector t, p' = 2 p / e and p'' = 2 p / e^2.
+for a fixed vector t, p' = 2 p / e and p'' = 2 p / e^2; and the second derivative of m by pressures and forces is
+
+    M = (2 / Q) [w_rho df . K df' - (w_rho rho + w_nu) dp . K dp'] + w_nu (dQ dQ' / Q^2 - 2 dP dP' / P^2)
+        - w_psi (dpsi dP' + dP dpsi') / P - w_rho (drho dQ' + dQ drho') / Q,    dQ = 2 K p . dp.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.learned_energy.dent_network import DentShape
+from softprint.runtime.contact.learned_energy.dent_shape import DentShape
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -31,16 +34,19 @@ from softprint.runtime.linalg.sparse_directions import times_directions
 
 
 class MeasuredMotions(NamedTuple):
-    """n motions, and what they change of m. carried: dA nu, pulled_back: dA^T lambda (k*dim, n); slope: dm (n,)."""
+    """n motions, and what they change. carried: dA mu, pulled_back: dA^T lambda (k*dim, n); pressures: dp (k, n), and
+    force: df (k*dim, n)."""
 
     motions: ContactMotions
     carried: Array
     pulled_back: Array
-    slope: Array
+    pressures: Array
+    forces: Array
 
 
 class MeasureCurvature:
-    """d2m of a contact with active points. response: lambda and nu (k, dim), weighted by weights (w_psi, w_rho)."""
+    """d2m of a contact with active points. response: lambda and mu (k, dim), weighted by weights (w_psi, w_rho,
+    w_nu)."""
 
     def __init__(
         self, contact: LinearisedContact, response: tuple[Array, Array], weights: Array, shape: DentShape
@@ -48,36 +54,41 @@ class MeasureCurvature:
         solved, factor = contact.solved, contact.factor
         solution, b = solved.solution, solved.solution.active
         p, e, g, H = solution.pressure[b], solution.penetration[b], solution.normal[b], solution.curvature[b]
-        self._contact, self._weights, self._total = contact, weights, p.sum()
+        self._contact, self._weights, self._shape, self._pressed = contact, weights, shape, solved.is_pressed
         self._forces, self._at_rest = response
         self._moved = factor.to_world(self._at_rest.reshape(-1, 1)).reshape(g.shape)
-        self._owner, self._shape = solved.owner[b], shape
         self._slope = (2.0 * p / e)[:, None] * g
-        share = (weights[0] * (solved.is_pressed - shape.borne) - weights[1] * shape.shape) / self._total
-        t = weights[1] / self._total * shape.directions[self._owner] - self._moved
+        share = shape.by_pressure(weights) + weights[0] / shape.total * self._pressed
+        t = 2.0 * weights[1] / shape.paired * shape.force_near - self._moved
         self._curvature = _force_curvature(p, e, g, _symmetric(H), share, t)
         self._curvature += p[:, None, None] * _symmetric(contact.curvature_change(t))
 
     @property
     def moments(self) -> Array:
-        """lambda (x) v + f (x) nu (k, dim, dim)."""
+        """lambda (x) v + f (x) mu (k, dim, dim)."""
         solution = self._contact.solved.solution
         found = self._forces[:, :, None] * solution.rest_displacement[solution.active][:, None, :]
         return np.asarray(found + self._contact.force[:, :, None] * self._at_rest[:, None, :])
 
-    def by_rows(self, motions: ContactMotions, slope: Array, along: Array | None = None) -> MeasuredMotions:
-        """By the rows; along: see `RowHessian`; motions, and slope: dm/drows, along the same directions."""
+    def by_rows(self, motions: ContactMotions, along: Array | None = None) -> MeasuredMotions:
+        """By the rows, along the same directions as the motions; along: see `RowHessian`."""
         carried, pulled_back = self._contact.carrier_motion(self._forces, self._at_rest)
         if along is not None:
             kind = motions.position.dtype
             carried = times_directions(carried.astype(kind), along)
             pulled_back = times_directions(pulled_back.astype(kind), along)
-        return MeasuredMotions(motions, carried, pulled_back, slope)
+        return self._measured(motions, carried, pulled_back)
 
-    def by_twist(self, own: ColliderSensitivity, slope: Array) -> MeasuredMotions:
-        """By the twist of a collider; slope: dm/dtwist."""
+    def by_twist(self, own: ColliderSensitivity) -> MeasuredMotions:
+        """By the twist of a collider."""
         pulled_back = self._contact.factor.to_rest(own.rotated(self._forces))
-        return MeasuredMotions(own.motions, -own.rotated(self._moved), pulled_back, slope)
+        return self._measured(own.motions, -own.rotated(self._moved), pulled_back)
+
+    def _measured(self, motions: ContactMotions, carried: Array, pulled_back: Array) -> MeasuredMotions:
+        k, dim = self._slope.shape
+        by_point = motions.deformed.reshape(k, dim, -1)
+        pressures = -np.matmul(self._slope[:, None].astype(by_point.dtype), by_point)[:, 0]
+        return MeasuredMotions(motions, carried, pulled_back, pressures, -motions.reaction)
 
     def mixed(self, rows: MeasuredMotions, own: ColliderSensitivity, twist: MeasuredMotions) -> Array:
         """d2m/drows dtwist (R, n_twist)."""
@@ -94,30 +105,43 @@ class MeasureCurvature:
         bent = blocks_to_world(self._curvature, other.motions.deformed)
         crossed = self._crossed(one, other)
         crossed += crossed.T if one is other else self._crossed(other, one).T
-        return np.asarray(one.motions.deformed.T @ bent + crossed + self._by_resultants(one, other))
+        return np.asarray(one.motions.deformed.T @ bent + crossed + self._by_forces(one, other))
 
     def _crossed(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
-        """-dA^T lambda . dv' - dA nu . df' - dm dP' / P (n, n')."""
-        found = one.carried.T @ other.motions.reaction - one.pulled_back.T @ other.motions.displaced
-        return np.asarray(found - np.outer(one.slope, self._pressures(other) / self._total))
+        """-dA^T lambda . dv' - dA mu . df' - w_psi dpsi dP' / P - w_rho drho dQ' / Q (n, n')."""
+        shape, (by_psi, by_rho, _) = self._shape, self._weights
+        found = -one.carried.T @ other.forces - one.pulled_back.T @ other.motions.displaced
+        total, pairs = other.pressures.sum(axis=0), self._pairs(other)
+        psi, rho = by_psi / shape.total * self._borne(one), by_rho / shape.paired * self._turned(one)
+        return np.asarray(found - np.outer(psi, total) - np.outer(rho, pairs))
 
-    def _pressures(self, motions: MeasuredMotions) -> Array:
-        """dP (n,)."""
-        return np.asarray(-(self._slope.ravel() @ motions.motions.deformed))
+    def _by_forces(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
+        """The other terms of M (n, n')."""
+        shape, (_, by_rho, by_nu) = self._shape, self._weights
+        near = shape.near.astype(other.pressures.dtype)
+        k, n = other.pressures.shape
+        beside = (near @ other.forces.reshape(k, -1)).reshape(-1, n)
+        found = 2.0 * by_rho / shape.paired * (one.forces.T @ beside)
+        of_pressures = 2.0 * (by_rho * shape.values[1] + by_nu) / shape.paired
+        found -= of_pressures * (one.pressures.T @ (near @ other.pressures))
+        found += by_nu / shape.paired**2 * np.outer(self._pairs(one), self._pairs(other))
+        totals = np.outer(one.pressures.sum(axis=0), other.pressures.sum(axis=0))
+        return np.asarray(found - 2.0 * by_nu / shape.total**2 * totals)
 
-    def _by_resultants(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
-        """(w_rho / P) sum_c dF_c . (I - u u^T) dF_c' / L_c (n, n')."""
-        found = np.zeros((len(one.slope), len(other.slope)))
-        for number, length in enumerate(self._shape.lengths):
-            if length == 0.0:
-                continue
-            force, force_other = (
-                of.motions.reaction.reshape(*self._forces.shape, -1)[self._owner == number].sum(axis=0)
-                for of in (one, other)
-            )
-            unit = self._shape.directions[number]
-            found += force.T @ (force_other - np.outer(unit, unit @ force_other)) / length
-        return self._weights[1] / self._total * found
+    def _pairs(self, of: MeasuredMotions) -> Array:
+        """dQ (n,)."""
+        return np.asarray(2.0 * self._shape.pressure_near @ of.pressures)
+
+    def _borne(self, of: MeasuredMotions) -> Array:
+        """dpsi (n,)."""
+        return np.asarray((self._pressed - self._shape.values[0]) @ of.pressures / self._shape.total)
+
+    def _turned(self, of: MeasuredMotions) -> Array:
+        """drho (n,)."""
+        shape = self._shape
+        by_force = shape.force_near.ravel() @ of.forces
+        by_pressure = shape.values[1] * (shape.pressure_near @ of.pressures)
+        return np.asarray(2.0 / shape.paired * (by_force - by_pressure))
 
 
 def _force_curvature(p: Array, e: Array, g: Array, H: Array, share: Array, t: Array) -> Array:

@@ -133,6 +133,10 @@ class CorotatedPoints:
         """N (m, dim) of some of the points (m,), at rest."""
         return np.asarray(self.points.material.surface_normal[index])
 
+    def rest(self, index: IntArray) -> Array:
+        """Positions (m, dim) [m] of some of the points (m,) at rest."""
+        return np.asarray(self.points.material.rest[index])
+
     def bounded_positions(self, rows: Array) -> tuple[Array, Array]:
         """Approximate positions (n, dim) [m] of all points, and bounds on their error (n,) [m]."""
         basis, internal = self.points.material.basis, self.points.internal

@@ -88,6 +88,11 @@ class CorotatedPressedPoints(CorotatedPoints):
         own, others = self._split(index)
         return np.concatenate([super().surface_normals(own), self.pressed.surface_normals(others)])
 
+    def rest(self, index: IntArray) -> Array:
+        """See `CorotatedPoints`."""
+        own, others = self._split(index)
+        return np.concatenate([super().rest(own), self.pressed.rest(others)])
+
     def internal_motion(self, rows: Array, index: IntArray) -> InternalMotion | None:
         """See `CorotatedPoints`."""
         (own, others), internal = self._split(index), self.points.internal

@@ -11,8 +11,8 @@ from softprint.runtime.contact.learned_energy.learned_energy import N_VALUES, Le
 CENTRE = -2.5
 # Two of the dents are outside of it.
 RANGE = np.array([-3.5, 0.0, 0.8]), np.array([-1.5, 0.6, 1.0])
-# W [J], psi and rho of a dent 5 mm deep, a shallow one, and one that sharp points alone bear.
-MEASURES = np.array([[1e-3, 0.3, 0.9], [1e-5, 0.02, 0.99], [5e-3, 1.0, 0.7]])
+# W [J], psi, rho and nu of a dent 5 mm deep, of a shallow one, and of three that sharp points alone bear.
+MEASURES = np.array([[1e-3, 0.3, 0.9, 0.0], [1e-5, 0.02, 0.99, 0.01], [5e-3, 1.0, 0.7, np.log(3.0)]])
 
 
 def network(scale, neurons=5):
@@ -26,7 +26,7 @@ def network(scale, neurons=5):
 
 
 def energy(scale=1.0):
-    plain = LearnedEnergy.of((0.4, -0.9, -0.4, 0.9, 0.7, 0.3))
+    plain = LearnedEnergy.of((0.4, -0.9, -0.4, 0.9, 0.7, 0.3, 0.01))
     return replace(plain, network=network(scale))
 
 
@@ -37,7 +37,7 @@ def test_derivatives():
         def at(change, measures=measures):
             return learned.terms(np.array([measures[0] * np.exp(change[0]), *(measures + change)[1:]]))
 
-        here, steps = at(np.zeros(3)), h * np.eye(N_MEASURES)
+        here, steps = at(np.zeros(4)), h * np.eye(4)
         slope = [(at(step).value - at(-step).value) / (2 * h) for step in steps]
         # Central differences over 1e-5 of inputs that range over tenths: to the square of it, and round-off.
         np.testing.assert_allclose(here.slope, slope, atol=1e-6 * here.value)
@@ -50,7 +50,8 @@ def test_absurd_weights_change_an_energy_by_a_bounded_factor(scale):
     learned = energy(scale)
     for measures in MEASURES:
         for grown in np.logspace(-30, 30, 13):
-            plain, terms = learned.energy(measures[0] * grown), learned.terms(measures * [grown, 1.0, 1.0])
+            measured, number = measures * [grown, 1.0, 1.0, 1.0], np.exp(measures[3])
+            plain, terms = number * learned.energy(measured[0] / number), learned.terms(measured)
             assert plain * np.exp(-BOUND) <= terms.value * (1 + 1e-12)  # round-off
             assert terms.value <= plain * np.exp(BOUND) * (1 + 1e-12)
             assert np.isfinite(terms.slope).all()
@@ -62,9 +63,11 @@ def test_no_output_is_no_network():
     silent = replace(learned, network=replace(learned.network, output=np.zeros(5)))
     for measures in MEASURES:
         terms = silent.terms(measures)
-        assert terms.value == learned.energy(measures[0])
-        assert terms.slope[0] == pytest.approx(learned.slope(measures[0]) * measures[0], rel=1e-14)
-        assert not terms.slope[1:].any()
+        number = np.exp(measures[3])
+        W = measures[0] / number
+        assert terms.value == pytest.approx(number * learned.energy(W), rel=1e-14)
+        assert terms.slope[0] == pytest.approx(number * learned.slope(W) * W, rel=1e-14)
+        assert not terms.slope[1:3].any()
 
 
 def test_values_are_those_given():

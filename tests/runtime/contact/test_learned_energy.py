@@ -11,7 +11,7 @@ ENERGIES = np.logspace(-12, 2, 15)  # J
 
 @pytest.fixture(params=[0.7, -0.8, 0.0], ids=["hardening", "softening", "proportional"])
 def learned(request):
-    return LearnedEnergy.of((0.4, -0.9, -0.4, 0.9, request.param, 0.3))
+    return LearnedEnergy.of((0.4, -0.9, -0.4, 0.9, request.param, 0.3, 0.01))
 
 
 def test_derivatives(learned):
@@ -36,7 +36,7 @@ def test_forces_stay_within_their_bounds_and_energy_grows(learned):
 
 
 def test_nothing_learned_is_mechanics():
-    same = LearnedEnergy.of((0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+    same = LearnedEnergy.of((0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0))
     for W in ENERGIES:
         assert (same.energy(W), same.slope(W), same.curvature(W)) == (W, 1.0, 0.0)
 
@@ -49,10 +49,11 @@ def test_values_are_those_given(learned):
 @pytest.mark.parametrize(
     "values",
     [
-        (0.0, 0.0, 0.0, -1.0, 0.0, 1.0),
-        (0.0, 0.0, 0.0, 1.0, -1.0, 1.0),
-        (0.0, 0.0, 0.0, 1.0, 0.0, 0.0),
-        (0.0, 0.0, 0.0, np.nan, 0.0, 1.0),
+        (0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 1.0),
+        (0.0, 0.0, 0.0, 1.0, -1.0, 1.0, 1.0),
+        (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0),
+        (0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0),
+        (0.0, 0.0, 0.0, np.nan, 0.0, 1.0, 1.0),
         (0.0, 0.0),
     ],
 )

@@ -263,6 +263,24 @@ INPUTS = {
     "colliders.surface_mesh.sweep_kernels": {
         "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
     },
+    "contact.learned_energy.dent_network": {
+        "network_output": lambda rng, dim: (
+            rng.normal(size=3),
+            rng.normal(),
+            rng.normal(size=(M, 3)),
+            *rng.normal(size=(2, M)),
+        ),
+    },
+    "contact.learned_energy.dent_shape": {
+        "dent_shape": lambda rng, dim: (
+            *rng.uniform(0.5, 1.0, size=(2, M)),
+            normals(rng, dim),
+            symmetric(rng, dim),
+            rng.normal(size=(M, dim)),
+            rng.uniform(size=M) < 0.5,
+            0.8,
+        ),
+    },
     "contact.piercing_kernels": {
         "bounds": lambda rng, dim: (rng.normal(size=(M, dim)),),
         "in_box": lambda rng, dim: (rng.normal(size=(M, dim)), np.full(dim, -0.8), np.full(dim, 0.9)),
@@ -274,22 +292,6 @@ INPUTS = {
     },
     "contact.solver.compliance_scale": {
         "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=3)),
-    },
-    "contact.learned_energy.dent_network": {
-        "dent_shape": lambda rng, dim: (
-            *rng.uniform(0.5, 1.0, size=(2, M)),
-            normals(rng, dim),
-            symmetric(rng, dim),
-            rng.integers(0, 2, M),
-            rng.uniform(size=M) < 0.5,
-            3,  # one of the colliders is touched nowhere
-        ),
-        "network_output": lambda rng, dim: (
-            rng.normal(size=3),
-            rng.normal(),
-            rng.normal(size=(M, 3)),
-            *rng.normal(size=(2, M)),
-        ),
     },
     "contact.point_kernels": {
         "penalty": penalty,
