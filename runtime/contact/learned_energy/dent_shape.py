@@ -3,10 +3,12 @@ dents there are.
 
 The energy W [J] of mechanics knows how large a dent is. How steep it is shows in the contact forces f_j = p_j g_j [N]:
 where the surface wraps around a tip they turn away from each other. Contacts that lie apart, of several colliders or
-of one that several fingers hold, are dents of their own: each is as steep, and hardens, by itself. So forces are
-compared with those near them, with weights by the distance of their points at rest,
+of one that several fingers hold, are dents of their own: each is as steep, and hardens, by itself. So forces of one
+collider are compared with those near them, with weights by the distance of their points at rest,
 
-    K_jk = exp -|X_j - X_k|^2 / 2 reach^2,    rho = sum_jk f_j . f_k K_jk / Q,    Q = sum_jk p_j p_k K_jk.
+    K_jk = exp -|X_j - X_k|^2 / 2 reach^2,    0 for two colliders,
+
+    rho = sum_jk f_j . f_k K_jk / Q,    Q = sum_jk p_j p_k K_jk.
 
 rho is 1 where forces are parallel within each dent, and less where they turn. With P = sum_j p_j,
 
@@ -18,7 +20,8 @@ And where a collider is curved more finely than contact points are apart, sharp 
 
     psi = sum_pressed p_j / P.
 
-No direction is in these, so that rotating body and collider changes nothing. They are smooth functions of the forces.
+No direction is in these, so that rotating the body with all colliders changes nothing, and rotating one with its forces
+changes nothing of its own. They are smooth functions of the forces.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softprint.runtime.arrays import Array, BoolArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.compiled import compiled
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 
@@ -51,7 +54,8 @@ class DentShape(NamedTuple):
         solved, solution = contact.solved, contact.solved.solution
         b = solution.active
         forces = solution.pressure[b], solution.penetration[b], solution.normal[b], solution.curvature[b]
-        return cls(*dent_shape(*forces, contact.points.rest(solved.active), solved.is_pressed, reach))
+        rest, bearing = contact.points.rest(solved.active), (solved.owner[b], solved.is_pressed)
+        return cls(*dent_shape(*forces, rest, *bearing, reach))
 
     def by_pressure(self, weights: Array) -> Array:
         """sum_m w_m dm/dp (k,) [1/N] of the measures (psi, rho, nu) with the forces held, without that of psi by the
@@ -68,9 +72,10 @@ def spread(pressure: Array, rest: Array) -> float:
 
 
 def _dent_shape(
-    p: Array, e: Array, g: Array, H: Array, X: Array, pressed: BoolArray, reach: float
+    p: Array, e: Array, g: Array, H: Array, X: Array, owner: IntArray, pressed: BoolArray, reach: float
 ) -> tuple[Array, Array, Array, Array, Array, float, float]:
     K = np.exp(-np.square(X[:, None] - X[None]).sum(axis=2) / (2.0 * reach**2))
+    K *= owner[:, None] == owner
     f = p[:, None] * g
     at_p, at_f, P = K @ p, K @ f, p.sum()
     Q = p @ at_p
@@ -85,10 +90,10 @@ def _dent_shape(
 
 @compiled(reference=_dent_shape)
 def dent_shape(
-    p: Array, e: Array, g: Array, H: Array, X: Array, pressed: BoolArray, reach: float
+    p: Array, e: Array, g: Array, H: Array, X: Array, owner: IntArray, pressed: BoolArray, reach: float
 ) -> tuple[Array, Array, Array, Array, Array, float, float]:
     """The values of `DentShape`. p [N], e [m]: (k,); g (k, dim), H (k, dim, dim) [1/m]: derivatives of the distance; X
-    (k, dim) [m]; pressed: (k,) by sharp points; reach: [m]."""
+    (k, dim) [m]; owner: (k,) numbers of colliders; pressed: (k,) by sharp points; reach: [m]."""
     k, dim = g.shape
     K, at_p, at_f = np.empty((k, k)), np.zeros(k), np.zeros((k, dim))
     values, slopes = np.zeros(3), np.empty((k, dim, 3))
@@ -98,7 +103,7 @@ def dent_shape(
             square = 0.0
             for a in range(dim):
                 square += (X[j, a] - X[i, a]) ** 2
-            K[i, j] = K[j, i] = np.exp(-square / (2.0 * reach**2))
+            K[i, j] = K[j, i] = np.exp(-square / (2.0 * reach**2)) if owner[i] == owner[j] else 0.0
     for j in range(k):
         P += p[j]
         values[0] += p[j] if pressed[j] else 0.0

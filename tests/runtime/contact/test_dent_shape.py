@@ -23,9 +23,11 @@ def together(*dents):
     return [np.concatenate(column) for column in zip(*dents, strict=True)]
 
 
-def measures(parts, reach=REACH):
-    """(psi, rho, nu), with the first four points of each dent pressed by sharp points."""
-    return dent_shape(*parts, np.arange(len(parts[0])) % K < 4, reach)[0]
+def measures(parts, owner=None):
+    """(psi, rho, nu), with the first four points of each dent pressed by sharp points; owner: of points, 0 for all."""
+    points = np.arange(len(parts[0]))
+    owner = np.zeros_like(points) if owner is None else owner
+    return dent_shape(*parts, owner, points % K < 4, REACH)[0]
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -50,6 +52,15 @@ def test_two_like_dents_have_twice_the_energy_of_one():
     assert two.slope[0] / 2e-3 == pytest.approx(one.slope[0] / 1e-3, rel=1e-14)
 
 
+def test_dents_of_two_colliders_are_two_wherever_they_are():
+    one, other = (dent(2, np.random.default_rng(0)) for _ in range(2))
+    owner = np.repeat([0, 1], K)
+    psi, rho, nu = measures(one)
+    np.testing.assert_allclose(
+        measures(together(one, other), owner), [psi, rho, nu + np.log(2.0)], rtol=1e-12
+    )
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_turning_forces_and_places_changes_nothing(dim):
     rng = np.random.default_rng(1)
@@ -65,7 +76,14 @@ def test_turning_forces_and_places_changes_nothing(dim):
 def test_forces_all_around_have_no_direction_and_still_a_measure():
     g = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     values, slopes, *_ = dent_shape(
-        np.ones(4), np.ones(4), g, np.zeros((4, 2, 2)), np.zeros((4, 2)), np.zeros(4, dtype=bool), REACH
+        np.ones(4),
+        np.ones(4),
+        g,
+        np.zeros((4, 2, 2)),
+        np.zeros((4, 2)),
+        np.zeros(4, dtype=int),
+        np.zeros(4, dtype=bool),
+        REACH,
     )
     assert values[1] == 0.0
     assert np.isfinite(slopes).all()

@@ -277,6 +277,7 @@ INPUTS = {
             normals(rng, dim),
             symmetric(rng, dim),
             rng.normal(size=(M, dim)),
+            rng.integers(0, 2, M),
             rng.uniform(size=M) < 0.5,
             0.8,
         ),

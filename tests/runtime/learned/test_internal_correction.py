@@ -386,4 +386,5 @@ def test_contact_of_a_corrected_surface_knows_its_derivatives(jelly_body, dim, r
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
     slope = differences(gradient, rows).reshape(rows.size, rows.size)
     assert hessian is not None
-    np.testing.assert_allclose(hessian, slope, atol=1e-4 * np.abs(slope).max())
+    # So is what it multiplies: 1.4e-4 on some processors.
+    np.testing.assert_allclose(hessian, slope, atol=3e-4 * np.abs(slope).max())
