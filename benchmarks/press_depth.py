@@ -1,10 +1,12 @@
-"""Force against depth, pressed until the body gives up: a punch, a ball, a cone and a plate.
+"""Force against depth, pressed until the body gives up: a punch, a ball, a cone, a plate and a bead.
 
-    python -m benchmarks.press_depth examples/jelly3d_small.toml [--out RUN] [--shapes ball ...] [--set KEY=VALUE]
+    python -m benchmarks.press_depth examples/jelly3d_small.toml [--out RUN] [--shapes ball ...] [--place X Y]
+                                     [--set KEY=VALUE]
 
-Each shape is led straight down into the middle of the top, slowly, in full space, with the bare subspace, and with
-linear mechanics. Printed is the force on it at some depths below the undeformed top, for reduced models relative to
-full space, with the status of the step where it is not CONVERGED. Needs `softprint mechanics` or `softprint train`.
+Each shape is led straight down into the top, near the middle of a jelly or at a place, slowly, in full space, with the
+bare subspace, and with linear mechanics. Printed is the force on it at some depths below the highest point of the
+undeformed body, for reduced models relative to full space, with the status of the step where it is not CONVERGED. Needs
+`softprint mechanics` or `softprint train`.
 """
 
 from __future__ import annotations
@@ -36,14 +38,15 @@ SHAPES: Mapping[str, Callable[[], Collider]] = {
     "ball": lambda: Sphere(0.02, 3, "ball"),
     "cone": lambda: Cone([0.0, 0.0, 0.02], [0.0, 0.0, -0.02], 0.015, 0.002, "cone"),
     "plate": lambda: Box([0.002, 0.015, 0.03], 0.001, "plate"),
+    "bead": lambda: Sphere(0.006, 3, "bead"),
 }
 
 
 class Presses:
-    """Presses into the body of a run."""
+    """Presses into the body of a run, at a place (x, y) [m]."""
 
-    def __init__(self, experiment: Experiment, run: Path, deepest: float) -> None:
-        self.experiment, self.deepest = experiment, deepest
+    def __init__(self, experiment: Experiment, run: Path, deepest: float, place: Sequence[float]) -> None:
+        self.experiment, self.deepest, self.place = experiment, deepest, place
         self.body = load_body(run / "body.h5")
         self.mechanics = load_mechanics(mechanics_path(run, CONTACT_NODES), self.body)
         self.top = float(self.body.mesh.points[:, 2].max())
@@ -51,7 +54,7 @@ class Presses:
     def press(self, shape: Collider, model: str) -> tuple[list[float], list[float], list[str]]:
         """Depths [m], forces [N] and statuses of all steps, to the first that does not converge in full space."""
         high, way = self.top - float(shape.lower[2]), self.deepest + CLEAR
-        places = [[0.002, 0.003, high + CLEAR], [0.002, 0.003, high - self.deepest]]
+        places = [[*self.place, high + CLEAR], [*self.place, high - self.deepest]]
         simulator = self._simulator(shape, KeyframedPath([0.0, way / SPEED], places), model)
         state = simulator.rest_state()
         depths, forces, statuses = [], [], []
@@ -80,14 +83,16 @@ class Presses:
             self.body, placed, mechanics=self.mechanics if model == "mechanics" else None, **common
         )
 
-    def table(self, name: str) -> Sequence[str]:
-        """Lines for one shape."""
+    def table(self, name: str, every: float) -> Sequence[str]:
+        """Lines for one shape, at depths that far apart [m]."""
         shape = SHAPES[name]()
         found = {model: self.press(shape, model) for model in MODELS}
         depths, forces, statuses = found["full"]
         lines = []
-        for depth in np.arange(PRINTED, depths[-1] + 1e-9, PRINTED):
+        for depth in np.arange(every, depths[-1] + 1e-9, every):
             at = int(np.argmin(np.abs(np.array(depths) - depth)))
+            if not forces[at]:  # beside the highest point it touches later
+                continue
             cells = [name, f"{1e3 * depths[at]:.1f}", f"{forces[at]:.2f}{_status(statuses[at])}"]
             for model in MODELS[1:]:
                 _, own, said = found[model]
@@ -109,14 +114,16 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="the run directory; default: runs/NAME")
     parser.add_argument("--shapes", nargs="+", default=list(SHAPES), choices=list(SHAPES), metavar="NAME")
     parser.add_argument("--deepest", type=float, default=0.03, help="m, below the undeformed top")
+    parser.add_argument("--printed", type=float, default=PRINTED, help="m, between two lines")
+    parser.add_argument("--place", nargs=2, type=float, default=(0.002, 0.003), metavar=("X", "Y"), help="m")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the experiment")
     options = parser.parse_args(words)
     logging.getLogger("softprint").setLevel(logging.ERROR)  # the table has every status
     run = options.out or Path("runs") / options.experiment.stem
-    presses = Presses(load_experiment(options.experiment, options.set), run, options.deepest)
+    presses = Presses(load_experiment(options.experiment, options.set), run, options.deepest, options.place)
     print("| shape | depth, mm | full space, N | bare | mechanics |\n" + "| --- " * 5 + "|", flush=True)
     for name in options.shapes:
-        print("\n".join(presses.table(name)), flush=True)
+        print("\n".join(presses.table(name, options.printed)), flush=True)
 
 
 if __name__ == "__main__":

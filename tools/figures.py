@@ -228,6 +228,15 @@ FIGURES: Mapping[str, Figure] = {
         (RESULTS,),
         ("demo",),
     ),
+    "press_over_bone": Figure(
+        (
+            "softprint body examples/finger_small.toml",
+            "softprint mechanics examples/finger_small.toml",
+            "python -m benchmarks.press_depth examples/finger_small.toml --shapes bead --place 0.012 0 "
+            "--deepest 0.0105 --printed 1e-3",
+        ),
+        (RESULTS,),
+    ),
     "friction": Figure(("python -m benchmarks.dragged_ball",), (RESULTS,)),
     "motions_alone": Figure(
         (

@@ -50,6 +50,8 @@ class StaticContact:
         force = body.surface.linearise(body.field, None, {}, len(rows))[0]
         if body.contact is not None:
             force = force + body.contact.gradient
+        if body.frames is not None:
+            force = force + body.frames.linearise({})[0]
         if body.field is not None:
             alone = frame.elastic.evaluate(rows, None).linearise(None)[0]
             force = force + body.elastic.linearise(body.field)[0] - alone

@@ -138,8 +138,8 @@ def with_piercing(result: StepResult[State], piercing: Piercing | None) -> StepR
 
 def _strongest(contact: ContactForce) -> Array:
     """Where the largest of the point forces acts (dim,) [m]."""
-    part = contact.parts[0]
-    return np.asarray(part.points[np.argmax(np.square(part.forces).sum(axis=1))])
+    points, forces = (np.concatenate([getattr(part, of) for part in contact.parts]) for of in ("points", "forces"))
+    return np.asarray(points[np.argmax(np.square(forces).sum(axis=1))])
 
 
 def _depth(piercing: Piercing) -> float:

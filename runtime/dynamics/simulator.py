@@ -381,7 +381,8 @@ class Simulator:
         """The normal forces on every collider at a state; those of a `StepResult` include friction."""
         body = self._evaluated(self._terms.in_frame(state.frame), state, Timings())
         contact = self._contact_at(state, body)
-        return {**body.surface.forces(None), **({} if contact is None else contact.forces())}
+        forces = {**body.surface.forces(None), **({} if contact is None else contact.forces())}
+        return forces if body.frames is None else body.frames.added_to(forces)
 
     def deformation_gradients(self, state: ReducedState, cells: IntArray | None = None) -> Array:
         """(n, dim, dim) F of the given cells of the mesh (all by default), corrections included."""

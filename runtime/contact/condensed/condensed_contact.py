@@ -117,6 +117,11 @@ class CondensedContact:
             learned,
         )
 
+    @property
+    def colliders(self) -> dict[str, Collider]:
+        """By name."""
+        return {name: search.collider for name, search in self.searches.items()}
+
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:
         """The contact points on the facets in the corotated frame of a step that starts at frame rows (n_rows, dim)."""
         return self.points.in_frame(frame_rows)

@@ -22,6 +22,7 @@ from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.step.frame import BodyTerms
 from softprint.runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
 from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticEnergy
+from softprint.runtime.dynamics.terms.frame_contact import FrameContact
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import HessianReuse
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
 from softprint.runtime.dynamics.terms.weight import Weight
@@ -92,6 +93,9 @@ def build_terms(
         reuse=HessianReuse.if_expensive(elastic, body.reduced_elasticity),
         surface=SurfaceContactEnergy(body, points, penalised, contact, friction, condensation),
         condensed=solver,
+        frames=FrameContact(body, solver.colliders, contact)
+        if solver is not None and body.handles.frames
+        else None,
         condensed_friction=None if friction is None or solver is None else CondensedFriction(friction),
         correction_weight=None
         if corrections.internal is None or not gravity.any()

@@ -13,6 +13,7 @@ from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.dynamics.step.frame import CorotatedFrame
 from softprint.runtime.dynamics.terms.elastic import ElasticEvaluation
+from softprint.runtime.dynamics.terms.frame_contact import FrameContactEvaluation
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEvaluation
 from softprint.runtime.dynamics.timings import Timings
@@ -97,6 +98,12 @@ class BodyEvaluation:
             return None
         with self.timings.contact:
             return condensed.evaluate(points, *self.at, self.warm_start)
+
+    @lazy
+    def frames(self) -> FrameContactEvaluation | None:
+        """Contact of rigid frames; None where the body has none, or no condensed contact."""
+        frames = self.frame.terms.frames
+        return None if frames is None else frames.at(*self.at)
 
     def elastic_hessian(self, compute: RowHessian, along: Array | None) -> Array:
         """The elastic Hessian, see `RowHessian`: the kept one while the strain has changed little, otherwise that of

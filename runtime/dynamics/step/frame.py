@@ -14,6 +14,7 @@ from softprint.runtime.contact.condensed.condensed_friction import CondensedFric
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticInFrame
+from softprint.runtime.dynamics.terms.frame_contact import FrameContact
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import HessianReuse
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy, SurfaceInFrame
 from softprint.runtime.dynamics.terms.weight import Weight
@@ -24,8 +25,8 @@ from softprint.runtime.lazy import lazy
 @dataclass(frozen=True, eq=False)
 class BodyTerms:
     """The terms of the energy of a body, besides inertia and springs. condensed, condensed_friction: None without
-    condensed contact; reuse: None where the elastic Hessian is computed in every iteration; correction_weight: of an
-    internal correction, None without one or without gravity."""
+    condensed contact; frames: None without it or without rigid frames; reuse: None where the elastic Hessian is
+    computed in every iteration; correction_weight: of an internal correction, None without one or without gravity."""
 
     points: CorrectedPoints
     weight: Weight
@@ -34,6 +35,7 @@ class BodyTerms:
     surface: SurfaceContactEnergy
     condensed: CondensedContact | None
     condensed_friction: CondensedFriction | None
+    frames: FrameContact | None
     correction_weight: CorrectionWeight | None = None
 
     def in_frame(self, frame_rows: Array) -> CorotatedFrame:

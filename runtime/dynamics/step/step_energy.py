@@ -17,6 +17,7 @@ The sum, Newton's matrix, is formed in `StepPoint.linearisation` and factorised 
 parts by the rows come from
 
     condensed contact    `LinearisedContact.hessian`             runtime/contact/linearised/linearised_contact.py
+    contact of frames    `FrameContactEvaluation.linearise`      runtime/dynamics/terms/frame_contact.py
     penalty contact      `SurfaceContactEvaluation.linearise`    runtime/dynamics/terms/surface_contact.py
     elasticity           `ElasticEvaluation.linearise`           runtime/dynamics/terms/elastic.py
 """
@@ -194,6 +195,7 @@ class StepPoint:
         with problem.timings.contact:
             touching = surface.energy + self._friction_energy
             touching += 0.0 if contact is None else contact.energy
+            touching += 0.0 if body.frames is None else body.frames.energy
             if problem.free_bodies is not None:
                 touching += problem.free_bodies.energy(body.at.poses, problem.lagged)
         return problem.quadratic.energy(body.at.rows) + body.correction_height + elastic + touching
@@ -238,6 +240,10 @@ class StepPoint:
                 hessians += [] if contact.hessian is None else [contact.hessian]
                 more, links = contact.couplings(centres)
                 couplings += more
+            if body.frames is not None:
+                slope, bearing, more = body.frames.linearise(centres)
+                gradient, couplings = gradient + slope, couplings + more
+                hessians += [] if bearing is None else [known_hessian(bearing)]
             if self._condensed_friction is not None:
                 slope, sliding, more = self._condensed_friction.linearise(centres)
                 gradient, couplings = gradient + slope, couplings + more
@@ -280,6 +286,7 @@ class StepPoint:
         with timings.contact:
             contact = body.surface.energy + self._friction_energy
             contact += 0.0 if body.contact is None else body.contact.energy
+            contact += 0.0 if body.frames is None else body.frames.energy
         single = body.frame.terms.points.corrected
         found = Linearisation(
             energy=quadratic + elastic + contact,
@@ -319,6 +326,8 @@ class StepPoint:
                 if self._condensed_friction is not None:
                     own = self._condensed_friction.added_to(own)
                 forces |= own
+            if body.frames is not None:
+                normal, forces = normal + body.frames.energy, body.frames.added_to(forces)
             among = (0.0, 0.0) if free is None else free.among(body.at.poses, lagged)
         return normal + among[0], self._friction_energy + among[1], forces
 
