@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
@@ -30,8 +31,7 @@ class FrameContact:
     """The frames of a body and the colliders, by name, that press it by condensed contact."""
 
     def __init__(self, body: ReducedBody, colliders: Mapping[str, Collider], law: PenaltyContact) -> None:
-        spacing = body.mesh.surface_spacing / max(law.refinement, 1)
-        self.frames = [FramePoints.of(body, frame, spacing) for frame in body.handles.frames]
+        self.points = FramePoints.of(body, body.mesh.surface_spacing / max(law.refinement, 1))
         self.colliders, self.law, self.surface = colliders, law, body.mesh.surface_nodes
 
     def at(self, rows: Array, poses: Poses) -> FrameContactEvaluation:
@@ -39,22 +39,12 @@ class FrameContact:
         return FrameContactEvaluation(self, rows, poses)
 
 
-@dataclass(frozen=True, eq=False)
-class _Touched:
-    """A frame that a collider touches. x: (n, dim) [m] its points."""
+class _Touched(NamedTuple):
+    """m points that a collider touches: their numbers, positions (m, dim) [m], and contact."""
 
-    name: str
-    frame: FramePoints
+    numbers: IntArray
     x: Array
     terms: ContactTerms
-
-    def motion(self, n_rows: int) -> Array:
-        """dx/drows (m, dim, n_rows*dim) of the points in contact."""
-        m, dim = self.terms.gradient.shape
-        motion = np.zeros((m, dim, n_rows, dim))
-        for axis in range(dim):
-            motion[:, axis, self.frame.rows, axis] = self.frame.rest[self.terms.index]
-        return motion.reshape(m, dim, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,57 +56,47 @@ class FrameContactEvaluation:
     poses: Poses
 
     @lazy
-    def touched(self) -> list[_Touched]:
-        """Every frame with every collider that it touches."""
-        return [touched for name in self.contact.colliders for touched in self._touched_by(name)]
+    def touched(self) -> dict[str, _Touched]:
+        """By collider, of those that touch a frame."""
+        found = ((name, self._touched_by(name)) for name in self.contact.colliders)
+        return {name: touched for name, touched in found if touched is not None}
 
-    def _touched_by(self, name: str) -> list[_Touched]:
-        frames, collider, pose = self.contact.frames, self.contact.colliders[name], self.poses[name]
-        centres = np.array([frame.centre(self.rows) for frame in frames])
-        radius = max(frame.radius for frame in frames)
-        near, _, distance = collider.closer_to(centres, pose, radius)
-        found = []
-        for number in near[distance < np.array([frame.radius for frame in frames])[near]]:
-            x = frames[number].positions(self.rows)
-            areas = np.full(len(x), frames[number].area)
-            terms = self.contact.law.terms(x, areas, collider, pose)
-            if len(terms.index):
-                found.append(_Touched(name, frames[number], x, terms))
-        return found
+    def _touched_by(self, name: str) -> _Touched | None:
+        points, collider, pose = self.contact.points, self.contact.colliders[name], self.poses[name]
+        near = points.near(self.rows, collider, pose)
+        if not len(near):
+            return None
+        x = points.positions(self.rows, near)
+        terms = self.contact.law.terms(x, np.full(len(x), points.area), collider, pose)
+        at = terms.index
+        return _Touched(near[at], x[at], terms) if len(at) else None
 
     @property
     def energy(self) -> float:
         """[J]"""
-        return sum(touched.terms.energy for touched in self.touched)
+        return sum(touched.terms.energy for touched in self.touched.values())
 
     def linearise(self, centres: Centres) -> tuple[Array, Array | None, list[Coupling]]:
         """Gradient (n_rows, dim) [N] and Hessian (n_rows*dim, n_rows*dim) [N/m] by the rows, no Hessian without
         contact; and the couplings with the colliders that move freely, about their centres."""
-        n_rows, dim = self.rows.shape
-        gradient = np.zeros_like(self.rows)
-        hessian = np.zeros((n_rows, dim, n_rows, dim)) if self.touched else None
-        couplings = []
-        for touched in self.touched:
-            terms, rows = touched.terms, touched.frame.rows
-            basis = touched.frame.rest[terms.index]
+        gradient, hessian, couplings = np.zeros_like(self.rows), None, list[Coupling]()
+        for name, (index, x, terms) in self.touched.items():
+            basis = self.contact.points.basis(index, len(self.rows))
             slope, curvature = through_basis(basis, terms.gradient, terms.hessian)
-            gradient[rows] += slope
-            assert hessian is not None
-            hessian[rows, :, rows] += curvature.reshape(dim + 1, dim, dim + 1, dim)
-            if touched.name in centres:
-                arms, motion = touched.x[terms.index] - centres[touched.name], touched.motion(n_rows)
-                couplings.append(point_coupling(touched.name, arms, terms.gradient, terms.hessian, motion))
-        size = n_rows * dim
-        return gradient, None if hessian is None else hessian.reshape(size, size), couplings
+            gradient, hessian = gradient + slope, curvature if hessian is None else hessian + curvature
+            if name in centres:
+                motion = np.einsum("mr,ik->mirk", basis, np.eye(x.shape[1])).reshape(*x.shape, -1)
+                arms = x - centres[name]
+                couplings.append(point_coupling(name, arms, terms.gradient, terms.hessian, motion))
+        return gradient, hessian, couplings
 
     def added_to(self, forces: Mapping[str, ContactForce]) -> dict[str, ContactForce]:
         """The forces of a contact on the colliders with these added. In the parts a frame's force is where the surface
         is nearest to it."""
         result = dict(forces)
-        for touched in self.touched:
-            name, terms = touched.name, touched.terms
-            before, x = result[name], touched.x[terms.index]
-            own = SurfaceForces(self.contact.surface, touched.frame.surface[terms.index], x, terms.gradient)
+        for name, (index, x, terms) in self.touched.items():
+            before = result[name]
+            own = SurfaceForces(self.contact.surface, self.contact.points.surface[index], x, terms.gradient)
             parts = [*before.parts, own]
             total = resultant(parts, self.poses[name].translation)
             depth = max(before.penetration, float(terms.depth.max()))

@@ -125,7 +125,7 @@ def test_moving_everything_changes_nothing_and_forces_balance(body):
         moved.linearise({})[0], gradient @ motion.rotation.T, atol=1e-8 * np.abs(gradient).max()
     )
     # What pushes the collider pushes the body the other way.
-    (touched,) = here.touched
+    touched = here.touched["ball"]
     nothing = ContactForce(np.zeros(body.dim), np.zeros(1 if body.dim == 2 else 3), 0.0, 0)
     force = here.added_to({"ball": nothing})["ball"].force
     np.testing.assert_allclose(force, touched.terms.gradient.sum(axis=0), rtol=1e-12)
@@ -134,7 +134,7 @@ def test_moving_everything_changes_nothing_and_forces_balance(body):
 
 def test_far_colliders_are_not_looked_at(body):
     away = FrameContact(body, ball(body), LAW).at(body.rest_rows, {"ball": pose(body, -0.05)})
-    assert away.touched == []
+    assert away.touched == {}
     assert away.energy == 0.0
     gradient, hessian, couplings = away.linearise({})
     assert not gradient.any()
