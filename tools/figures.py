@@ -404,13 +404,6 @@ FIGURES: Mapping[str, Figure] = {
         ),
         (RESULTS,),
     ),
-    "hand_nodes": Figure(
-        (
-            "softprint run examples/hand_small.toml --set contact.refinement=0 --set contact.stiffness=2e11 "
-            "--out runs/hand_nodes",
-        ),
-        (RESULTS,),
-    ),
     "motions_hat": _motions("hat_small", "hat", "hat", "jelly_library_small"),
 }
 

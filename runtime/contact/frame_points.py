@@ -18,11 +18,9 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
-from softprint.runtime.mesh.facet_lattice import lattice
+from softprint.runtime.mesh.facet_lattice import edge_parts, lattice
 from softprint.runtime.mesh.mesh import Mesh
 
-# Parts of an edge at most.
-_MOST_PARTS = 16
 # Points that are looked at together.
 _TOGETHER = 64
 
@@ -112,7 +110,7 @@ def outside_points(mesh: Mesh, nodes: IntArray, spacing: float) -> Array:
         every = [
             simplices[:, list(which)]
             for simplices in (cells, mesh.facets)
-            for which in _faces(simplices, corners)
+            for which in combinations(range(simplices.shape[1]), corners)
         ]
         rigid = np.concatenate(every)
         rigid = np.unique(np.sort(rigid[inside[rigid].all(axis=1)], axis=1), axis=0)
@@ -120,20 +118,12 @@ def outside_points(mesh: Mesh, nodes: IntArray, spacing: float) -> Array:
     return np.concatenate(found)
 
 
-def _faces(simplices: IntArray, corners: int) -> combinations[tuple[int, ...]]:
-    """Which corners of simplices (m, c) their faces with so many corners have."""
-    return combinations(range(simplices.shape[1]), corners)
-
-
 def _spread(simplices: Array, spacing: float) -> Array:
     """Points (k, dim) inside simplices with corners (m, c, dim), which divide their longest edges evenly."""
     c, dim = simplices.shape[1:]
     if c == 1:
         return simplices[:, 0]
-    edges = np.stack([simplices[:, a] - simplices[:, b] for a, b in combinations(range(c), 2)], axis=1)
-    longest = np.linalg.norm(edges, axis=2).max(axis=1, initial=0.0)
-    parts = np.clip(np.ceil(longest / spacing), 1, _MOST_PARTS).astype(int)
-    found = [np.empty((0, dim))]
+    parts, found = edge_parts(simplices, spacing), [np.empty((0, dim))]
     for count in np.unique(parts):
         weights = lattice(count, c)
         inside = weights[weights.min(axis=1) > 0.0]

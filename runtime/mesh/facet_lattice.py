@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import combinations
 
 import numpy as np
 
@@ -16,11 +16,7 @@ def facet_lattice(points: Array, facets: IntArray, spacing: float) -> Array:
     """Points (k, dim) [m] on facets (m, dim) of nodes (n, dim), at most about `spacing` [m] apart, on a regular lattice
     of each facet; without its corners."""
     corners = points[facets]
-    edges = np.stack(
-        [corners[:, a] - corners[:, b] for a, b in pairwise([*range(facets.shape[1]), 0])], axis=1
-    )
-    longest = np.linalg.norm(edges, axis=2).max(axis=1, initial=0.0)
-    parts = np.clip(np.ceil(longest / spacing), 1, _MOST_PARTS).astype(int)
+    parts = edge_parts(corners, spacing)
     found = [
         np.einsum("kc,mcd->mkd", lattice(count, points.shape[1]), corners[parts == count]).reshape(
             -1, points.shape[1]
@@ -28,6 +24,15 @@ def facet_lattice(points: Array, facets: IntArray, spacing: float) -> Array:
         for count in np.unique(parts)
     ]
     return np.vstack(found) if found else np.empty((0, points.shape[1]))
+
+
+def edge_parts(simplices: Array, spacing: float) -> IntArray:
+    """(m,) parts of at most `spacing` [m] that the longest edges of simplices with corners (m, c, dim) are divided
+    into."""
+    pairs = combinations(range(simplices.shape[1]), 2)
+    edges = np.stack([simplices[:, a] - simplices[:, b] for a, b in pairs], axis=1)
+    longest = np.linalg.norm(edges, axis=2).max(axis=1, initial=0.0)
+    return np.clip(np.ceil(longest / spacing), 1, _MOST_PARTS).astype(int)
 
 
 def lattice(parts: int, dim: int) -> Array:

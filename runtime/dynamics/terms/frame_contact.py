@@ -31,7 +31,10 @@ class FrameContact:
     """The frames of a body and the colliders, by name, that press it by condensed contact."""
 
     def __init__(self, body: ReducedBody, colliders: Mapping[str, Collider], law: PenaltyContact) -> None:
-        self.points = FramePoints.of(body, body.mesh.surface_spacing / max(law.refinement, 1))
+        mesh = body.mesh
+        self.points = FramePoints.of(
+            body, law.sharp_spacing(mesh) if law.refinement else mesh.surface_spacing
+        )
         self.colliders, self.law, self.surface = colliders, law, body.mesh.surface_nodes
 
     def at(self, rows: Array, poses: Poses) -> FrameContactEvaluation:
