@@ -126,6 +126,8 @@ def _derivative_rows(label: str, press: _Press) -> list[Row]:
     here = press.at(pose)
     frame = press.contact.in_frame(press.rows)
     direction = np.random.default_rng(0).standard_normal(press.rows.shape)
+    # At random alone it may be nearly across the gradient, along which nothing is seen of an error of its size.
+    direction += here.gradient * (np.linalg.norm(direction) / np.linalg.norm(here.gradient))
     ahead, behind = (
         press.contact.evaluate(frame, press.rows + side * _STEP * direction, {"ball": pose}, here.warm_start)
         for side in (1, -1)
