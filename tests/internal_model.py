@@ -1,10 +1,11 @@
-"""An internal correction of any body, with random weights."""
+"""Internal corrections of any body: with random weights, and of modes in equilibrium."""
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from softprint.runtime.body import ReducedBody
-from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
+from softprint.runtime.learned.internal.model import InternalModel, InternalOptions, ModesModel, ModesOptions
 
 
 def made_model(
@@ -24,4 +25,18 @@ def made_model(
     if gravity:
         model.input_scale[-body.dim :] = 1.0
     model.linear.copy_(0.1 * torch.randn(model.linear.shape, generator=generator))
+    return model
+
+
+def made_modes(
+    body: ReducedBody, gravity: tuple[float, ...] = (), modes: NDArray[np.float64] | None = None
+) -> ModesModel:
+    """Modes (K, n_nodes, dim), smooth waves by default; none in the frames; without an estimate of amplitudes."""
+    if modes is None:
+        along = np.linspace(1.0, 2.0, body.dim)
+        modes = np.array([np.sin((60.0 + 15.0 * k) * body.mesh.points * along) for k in range(6)])
+        modes[:, body.handles.frame_nodes] = 0.0
+        modes = np.linalg.svd(modes.reshape(6, -1), full_matrices=False)[2].reshape(modes.shape)
+    model = ModesModel(ModesOptions(len(modes), gravity), body.dim, body.n_rows, body.n_nodes)
+    model.modes = torch.from_numpy(modes)
     return model

@@ -127,6 +127,11 @@ class SumOfFields(CorrectionField):
 
     _parts: Sequence[tuple[CorrectionField, IntArray]]
 
+    @property
+    def converged(self) -> bool:
+        """See `CorrectionField`."""
+        return all(field.converged for field, _ in self._parts)
+
     @lazy
     def jacobian(self) -> Array:
         """See `CorrectionField`."""

@@ -44,7 +44,7 @@ from softprint.runtime.dynamics.step.body_terms import build_terms, find_correct
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
 from softprint.runtime.dynamics.step.frame import CorotatedFrame
 from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint, by_axis
-from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step, with_contact_checked
+from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step, with_inner_solves_checked
 from softprint.runtime.dynamics.step.step_start import kept_factorisation
 from softprint.runtime.dynamics.terms.springs import HandleSpring, PointSpring, QuadraticForm
 from softprint.runtime.dynamics.terms.weight import acceleration
@@ -303,7 +303,7 @@ class Simulator:
         timings: Timings,
         free: FreeStep | None,
     ) -> StepResult[ReducedState]:
-        solved = with_contact_checked(solved)
+        solved = with_inner_solves_checked(solved)
         x, rows, velocity = solved.x, state.rows, state.rows_velocity
         normal, friction, forces = x.contacts()
         weight, height = x.body.frame.weight

@@ -27,6 +27,11 @@ class CorrectionField:
     displacement: Array
     jacobian: Array
 
+    @property
+    def converged(self) -> bool:
+        """Whether what the field solves for, such as amplitudes in elastic equilibrium, was found."""
+        return True
+
     def pulled_back(self, forces: Array) -> Array:
         """sum_i f_i . du_i/drows (n_rows, dim) of forces (m, dim) at its points."""
         m, dim, n_rows, _ = self.jacobian.shape

@@ -9,7 +9,7 @@ class Status(IntEnum):
     """How a minimisation ended. The numbers go into truth and motion files: never renumber.
 
     (In truth files 5 is a sample that was never started, `runtime.truth.truth_schema.UNREACHED`: full-space solves
-    never end as STALLED. PIERCED and CONTACT_UNSOLVED are of reduced steps, which may converge nevertheless.)
+    never end as STALLED. PIERCED and those after it are of reduced steps, which may converge nevertheless.)
     """
 
     CONVERGED = 0
@@ -20,6 +20,7 @@ class Status(IntEnum):
     STALLED = 5
     PIERCED = 6
     CONTACT_UNSOLVED = 7
+    CORRECTION_UNSOLVED = 8
 
     @property
     def sentence(self) -> str:
@@ -46,4 +47,7 @@ _SENTENCES = {
     "finer mesh or more contact nodes.",
     Status.CONTACT_UNSOLVED: "Handles balance, but with contact forces that do not: the contact solve within the step "
     "did not converge, as where a contact point may go to either side of a thin wall; take a smaller time step.",
+    Status.CORRECTION_UNSOLVED: "Handles balance, but the modes of the internal correction do not: their amplitudes of "
+    "least elastic energy were not found, as where cells are inverted; take a smaller time step, or give the "
+    "correction more cells of cubature.",
 }

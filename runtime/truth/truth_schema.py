@@ -29,7 +29,7 @@ STATUS_NAMES = {
     **{
         int(status): status.name.lower()
         for status in Status
-        if status not in (Status.STALLED, Status.PIERCED, Status.CONTACT_UNSOLVED)
+        if status not in (Status.STALLED, Status.PIERCED, Status.CONTACT_UNSOLVED, Status.CORRECTION_UNSOLVED)
     },
     UNREACHED: "unreached",
 }
@@ -97,9 +97,7 @@ CONTACTS: dict[str, Column] = {
 SAMPLES: dict[str, Column] = {
     "contact": Column("i8", "row of contacts/"),
     "depth_index": Column("i8", "number of the depth along the contact's path, shallow to deep"),
-    "depth": Column(
-        "f8", "deepest point of the collider below the internal equilibrium's surface", "m"
-    ),
+    "depth": Column("f8", "deepest point of the collider below the internal equilibrium's surface", "m"),
     "pose_rotation": Column("f8", "rotation of the collider: world = R z + t", "1", ("dim", "dim")),
     "pose_translation": Column("f8", "translation of the collider: world = R z + t", "m", ("dim",)),
     "displacement": Column(

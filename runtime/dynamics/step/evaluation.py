@@ -48,6 +48,11 @@ class BodyEvaluation:
         points = self.frame.terms.points
         return points.linearise(*self.at, self.timings.correction)
 
+    @property
+    def correction_converged(self) -> bool:
+        """Whether the corrections found what they solve for."""
+        return not self.frame.terms.points.without_jacobian or self.field is None or self.field.converged
+
     @lazy
     def displacement(self) -> Array | None:
         """Displacements by field corrections (n, dim) [m]."""

@@ -54,8 +54,11 @@ def solve_step(
         point = lagged.point(point.body)
 
 
-def with_contact_checked(solved: Minimum[StepPoint]) -> Minimum[StepPoint]:
-    """The minimum, with the status CONTACT_UNSOLVED where the handles balance but the contact solve has failed."""
+def with_inner_solves_checked(solved: Minimum[StepPoint]) -> Minimum[StepPoint]:
+    """The minimum, with the status CONTACT_UNSOLVED or CORRECTION_UNSOLVED where the handles balance but the contact
+    solve, or that of an internal correction, has failed."""
+    if solved.converged and not solved.x.body.correction_converged:
+        return replace(solved, status=Status.CORRECTION_UNSOLVED)
     if solved.converged and not solved.x.contact_converged:
         return replace(solved, status=Status.CONTACT_UNSOLVED)
     return solved

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.learned.form import LearnedModel, ModelOptions
 from softprint.runtime.learned.internal.tanh_network import TanhNetwork, tanh_network
 from softprint.runtime.learned.network import Mlp
@@ -39,6 +40,45 @@ class InternalOptions(ModelOptions):
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """See `ModelOptions`."""
         return super().from_json({**values, "gravity": tuple(values.get("gravity", ()))})
+
+
+@dataclass(frozen=True)
+class ModesOptions(ModelOptions):
+    """Of modes in elastic equilibrium. components: number of modes; gravity: (dim,) [m/s^2] of their states, empty
+    without; widths: of no network."""
+
+    components: int
+    gravity: tuple[float, ...] = ()
+    widths: tuple[int, ...] = ()
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Self:
+        """See `ModelOptions`."""
+        return super().from_json({**values, "gravity": tuple(values["gravity"])})
+
+
+class ModesModel(LearnedModel):
+    """Modes of a body with n_nodes nodes and n_rows handle rows in dim dimensions, without a network. Buffers: modes
+    (components, n_nodes, dim); linear (components, n_inputs) and offset (components,) of a first estimate of their
+    amplitudes, linear in the inputs z."""
+
+    form: ClassVar[str] = "equilibrium"
+    options: ModesOptions
+    modes: Tensor
+    linear: Tensor
+    offset: Tensor
+
+    def __init__(self, options: ModesOptions, dim: int, n_rows: int, n_nodes: int) -> None:
+        super().__init__()
+        self.options, self.dim, self.n_rows = options, dim, n_rows
+        count, n_inputs = options.components, n_rows * dim + len(options.gravity)
+        self.register_buffer("modes", torch.zeros(count, n_nodes, dim))
+        self.register_buffer("linear", torch.zeros(count, n_inputs))
+        self.register_buffer("offset", torch.zeros(count))
+
+    def estimate(self) -> tuple[Array, Array]:
+        """linear and offset, in double precision."""
+        return self.linear.double().numpy(), self.offset.double().numpy()
 
 
 class InternalModel(LearnedModel):

@@ -146,6 +146,7 @@ def test_status_numbers_are_those_in_files():
         "STALLED": 5,
         "PIERCED": 6,
         "CONTACT_UNSOLVED": 7,
+        "CORRECTION_UNSOLVED": 8,
     }
     assert all(status.sentence.endswith(".") for status in Status)
     names = {number: name.lower() for name, number in numbers.items()}
