@@ -19,6 +19,7 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal
+from softprint.runtime.learned.internal.model import ModesModel
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.scenes.corrected_body import internal_path
@@ -38,9 +39,12 @@ def main() -> None:
     options = parser.parse_args()
     context = Context(experiment_path=options.experiment, out=options.out, quiet=True)
     body = body_of_run(context)
-    internal = InternalCorrection(
-        load_internal(internal_path(context.out_dir, options.model), body).model, body
-    )
+    model = load_internal(internal_path(context.out_dir, options.model), body).model
+    if isinstance(model, ModesModel):
+        parser.error(
+            f"{options.model} has modes in equilibrium: its training prints the errors of its cubature"
+        )
+    internal = InternalCorrection(model, body)
     gravity = context.experiment.dynamics.gravity
     condensation = (
         compute_static_condensation(body, gravity, NullSpaceCompliance(body))

@@ -40,11 +40,14 @@ from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.colliders import KeyframedPath
 from softprint.runtime.dynamics import KinematicHandle, NewtonSettings, Simulator
 from softprint.runtime.dynamics.kinematic import place_kinematic
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.elasticity.elastic_energy import elastic_energy
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment
 from softprint.runtime.learned.internal.correction import JACOBIANS, InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal
+from softprint.runtime.learned.internal.model import ModesModel
+from softprint.runtime.learned.internal_correction import internal_correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_static_condensation
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.scenes.corrected_body import internal_path
@@ -62,7 +65,7 @@ class Kinematics(NamedTuple):
 
     body: ReducedBody
     mechanics: BodyMechanics | None
-    internal: InternalCorrection | None
+    internal: InternalField | None
 
     def positions(self, rows: Array) -> Array:
         """(n_nodes, dim) [m] at handle rows (n_rows, dim)."""
@@ -86,6 +89,8 @@ class Run:
 
 def kinematics(context: Context, body: ReducedBody, all_cells: bool) -> dict[str, Kinematics]:
     """The reduced models by name; all_cells: without a cubature."""
+    cells = elastic_cells(body.mesh, body.handles)
+    whole = replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
     condensed = BodyMechanics(None, compute_static_condensation(body, None, NullSpaceCompliance(body)))
     found = {"bare": Kinematics(body, None, None), "condensation": Kinematics(body, condensed, None)}
     names = internal_models(context.out_dir)
@@ -93,13 +98,12 @@ def kinematics(context: Context, body: ReducedBody, all_cells: bool) -> dict[str
         raise SoftprintError(f"{context.out_dir} has no internal correction: run `softprint train` first")
     for name in names:
         trained = load_internal(internal_path(context.out_dir, name), body)
-        internal = InternalCorrection(trained.model, body)
+        trained = trained._replace(cubature=None) if all_cells else trained
+        internal = internal_correction(trained, whole if all_cells else body)
         mechanics = condensed if internal.on_condensation else None
         found[name] = Kinematics(trained.on(body), mechanics, internal)
     if not all_cells:
         return found
-    cells = elastic_cells(body.mesh, body.handles)
-    whole = replace(body, cubature=Cubature(cells, body.mesh.cell_volumes[cells], 0.0, 0.0))
     return {name: own._replace(body=whole) for name, own in found.items()}
 
 
@@ -304,6 +308,8 @@ def main() -> None:
     if "jacobians" in options.tables:
         for name in internal_models(context.out_dir):
             model = load_internal(internal_path(context.out_dir, name), body).model
+            if isinstance(model, ModesModel):
+                continue
             for jacobian in JACOBIANS:
                 own = models[name]._replace(internal=InternalCorrection(model, body, jacobian))
                 runs[f"{name}, {jacobian}"] = moved(own)

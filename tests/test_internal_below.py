@@ -113,6 +113,43 @@ def test_every_form_on_an_internal_correction(tmp_path, capsys):
         assert "Traceback" not in said
 
 
+ON_MODES = """
+[[training.models]]
+name = "mechanics"
+learned = false
+static_condensation = false
+added_to = "own"
+[[training.models]]
+name = "field"
+form = "thesis5"
+hidden = [8, 8]
+added_to = "own"
+[training.thesis5]
+steps = 20
+validations = 1
+[[training.internal]]
+name = "own"
+equilibrium = true
+components = 5
+cubature = 60
+"""
+
+
+def test_contact_on_modes_in_equilibrium(tmp_path):
+    """Condensed contact and a field, from training to motions; with condensed contact steps converge fast."""
+    path, run = written(tmp_path, ON_MODES), tmp_path / "run"
+    here = [str(path), "--out", str(run), "--quiet"]
+    assert main(["generate", *here]) == 0
+    assert main(["train", *here]) == 0
+    everyone = [word for name in ("own", "mechanics", "field") for word in ("--model", name)]
+    assert main(["simulate", *here, *everyone]) == 0
+    for name in ("own", "mechanics"):
+        motion = load_motion(run / "motions" / f"held_out_{name}.h5")
+        assert motion.converged.all(), name
+        assert motion.in_contact[motion.n_frames - 1]
+        assert motion.iterations.mean() < 8, name
+
+
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [

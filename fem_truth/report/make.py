@@ -50,8 +50,8 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import CONDENSED, FULL
 from softprint.runtime.io.files import content_hash
 from softprint.runtime.learned.correction_file import read_correction
-from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal
+from softprint.runtime.learned.internal_correction import internal_correction
 from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
@@ -205,7 +205,7 @@ def _internal_displacements(
     condensation = compute_static_condensation(body, experiment.dynamics.gravity, NullSpaceCompliance(body))
     found = {CONDENSED: InternalDisplacement(body, condensation, None)}
     for name, path in files.internal.items():
-        internal = InternalCorrection(load_internal(path, body).model, body)
+        internal = internal_correction(load_internal(path, body), body, experiment.dynamics.gravity)
         own = condensation if internal.on_condensation else None
         found[name] = InternalDisplacement(body, own, internal)
     return found

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.experiment.experiment import CONDENSED
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
-
-if TYPE_CHECKING:
-    from softprint.runtime.learned.internal.correction import InternalCorrection
 
 
 def internal_path(out: Path, name: str) -> Path:
@@ -26,17 +24,17 @@ class CorrectedBody(NamedTuple):
 
     body: ReducedBody
     mechanics: BodyMechanics | None = None
-    internal: InternalCorrection | None = None
+    internal: InternalField | None = None
 
 
 def corrected_body(body: ReducedBody, path: Path, gravity: Array) -> CorrectedBody:
     """The body with the internal correction of a file; gravity: (dim,) [m/s^2]."""
     # Imported here, because torch takes a second to load and the other models do not need it.
-    from softprint.runtime.learned.internal.correction import InternalCorrection
     from softprint.runtime.learned.internal.file import load_internal
+    from softprint.runtime.learned.internal_correction import internal_correction
 
     trained = load_internal(path, body)
-    internal, own = InternalCorrection(trained.model, body), trained.on(body)
+    internal, own = internal_correction(trained, body, gravity), trained.on(body)
     mechanics = condensed_mechanics(own, gravity) if internal.on_condensation else None
     return CorrectedBody(own, mechanics, internal)
 

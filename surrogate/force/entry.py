@@ -10,13 +10,14 @@ from softprint.runtime.arrays import IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModelOptions
-from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal
+from softprint.runtime.learned.internal_correction import internal_correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.surrogate.data.folds import folds_of
@@ -73,14 +74,14 @@ def mechanics(data: TrainingData, spec: ModelSpec) -> BodyMechanics:
     return found if spec.static_condensation else found._replace(condensation=None)
 
 
-def internal_below(data: TrainingData, spec: ModelSpec) -> InternalCorrection | None:
+def internal_below(data: TrainingData, spec: ModelSpec) -> InternalField | None:
     """The internal correction that the model is added to, from the run directory; None for none."""
     if not spec.added_to:
         return None
-    path = internal_path(data.context.out_dir, spec.added_to)
+    path, gravity = internal_path(data.context.out_dir, spec.added_to), data.context.experiment.dynamics.gravity
     return data.once(
         ("internal", spec.added_to),
-        lambda: InternalCorrection(load_internal(path, data.body).model, data.body),
+        lambda: internal_correction(load_internal(path, data.body), data.body, gravity),
     )
 
 

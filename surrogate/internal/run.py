@@ -21,13 +21,15 @@ from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.truth.truth_file import TruthData
 from softprint.surrogate.internal.cubature import fitted_cubature
 from softprint.surrogate.internal.data import read_internal_data
+from softprint.surrogate.internal.modes import evaluations as modes_evaluations
+from softprint.surrogate.internal.modes import find_modes
 from softprint.surrogate.internal.slope_data import evaluations, read_slope_data
 from softprint.surrogate.internal.slope_task import SlopeTask
 from softprint.surrogate.internal.slopes import EquilibriumSlopes
 from softprint.surrogate.internal.task import InternalTask
 from softprint.surrogate.kept_corrections import kept_header, program_hash
 from softprint.surrogate.learning_task import LearningTask
-from softprint.surrogate.train import TrainingSettings
+from softprint.surrogate.train import TrainingResult, TrainingSettings
 from softprint.surrogate.training_bar import train_with_bar, write_curves
 
 
@@ -45,7 +47,35 @@ def train_internals(
             gravity = context.experiment.dynamics.gravity
             condensation = compute_static_condensation(body, gravity, NullSpaceCompliance(body))
     for spec in wanted:
-        _train_one(context, spec, body, truth, condensation if spec.on == "condensation" else None)
+        if spec.equilibrium:
+            _find_modes(context, spec, body, truth)
+        else:
+            _train_one(context, spec, body, truth, condensation if spec.on == "condensation" else None)
+
+
+def _find_modes(context: Context, spec: InternalSpec, body: ReducedBody, truth: TruthData) -> None:
+    """Find the modes of a correction in elastic equilibrium and write them."""
+    path, started = internal_path(context.out_dir, spec.name), time.perf_counter()
+    data = read_internal_data(truth, body, None, context.seed)
+    with context.progress(modes_evaluations(data), "state", f"modes of {spec.name}") as bar:
+        found = find_modes(truth, body, data, spec.components, spec.cubature, context.seed, bar.update)
+    seconds, own = time.perf_counter() - started, found.cubature
+    facts: dict[str, Any] = {"samples": len(data.train), "left_out": 0, "noise_floor": None}
+    facts |= {"discarded": found.discarded, "unsolved": found.unsolved, "cubature_cells": len(own.cells)}
+    write_curves(path.with_suffix(".json"), spec.name, facts, TrainingResult(found.model, found.held_out, []))
+    recipe = _recipe(context, spec, truth)
+    training = {**recipe, "program": program_hash(), "seconds": seconds, "samples": len(data.train)}
+    cubature = None if spec.cubature is None else own
+    save_internal(path, found.model, body, truth.content_hash, found.held_out.rms, training, cubature)
+    if found.unsolved:
+        context.say(
+            f"{spec.name}: amplitudes were not found in {found.unsolved} held-out states: give more cells"
+        )
+    context.say(
+        f"{path} written: {len(data.train)} states, {spec.components} modes, {len(own.cells)} cubature cells with a "
+        f"force error of {own.force_error:.1%}, held-out error {found.held_out.rms:.1%}, {found.discarded:.1e} of the "
+        f"energy beyond the modes, {seconds:.0f} s"
+    )
 
 
 def _train_one(

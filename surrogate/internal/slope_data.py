@@ -25,7 +25,7 @@ from softprint.surrogate.internal.slopes import EquilibriumSlopes
 _FLOOR, _SHARE = 0.03, 0.1
 # At most this many states have derivatives; components are of those of this many, in this many combinations of each.
 # 180 states of the Auxetic with derivatives do as well as 540.
-_SLOPED, _MIXED, _COMBINATIONS = 240, 48, 8
+_SLOPED, MIXED, _COMBINATIONS = 240, 48, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +63,9 @@ def read_slope_data(
         progress(1)
         return slopes.at(rows[state], truth.internal(state), fields[place])
 
-    weights = 1.0 / (norm.squares(fields) + _FLOOR)
+    weights = state_weights(norm, fields)
     sloped = rng.permutation(len(fields))[:_SLOPED]
-    mixed = np.concatenate([_combined(slope_of(place), rng) for place in sloped[:_MIXED]])
+    mixed = np.concatenate([combined(slope_of(place), rng) for place in sloped[:MIXED]])
     weighted = fields * np.sqrt(weights)[:, None, None]
     share = np.sqrt(
         _SHARE * norm.squares(weighted).sum() / max(norm.squares(mixed).sum(), np.finfo(float).tiny)
@@ -90,9 +90,14 @@ def read_slope_data(
 
 def evaluations(data: InternalData) -> int:
     """How many states `read_slope_data` reports."""
-    return min(len(data.train), _SLOPED) + min(len(data.train), _MIXED)
+    return min(len(data.train), _SLOPED) + min(len(data.train), MIXED)
 
 
-def _combined(slope: Array, rng: np.random.Generator) -> Array:
+def state_weights(norm: CorrectionNorm, fields: Array) -> Array:
+    """1 / (|r|^2 + floor) (s,) of fields (s, n_nodes, dim)."""
+    return 1.0 / (norm.squares(fields) + _FLOOR)
+
+
+def combined(slope: Array, rng: np.random.Generator) -> Array:
     """Random combinations (k, n_nodes, dim) of a derivative (n_nodes, dim, n_dofs)."""
     return np.moveaxis(slope @ rng.normal(size=(slope.shape[2], _COMBINATIONS)), 2, 0)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from softprint.runtime.experiment.schema.section import Count, Name, NotNegative, Positive, Section
 from softprint.runtime.learned.registry import FORMS
@@ -94,6 +94,11 @@ class InternalSpec(Section):
     on: Literal["subspace", "condensation"] = Field(
         "subspace", description="what it is added to: U q alone, or static condensation as well"
     )
+    equilibrium: bool = Field(
+        False,
+        description="without a network: the principal components are modes, whose amplitudes are those of least "
+        "elastic energy at every state",
+    )
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
         (200, 200), description="neurons of each hidden layer; their activation is tanh"
     )
@@ -112,6 +117,19 @@ class InternalSpec(Section):
     learning_rate: Positive = Field(6e-3, description="at the start; falls to zero along a cosine")
     weight_decay: NotNegative = Field(1e-4, description="decoupled weight decay (AdamW)")
     validations: Count = Field(20, description="number of times that a run measures the held-out error")
+
+    @model_validator(mode="after")
+    def _modes_alone(self) -> Self:
+        if not self.equilibrium:
+            return self
+        if self.on != "subspace":
+            raise ValueError('with equilibrium = true it is on the subspace: leave "on" out')
+        learned = sorted(self.model_fields_set - {"name", "on", "equilibrium", "components", "cubature"})
+        if learned:
+            raise ValueError(
+                f"with equilibrium = true there is no network to train: leave {', '.join(learned)} out"
+            )
+        return self
 
 
 class Thesis4TrainingSpec(Section):

@@ -13,7 +13,10 @@ from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.learned.form import find_form
 from softprint.runtime.learned.internal.file import KIND as INTERNAL
 from softprint.runtime.learned.internal.file import read_internal_header
+from softprint.runtime.learned.internal.model import InternalModel, ModesModel
 from softprint.runtime.learned.registry import FORMS
+
+_LINES = {model.form: model.line for model in (InternalModel, ModesModel)}
 
 
 def recognise(head: FileHead) -> bool:
@@ -51,6 +54,7 @@ def _internal(path: Path) -> Summary:
     sections: dict[str, dict[str, Any]] = {
         "internal correction": {
             "name": header.name,
+            "form": _LINES.get(header.form, header.form),
             "is added to": on,
             "dimension, rows, nodes of the body": [header.dim, header.n_rows, header.n_nodes],
             "error on held-out states": header.held_out_rms,

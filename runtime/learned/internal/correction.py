@@ -94,7 +94,7 @@ class MappedField:
 
     def displacement(self, rows: Array) -> Array:
         """u (n, dim) [m] at handle rows (n_rows, dim)."""
-        return _times_each(self.deformation(rows), self.local.value(rows))
+        return times_each(self.deformation(rows), self.local.value(rows))
 
     def deformation(self, rows: Array) -> Array:
         """F^T (n, dim, dim) at handle rows (n_rows, dim)."""
@@ -113,7 +113,7 @@ class MappedPoint(CorrectionField):
     def __init__(self, field: MappedField, rows: Array) -> None:
         self.__dict__["_field"], self.__dict__["_local"] = field, field.local.at(rows)
         self.__dict__["_F"] = field.deformation(rows)
-        self.__dict__["displacement"] = _times_each(self._F, self._local.value)
+        self.__dict__["displacement"] = times_each(self._F, self._local.value)
         self.__dict__["index"] = np.arange(len(self.displacement))
 
     _field: MappedField
@@ -129,7 +129,7 @@ class MappedPoint(CorrectionField):
     @lazy
     def _by_gradient(self) -> Array:
         """G r (n, n_rows): du_i = (G r) . drows_i, the part of the change of F."""
-        return _times_each(self._field.by_row, self._local.value)
+        return times_each(self._field.by_row, self._local.value)
 
     def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
         """See `CorrectionField`."""
@@ -171,11 +171,11 @@ class MappedPoint(CorrectionField):
 
     def _unturned(self, forces: Array) -> Array:
         """F^T f (n, dim)."""
-        return _times_each(np.ascontiguousarray(self._F.transpose(0, 2, 1)), forces)
+        return times_each(np.ascontiguousarray(self._F.transpose(0, 2, 1)), forces)
 
 
 @summing(reference=lambda M, v: np.einsum("nij,ni->nj", M, v))
-def _times_each(M: Array, v: Array) -> Array:
+def times_each(M: Array, v: Array) -> Array:
     """M^T v (n, k) of matrices (n, dim, k) and vectors (n, dim)."""
     n, dim, count = M.shape
     total = np.zeros((n, count))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,24 +16,26 @@ from softprint.runtime.body.cubature import Cubature
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import provenance
 from softprint.runtime.io.tensor_file import load_with_header, save_tensors
-from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
+from softprint.runtime.learned.internal.model import InternalModel, InternalOptions, ModesModel, ModesOptions
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 # Tensors of a cubature.
 _CELLS, _WEIGHTS = "cubature.cells", "cubature.weights"
-KIND, VERSION = "internal_correction", 2
+KIND, VERSION = "internal_correction", 3
 REMEDY = "train it again"
 
 
 @dataclass(frozen=True)
 class InternalHeader:
-    """body_hash, truth_hash: of what it was trained on; options: of the model; held_out_rms: relative error of r on
-    held-out states; training: settings and results of the training, in any form;
-    cubature_errors: of energy and forces with its own cubature, empty without one."""
+    """form: internal, with a network, or equilibrium, of modes alone; body_hash, truth_hash: of what it was trained on;
+    options: of the model; held_out_rms: relative error of r, of modes that of u, on held-out states; training: settings
+    and results of the training, in any form; cubature_errors: of energy and forces with its own cubature, empty without
+    one."""
 
     name: str
+    form: str
     body_hash: str
     truth_hash: str
     dim: int
@@ -50,7 +52,7 @@ class TrainedInternal(NamedTuple):
     """The content of a file. cubature: that its elasticity is integrated with, None for that of the body."""
 
     header: InternalHeader
-    model: InternalModel
+    model: InternalModel | ModesModel
     cubature: Cubature | None
 
     def on(self, body: ReducedBody) -> ReducedBody:
@@ -65,7 +67,7 @@ def with_cubature(body: ReducedBody, cubature: Cubature) -> ReducedBody:
 
 def save_internal(
     path: Path,
-    model: InternalModel,
+    model: InternalModel | ModesModel,
     body: ReducedBody,
     truth_hash: str,
     held_out_rms: float,
@@ -76,6 +78,7 @@ def save_internal(
     `TrainedInternal`."""
     header = InternalHeader(
         name=path.stem,
+        form=model.form,
         body_hash=body.content_hash,
         truth_hash=truth_hash,
         dim=model.dim,
@@ -112,12 +115,21 @@ def load_internal(path: Path, body: ReducedBody) -> TrainedInternal:
         )
     try:
         cubature = _cubature(header, tensors, body)
-        options = InternalOptions.from_json(header.options)
-        model = InternalModel(options, header.dim, header.n_rows, header.n_nodes)
+        model = _untrained(header)
         model.load_state_dict(tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(f"{path}: weights and header do not fit together ({error}): {REMEDY}") from error
     return TrainedInternal(header, model, cubature)
+
+
+def _untrained(header: InternalHeader) -> InternalModel | ModesModel:
+    """A model of the form of a header. Raises KeyError for an unknown one."""
+    makers: dict[str, Callable[[], InternalModel | ModesModel]] = {
+        InternalModel.form: lambda: InternalModel(InternalOptions.from_json(header.options), *shape),
+        ModesModel.form: lambda: ModesModel(ModesOptions.from_json(header.options), *shape),
+    }
+    shape = header.dim, header.n_rows, header.n_nodes
+    return makers[header.form]()
 
 
 def _cubature(header: InternalHeader, tensors: dict[str, Tensor], body: ReducedBody) -> Cubature | None:

@@ -63,6 +63,7 @@ class ModesModel(LearnedModel):
     amplitudes, linear in the inputs z."""
 
     form: ClassVar[str] = "equilibrium"
+    line: ClassVar[str] = "modes in elastic equilibrium"
     options: ModesOptions
     modes: Tensor
     linear: Tensor
@@ -87,6 +88,7 @@ class InternalModel(LearnedModel):
     L (components, n_inputs), zero where there is none."""
 
     form: ClassVar[str] = "internal"
+    line: ClassVar[str] = "principal components with a network"
     options: InternalOptions
     modes: Tensor
     coefficient_scale: Tensor

@@ -25,9 +25,12 @@ from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import require_body
-from softprint.runtime.learned.internal.elastic_amplitudes import AmplitudePoint, ElasticAmplitudes
+from softprint.runtime.learned.internal.equilibrium.elastic_amplitudes import (
+    AmplitudePoint,
+    ElasticAmplitudes,
+)
+from softprint.runtime.learned.internal.equilibrium.mode_field import ModeField, RowModes
 from softprint.runtime.learned.internal.inputs import RigidFreeRows
-from softprint.runtime.learned.internal.mode_field import ModeField
 from softprint.runtime.learned.internal.model import ModesModel
 from softprint.runtime.learned.internal.weight import InternalWeight
 
@@ -59,6 +62,11 @@ class EquilibriumCorrection:
             body, self._field, lambda rows: linear @ inputs(rows) + offset, pull
         )
 
+    @property
+    def gradient(self) -> Array:
+        """G of the basis at all nodes (n_nodes, n_rows, dim) [1/m]."""
+        return self._field.by_row.transpose(0, 2, 1)
+
     def bind(self, nodes: IntArray | None = None) -> BoundModes:
         """See `InternalField`."""
         return BoundModes(self.amplitudes, self._field if nodes is None else self._field.some(nodes))
@@ -77,7 +85,7 @@ class BoundModes:
 
     def displacement(self, rows: Array) -> Array:
         """See `BoundInternal`."""
-        return self.field.displacement(rows, self.amplitudes.at(rows).a)
+        return self.field.at(rows).displacement(self.amplitudes.at(rows).a)
 
     def linearise(self, rows: Array) -> ModesPoint:
         """See `BoundInternal`."""
@@ -93,9 +101,11 @@ class ModesPoint(CorrectionField):
 
     def __init__(self, field: ModeField, point: AmplitudePoint) -> None:
         self.__dict__ |= {"_field": field, "_point": point, "index": np.arange(len(field.modes))}
-        self.__dict__["displacement"] = field.displacement(point.rows, point.a)
+        self.__dict__["_modes"] = modes = field.at(point.rows)
+        self.__dict__["displacement"] = modes.displacement(point.a)
 
     _field: ModeField
+    _modes: RowModes
     _point: AmplitudePoint
 
     @property
@@ -109,19 +119,15 @@ class ModesPoint(CorrectionField):
         shape = *self.displacement.shape, *self._point.rows.shape
         return self.along(None).astype(np.float64).reshape(shape)
 
-    @lazy
-    def _by_amplitude(self) -> NDArray[np.float32]:
-        return self._field.by_amplitude(self._point.rows)
-
     def along(self, directions: Array | None) -> NDArray[np.floating[Any]]:
         """See `CorrectionField`; in single precision."""
         T = np.eye(self._point.rows.size) if directions is None else directions
         da = self._point.along(directions).astype(np.float32)
-        return np.asarray(self._field.row_along(self._point.a, T) + self._by_amplitude @ da)
+        return np.asarray(self._field.row_along(self._point.a, T) + self._modes.by_amplitude @ da)
 
     def pulled_back(self, forces: Array) -> Array:
         """See `CorrectionField`."""
-        along = self._field.amplitude_forces(self._point.rows, forces)
+        along = self._modes.forces(forces)
         return self._field.row_forces(self._point.a, forces) + self._point.pulled_back(along)
 
     def curvature(self, forces: Array, directions: Array | None) -> Array:

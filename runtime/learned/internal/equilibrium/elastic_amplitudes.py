@@ -12,8 +12,8 @@ with V = du/da, f = sum_c G_c^T w P the elastic forces at the corners, A the tan
 B_q = dF/dq. u is linear in a, so that E_aa has no further term. Newton's method with a line search finds a; it starts
 from the solution of the state before or from a linear function of the state, where the energy is lower, and iterates
 until the result no longer depends on the start. An E_aa that is not positive definite is shifted. E_aa is kept from one
-iteration to the next while it makes Newton's method converge fast. Matrices are in single precision, E, E_a and products with
-E_aa in double precision.
+iteration to the next while it makes Newton's method converge fast. Matrices are in single precision, E, E_a and
+products with E_aa in double precision.
 """
 
 from __future__ import annotations
@@ -31,17 +31,19 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.internal.mode_field import ModeField
+from softprint.runtime.learned.internal.equilibrium.mode_field import ModeField, RowModes
 
 Singles = NDArray[np.float32]
 # Converged: the Newton decrement (twice the energy that another iteration would save) is below this share of the
-# energy, a relative accuracy of 1e-11, or below what round-off in the stress of a body at rest makes of it.
-_ACCURACY, _ROUND_OFF = 1e-22, 1e-27
+# energy, a relative accuracy of 1e-10, or below what round-off in the stress of a body at rest makes of it.
+_ACCURACY, _ROUND_OFF = 1e-20, 1e-27
 _ITERATIONS = 60
 # A kept factor is computed anew where an iteration lowers the decrement by less than this.
 _SLOW = 1e-3
 # Of the line search: the share of the predicted decrease, the shortest step, and round-off of the energy.
 _DECREASE, _SHORTEST, _ENERGY_ROUND_OFF = 1e-4, 1e-6, 1e-13
+# Of solves with E_aa: how far they are refined, in how many steps at most, and when a kept factor is computed anew.
+_REFINED, _REFINEMENTS, _SLOWLY_REFINED = 1e-10, 8, 0.1
 # The first shift of a matrix that is not positive definite, relative to its diagonal.
 _SHIFT = 1e-3
 
@@ -84,18 +86,22 @@ class ElasticAmplitudes:
         found = self._last = self._solved(rows.copy(), last)
         return found
 
-    def strained(self, rows: Array, a: Array) -> Strained:
-        """The body at handle rows (n_rows, dim) and amplitudes (K,)."""
-        own = self.elasticity
-        F = own.deformation_gradients(rows) + self.corner_strain(self.field.displacement(rows, a))
+    def strained(self, modes: RowModes, a: Array) -> Strained:
+        """The body at handle rows, with the modes there, and amplitudes (K,)."""
+        own, rows = self.elasticity, modes.rows
+        F = own.deformation_gradients(rows) + self.corner_strain(modes.displacement(a))
         density, stress = own.material.energy_and_stress(F)
         stress = own.weights[:, None, None] * stress
         forces, elastic = self.corner_forces(stress), float(own.weights @ density)
-        slope, height = self.field.amplitude_forces(rows, forces), 0.0
+        slope, height = modes.forces(forces), 0.0
         if self.moments is not None:
             pull = self.moments.T @ (rows @ self.gravity)
             slope, height = slope - pull, float(pull @ a)
         return Strained(F, elastic - height, elastic, forces, slope)
+
+    def tolerance(self, strained: Strained) -> float:
+        """[J] The Newton decrement below which amplitudes are those of the equilibrium."""
+        return _ACCURACY * abs(strained.elastic) + _ROUND_OFF * self._unit
 
     def corner_strain(self, displacement: Array) -> Array:
         """dF (m, dim, dim) by a displacement (n, dim) of the corners."""
@@ -106,10 +112,10 @@ class ElasticAmplitudes:
         """f (n, dim) [N] at the corners, of a stress w P (m, dim, dim)."""
         return np.asarray((self._adjoint @ stress.ravel()).reshape(-1, stress.shape[1]))
 
-    def factor(self, rows: Array, strained: Strained) -> Factor:
+    def factor(self, modes: RowModes, strained: Strained) -> Factor:
         """E_aa, factorised."""
         tangent = self.weighted_tangent(strained.F).astype(np.float32)
-        B = self.gradients_single @ self.field.by_amplitude(rows)
+        B = self.gradients_single @ modes.by_amplitude
         square, count = tangent.shape[1], B.shape[1]
         stressed = (tangent @ B.reshape(-1, square, count)).reshape(-1, count)
         return Factor(stressed, _factorised((B.T @ stressed).astype(np.float64)))
@@ -121,38 +127,39 @@ class ElasticAmplitudes:
 
     def _solved(self, rows: Array, last: AmplitudePoint | None) -> AmplitudePoint:
         """From the better of two starts."""
-        a, factor = self.start(rows), None
-        here = self.strained(rows, a)
+        modes, a, factor = self.field.at(rows), self.start(rows), None
+        here = self.strained(modes, a)
         if last is not None:
-            near = self.strained(rows, last.a)
+            moved = last.predicted(rows)
+            near = self.strained(modes, moved)
             if near.energy < here.energy or not np.isfinite(here.energy):
-                a, here, factor = last.a, near, last.known_factor
+                a, here, factor = moved, near, last.known_factor
         before, fresh = np.inf, factor is None
-        factor = self.factor(rows, here) if factor is None else factor
+        factor = self.factor(modes, here) if factor is None else factor
         for iteration in range(_ITERATIONS):
             step = -factor.solve(here.slope)
             decrement = -float(here.slope @ step)
             if decrement > _SLOW * before and not fresh:
-                factor, fresh = self.factor(rows, here), True
+                factor, fresh = self.factor(modes, here), True
                 step = -factor.solve(here.slope)
                 decrement = -float(here.slope @ step)
-            if decrement <= _ACCURACY * abs(here.elastic) + _ROUND_OFF * self._unit:
-                return AmplitudePoint(self, rows, a, here, True, iteration, factor)
-            moved = self._line_search(rows, a, here, step, decrement)
-            if moved is None:
-                return AmplitudePoint(self, rows, a, here, False, iteration, factor)
-            (a, here), before, fresh = moved, decrement, False
-        return AmplitudePoint(self, rows, a, here, False, _ITERATIONS, factor)
+            if decrement <= self.tolerance(here):
+                return AmplitudePoint(self, modes, a, here, True, iteration, factor)
+            further = self._line_search(modes, a, here, step, decrement)
+            if further is None:
+                return AmplitudePoint(self, modes, a, here, False, iteration, factor)
+            (a, here), before, fresh = further, decrement, False
+        return AmplitudePoint(self, modes, a, here, False, _ITERATIONS, factor)
 
     def _line_search(
-        self, rows: Array, a: Array, here: Strained, step: Array, decrement: float
+        self, modes: RowModes, a: Array, here: Strained, step: Array, decrement: float
     ) -> tuple[Array, Strained] | None:
         """Amplitudes along a step with less energy; None if there are none."""
         length, size = 1.0, abs(here.elastic) + abs(here.energy) + 0.01 * self._unit
         slack = _ENERGY_ROUND_OFF * size
         while length > _SHORTEST:
             ahead = a + length * step
-            there = self.strained(rows, ahead)
+            there = self.strained(modes, ahead)
             if there.energy <= here.energy - _DECREASE * length * decrement + slack:
                 return ahead, there
             length *= 0.5
@@ -173,16 +180,34 @@ class Factor:
 
 @dataclass(frozen=True, eq=False)
 class AmplitudePoint:
-    """The equilibrium at handle rows (n_rows, dim). a: (K,); strained: the body there; converged: whether the
+    """The equilibrium at handle rows, with the modes there. a: (K,); strained: the body there; converged: whether the
     iterations ended there, or ran out; known_factor: of E_aa, of the last iteration that computed it."""
 
     amplitudes: ElasticAmplitudes
-    rows: Array
+    modes: RowModes
     a: Array
     strained: Strained
     converged: bool
     iterations: int
     known_factor: Factor
+
+    @property
+    def rows(self) -> Array:
+        """(n_rows, dim)"""
+        return self.modes.rows
+
+    def predicted(self, rows: Array) -> Array:
+        """Amplitudes (K,) at other rows, to first order."""
+        own, change = self.amplitudes, rows - self.rows
+        moved = own.field.row_along(self.a, change.reshape(-1, 1)).astype(np.float64)
+        dF = own.elasticity.deformation_gradients(change) + own.corner_strain(
+            moved.reshape(-1, change.shape[1])
+        )
+        slope = self.modes.forces(own.corner_forces(self._stress_of(dF)))
+        slope += own.field.at(change).forces(self.strained.forces)
+        if own.moments is not None:
+            slope -= own.moments.T @ (change @ own.gravity)
+        return self.a - self.known_factor.solve(slope)
 
     @lazy
     def _tangent(self) -> Array:
@@ -191,7 +216,7 @@ class AmplitudePoint:
 
     @lazy
     def _factor(self) -> Factor:
-        found = self.amplitudes.factor(self.rows, self.strained)
+        found = self.amplitudes.factor(self.modes, self.strained)
         self.__dict__["known_factor"] = found
         return found
 
@@ -211,19 +236,44 @@ class AmplitudePoint:
         return found
 
     def pulled_back(self, along: Array) -> Array:
-        """d(b . a)/drows (n_rows, dim) of a direction b (K,), by one solve."""
+        """d(b . a)/drows (n_rows, dim) of a direction b (K,), by one solve. That of elastic forces without gravity is
+        zero, within the tolerance of the equilibrium; with gravity, they and the weight have the same b."""
+        if self._negligible(along):
+            return np.zeros_like(self.rows)
+        for known, found in self._pulled:
+            if self._negligible(along - known):
+                return found
         own, field = self.amplitudes, self.amplitudes.field
-        y = self._factor.solve(along)
-        stress = self._stress_of(y)
-        # E_aa is in single precision: one refinement.
-        missed = along - field.amplitude_forces(self.rows, own.corner_forces(stress))
-        y += self._factor.solve(missed)
-        stress = self._stress_of(y)
+        y = self._times_inverse(along)
+        stress = self._stress_by(y)
         found = own.elasticity.gradient_of(stress) + field.row_forces(self.a, own.corner_forces(stress))
         found += field.row_forces(y, self.strained.forces)
         if own.moments is not None:
             found -= np.outer(own.moments @ y, own.gravity)
-        return np.asarray(-found)
+        self._pulled[:] = [(along, -found)]
+        return -found
+
+    @lazy
+    def _pulled(self) -> list[tuple[Array, Array]]:
+        """The last direction and its result."""
+        return []
+
+    def _negligible(self, along: Array) -> bool:
+        decrement = float(along @ self.known_factor.solve(along))
+        return decrement <= 4.0 * self.amplitudes.tolerance(self.strained)
+
+    def _times_inverse(self, along: Array) -> Array:
+        """E_aa^-1 b (K,), refined with E_aa in double precision."""
+        own, factor, missed, size = self.amplitudes, self.known_factor, along, np.linalg.norm(along)
+        y = np.zeros_like(along)
+        for _ in range(_REFINEMENTS):
+            y = y + factor.solve(missed)
+            before, missed = missed, along - self.modes.forces(own.corner_forces(self._stress_by(y)))
+            if np.linalg.norm(missed) <= _REFINED * size:
+                break
+            if np.linalg.norm(missed) > _SLOWLY_REFINED * np.linalg.norm(before):
+                factor = self._factor
+        return y
 
     def _mixed_slope(self, T: Array) -> Array:
         """E_aq T (K, k)."""
@@ -236,9 +286,12 @@ class AmplitudePoint:
             found -= own.moments.T @ np.tensordot(T.reshape(-1, dim, T.shape[1]), own.gravity, axes=(1, 0))
         return found
 
-    def _stress_of(self, y: Array) -> Array:
+    def _stress_by(self, y: Array) -> Array:
         """w A B y (m, dim, dim) of a change y (K,) of the amplitudes."""
-        dF = self.amplitudes.corner_strain(self.amplitudes.field.displacement(self.rows, y))
+        return self._stress_of(self.amplitudes.corner_strain(self.modes.displacement(y)))
+
+    def _stress_of(self, dF: Array) -> Array:
+        """w A dF (m, dim, dim)."""
         return np.asarray((self._tangent @ dF.reshape(len(dF), -1, 1)).reshape(dF.shape))
 
 

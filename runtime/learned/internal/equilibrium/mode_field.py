@@ -11,6 +11,7 @@ terms are products of rows and amplitudes, with c = (T a) rows, T_psk = sum_n W_
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
+from softprint.runtime.lazy import lazy
+from softprint.runtime.learned.internal.correction import times_each
 
 Singles = NDArray[np.float32]
 
@@ -32,12 +35,15 @@ class ModeField:
     @classmethod
     def of(cls, body: ReducedBody, modes: Array) -> ModeField:
         """At all nodes of a body; modes: (K, n_nodes, dim)."""
-        gradient = basis_gradient_at_nodes(body)
-        moved = body.point_projection @ _products(gradient, modes).reshape(body.n_nodes, -1)
+        gradient, n_points = basis_gradient_at_nodes(body), body.handles.n_points
+        moved = np.empty((0, body.n_rows, len(modes)))
+        if n_points:
+            products = gradient @ modes.transpose(1, 2, 0)  # G_ns . m_kn
+            moved = body.point_projection @ products.reshape(body.n_nodes, -1)
         by_row = np.ascontiguousarray(gradient.transpose(0, 2, 1))
-        points = np.ascontiguousarray(body.basis[:, : body.handles.n_points])
+        points = np.ascontiguousarray(body.basis[:, :n_points])
         own = np.ascontiguousarray(modes.transpose(1, 2, 0))
-        return cls(own, by_row, points, moved.reshape(-1, body.n_rows, len(modes)))
+        return cls(own, by_row, points, moved.reshape(n_points, body.n_rows, len(modes)))
 
     @property
     def count(self) -> int:
@@ -49,6 +55,7 @@ class ModeField:
         other = copy(self)
         other.modes, other.by_row = self.modes[nodes], self.by_row[nodes]
         other.points = self.points[nodes]
+        other.__dict__.pop("modes_single", None)
         return other
 
     def moments(self, mass: Array) -> Array:
@@ -58,39 +65,27 @@ class ModeField:
         direct = self.by_row.reshape(n * dim, n_rows).T @ weighted
         return np.asarray(direct - np.tensordot(mass @ self.points, self.taken_back, axes=1))
 
-    def displacement(self, rows: Array, a: Array) -> Array:
-        """u (n, dim) [m] at handle rows (n_rows, dim)."""
-        own = self._turned(rows).transpose(0, 2, 1) @ self._sum(a)[:, :, None]
-        return np.asarray(own[:, :, 0] - self.points @ (self._points_moved(a) @ rows))
+    def at(self, rows: Array) -> RowModes:
+        """u as a linear function of the amplitudes, at handle rows (n_rows, dim)."""
+        n, dim, n_rows = self.by_row.shape
+        return RowModes(self, rows, (self.by_row.reshape(n * dim, n_rows) @ rows).reshape(n, dim, dim))
 
-    def by_amplitude(self, rows: Array) -> Singles:
-        """du/da (n*dim, K) at handle rows (n_rows, dim), in single precision: for Hessians."""
-        n, dim, _ = self.modes.shape
-        turned = self._turned(rows).astype(np.float32).transpose(0, 2, 1)
-        found = turned @ self.modes.astype(np.float32)
-        if self.points.shape[1]:
-            moved = np.einsum("psk,si->pik", self.taken_back, rows).astype(np.float32)
-            found -= np.tensordot(self.points.astype(np.float32), moved, axes=1)
-        return found.reshape(n * dim, -1)
-
-    def amplitude_forces(self, rows: Array, forces: Array) -> Array:
-        """sum_n f_n . du_n/da (K,) of forces f (n, dim) [N]."""
-        local = (self._turned(rows) @ forces[:, :, None]).ravel()
-        of_points = (self.points.T @ forces) @ rows.T
-        taken = self.taken_back.reshape(-1, self.count).T @ of_points.ravel()
-        return np.asarray(self.modes.reshape(-1, self.count).T @ local - taken)
+    @lazy
+    def modes_single(self) -> Singles:
+        """m in single precision."""
+        return self.modes.astype(np.float32)
 
     def row_forces(self, a: Array, forces: Array) -> Array:
         """sum_n f_n . du_n/drows (n_rows, dim) [N] of forces f (n, dim) [N], with the amplitudes fixed."""
         n, dim, n_rows = self.by_row.shape
-        both = (self._sum(a)[:, :, None] * forces[:, None, :]).reshape(-1, dim)
-        taken = self._points_moved(a).T @ (self.points.T @ forces)
+        both = (self.sum(a)[:, :, None] * forces[:, None, :]).reshape(-1, dim)
+        taken = self.points_moved(a).T @ (self.points.T @ forces)
         return np.asarray(self.by_row.reshape(n * dim, n_rows).T @ both - taken)
 
     def row_along(self, a: Array, directions: Array) -> Singles:
         """du (n*dim, k) along directions (n_rows*dim, k) of the rows, with the amplitudes fixed."""
         n, dim, n_rows = self.by_row.shape
-        by_rows = (self._sum(a)[:, None, :] @ self.by_row)[:, 0] - self.points @ self._points_moved(a)
+        by_rows = (self.sum(a)[:, None, :] @ self.by_row)[:, 0] - self.points @ self.points_moved(a)
         moved = by_rows.astype(np.float32) @ directions.reshape(n_rows, -1).astype(np.float32)
         return np.asarray(moved.reshape(n * dim, -1))
 
@@ -98,28 +93,50 @@ class ModeField:
         """sum_n f_n . d2u_n/drows da (n_rows*dim, K) of forces f (n, dim) [N]."""
         n, dim, n_rows = self.by_row.shape
         by_row = self.by_row.reshape(n * dim, n_rows).astype(np.float32)
-        modes, single = self.modes.astype(np.float32), forces.astype(np.float32)
+        modes, single = self.modes_single, forces.astype(np.float32)
         found = np.empty((n_rows, dim, self.count), dtype=np.float32)
         for axis in range(dim):
             found[:, axis] = by_row.T @ (single[:, axis, None, None] * modes).reshape(n * dim, -1)
         found -= np.tensordot((self.points.T @ forces).T, self.taken_back, axes=1).swapaxes(0, 1)
         return found.reshape(n_rows * dim, -1)
 
-    def _turned(self, rows: Array) -> Array:
-        """F^T (n, dim, dim)."""
-        n, dim, n_rows = self.by_row.shape
-        return np.asarray((self.by_row.reshape(n * dim, n_rows) @ rows).reshape(n, dim, dim))
-
-    def _sum(self, a: Array) -> Array:
+    def sum(self, a: Array) -> Array:
         """sum_k a_k m_k (n, dim)."""
         n, dim, count = self.modes.shape
         return np.asarray((self.modes.reshape(n * dim, count) @ a).reshape(n, dim))
 
-    def _points_moved(self, a: Array) -> Array:
+    def points_moved(self, a: Array) -> Array:
         """T a (n_points, n_rows)."""
         return np.asarray(self.taken_back @ a)
 
 
-def _products(gradient: Array, modes: Array) -> Array:
-    """G_ns . m_kn (n_nodes, n_rows, K) of gradients (n_nodes, n_rows, dim)."""
-    return np.asarray(gradient @ modes.transpose(1, 2, 0))
+@dataclass(frozen=True, eq=False)
+class RowModes:
+    """u at handle rows (n_rows, dim), linear in the amplitudes a (K,). turned: F^T (n, dim, dim)."""
+
+    field: ModeField
+    rows: Array
+    turned: Array
+
+    def displacement(self, a: Array) -> Array:
+        """u (n, dim) [m]."""
+        own = times_each(self.turned, self.field.sum(a))
+        return own - self.field.points @ (self.field.points_moved(a) @ self.rows)
+
+    @lazy
+    def by_amplitude(self) -> Singles:
+        """du/da (n*dim, K), in single precision: for Hessians."""
+        field = self.field
+        found = self.turned.astype(np.float32).transpose(0, 2, 1) @ field.modes_single
+        if field.points.shape[1]:
+            moved = np.einsum("psk,si->pik", field.taken_back, self.rows).astype(np.float32)
+            found -= np.tensordot(field.points.astype(np.float32), moved, axes=1)
+        return found.reshape(-1, field.count)
+
+    def forces(self, forces: Array) -> Array:
+        """sum_n f_n . du_n/da (K,) of forces f (n, dim) [N]."""
+        field = self.field
+        local = times_each(np.ascontiguousarray(self.turned.transpose(0, 2, 1)), forces)
+        of_points = (field.points.T @ forces) @ self.rows.T
+        taken = field.taken_back.reshape(-1, field.count).T @ of_points.ravel()
+        return np.asarray(field.modes.reshape(-1, field.count).T @ local.ravel() - taken)

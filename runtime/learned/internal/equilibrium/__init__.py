@@ -1,0 +1,1 @@
+"""Internal corrections without a network: modes, whose amplitudes are those of least elastic energy."""
