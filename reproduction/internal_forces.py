@@ -2,11 +2,11 @@
 
     softprint generate examples/hand_alone_small.toml
     softprint train examples/hand_alone_small.toml
-    python -m reproduction.internal_forces examples/hand_alone_small.toml [--out RUN] [--states 16]
+    python -m reproduction.internal_forces examples/hand_alone_small.toml [--out RUN] [--states 16] [--all-cells]
 
 States are taken at equal intervals from the test scene, played with static condensation, and full space is solved in
-each, held at that state. In Markdown, for the bare subspace, condensation and every internal correction of the run
-directory:
+each, held at that state. With --all-cells, models are integrated over all cells, without a cubature. In Markdown, for
+the bare subspace, condensation and every internal correction of the run directory:
 
     displacement    sqrt(sum |x - x_full|^2 / sum |U q - x_full|^2) over states and nodes, by volume
     forces          sqrt(sum |h - h_full|^2 / sum |h_full|^2): h is the derivative of elastic energy and of the weight
@@ -26,7 +26,7 @@ from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasti
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
-from softprint.runtime.body.cubature import dof_scale
+from softprint.runtime.body.cubature import Cubature, dof_scale, elastic_cells
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.contact import PenaltyContact
@@ -37,7 +37,9 @@ from softprint.runtime.dynamics.terms.weight import Weight
 from softprint.runtime.dynamics.timings import Timings
 from softprint.runtime.elasticity.elastic_energy import elastic_gradient
 from softprint.runtime.experiment.experiment import CONDENSED
-from softprint.runtime.scenes.corrected_body import CorrectedBody, body_below
+from softprint.runtime.learned.internal.file import load_internal, with_cubature
+from softprint.runtime.learned.internal_correction import internal_correction
+from softprint.runtime.scenes.corrected_body import CorrectedBody, body_below, internal_path
 from softprint.runtime.scenes.playing import internal_models, simulate
 
 
@@ -71,6 +73,16 @@ def exact(body: ReducedBody, states: Array, gravity: Array) -> Array:
     return np.array(found)
 
 
+def _on_all_cells(own: CorrectedBody, out: Path, name: str, gravity: Array) -> CorrectedBody:
+    """The same model without a cubature."""
+    cells = elastic_cells(own.body.mesh, own.body.handles)
+    body = with_cubature(own.body, Cubature(cells, own.body.mesh.cell_volumes[cells], 0.0, 0.0))
+    if own.internal is None:
+        return own._replace(body=body)
+    trained = load_internal(internal_path(out, name), body)._replace(cubature=None)
+    return own._replace(body=body, internal=internal_correction(trained, body, gravity))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -78,6 +90,7 @@ def main() -> None:
     parser.add_argument("experiment", type=Path)
     parser.add_argument("--out", type=Path, help="run directory (default: runs/NAME)")
     parser.add_argument("--states", type=int, default=16, help="of the test scene (default: %(default)s)")
+    parser.add_argument("--all-cells", action="store_true", help="without a cubature")
     options = parser.parse_args()
     context = Context(experiment_path=options.experiment, out=options.out, quiet=True)
     experiment, body, out = context.experiment, body_of_run(context), context.out_dir
@@ -95,8 +108,10 @@ def main() -> None:
     bare = np.array([body.reduced_positions(rows) for rows in states])
     print("| model | displacement | forces | median | 95 % |")
     print("| --- | --- | --- | --- | --- |")
-    models = {"bare": CorrectedBody(body)}
-    models |= {name: body_below(body, out, name, gravity) for name in (CONDENSED, *internal_models(out))}
+    names = (CONDENSED, *internal_models(out))
+    models = {"bare": CorrectedBody(body)} | {name: body_below(body, out, name, gravity) for name in names}
+    if options.all_cells:
+        models = {name: _on_all_cells(own, out, name, gravity) for name, own in models.items()}
     for name, own in models.items():
         kinematics = Kinematics(*own)
         x = np.array([kinematics.positions(rows) for rows in states])

@@ -178,6 +178,23 @@ FIGURES: Mapping[str, Figure] = {
         ),
         (RESULTS, "docs/internal_corrections.md"),
     ),
+    "modes_in_equilibrium": Figure(
+        (
+            "softprint generate examples/hand_alone_small.toml",
+            "softprint train examples/hand_alone_small.toml",
+            "python -m reproduction.internal_forces examples/hand_alone_small.toml",
+            "python -m reproduction.internal_forces examples/hand_alone_small.toml --all-cells --states 8",
+            "python -m reproduction.metamaterials examples/hand_alone_small.toml --tables motion --steps 60",
+            "softprint generate examples/accordion_small.toml --set sampling.states=150 --out runs/accordion_few",
+            "softprint train examples/accordion_small.toml --set sampling.states=150 --out runs/accordion_few",
+            "python -m reproduction.metamaterials examples/accordion_small.toml --out runs/accordion_few "
+            "--tables statics motion",
+            "softprint generate examples/auxetic_small.toml --set sampling.states=150 --out runs/auxetic_few",
+            "softprint train examples/auxetic_small.toml --set sampling.states=150 --out runs/auxetic_few",
+            "python -m reproduction.metamaterials examples/auxetic_small.toml --out runs/auxetic_few --tables statics",
+        ),
+        ("docs/internal_corrections.md",),
+    ),
     "meshers": Figure(("python -m benchmarks.meshers --cells 5000",), (RESULTS, "docs/own_mesh.md")),
     "demo_2d": Figure(("make demo EXPERIMENT=examples/jelly2d.toml",), (RESULTS,)),
     "collider_library": Figure(

@@ -30,8 +30,9 @@ from softprint.surrogate.internal.slopes import EquilibriumSlopes
 from softprint.surrogate.internal.task import RIDGE
 from softprint.surrogate.learning_task import HeldOutError
 
-# The size of the combinations of derivatives among the fields, relative to these. On the small Hand, 60 modes leave
-# 2.5 % of the forces on the handles with equal parts, and 9.7 % without derivatives; of the displacement 12 % and 5 %.
+# The size of the combinations of derivatives among the fields, relative to these. On the small Hand with all cells, 60
+# modes leave 2.5 % of the forces on the handles with equal parts, and 9.7 % without derivatives; of the displacement
+# 12 % and 5 %.
 _SHARE = 1.0
 
 
