@@ -24,8 +24,8 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
-from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.entry import options as force_options
 from softprint.runtime.shapes import names

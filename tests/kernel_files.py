@@ -12,7 +12,7 @@ _FILES = (
     "runtime/contact/learned_energy/dent_shape.py",
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
-    "runtime/contact/solver/compliance_scale.py",
+    "runtime/contact/carriers/compliance_scale.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
     "runtime/dynamics/terms/corner_gradients.py",
     "runtime/touch/raster_kernels.py",

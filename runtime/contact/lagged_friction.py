@@ -15,6 +15,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.contact.carriers.carriers import carried_along
 from softprint.runtime.contact.friction import LaggedContact
 from softprint.runtime.contact.surface_quadrature import FacetPoints
 
@@ -31,8 +32,8 @@ class SlidingPoints:
     """k active points of a condensed contact with one collider: their normal forces, normals and anchors, and their
     positions as an affine function of the rows: position (k, dim) [m] at those of the contact, jacobian (k, dim,
     n_rows*dim). contact: the evaluation that they are of; one at other rows may have other points under these
-    numbers. carrier (k, dim, dim) and gradient (k, n_rows, dim): see `CarriedCompliance`; compliance: by which they
-    give way to friction; start: what friction along their tangents starts from (n,) [N]."""
+    numbers. carrier (k, dim, dim) and by_rows (k, dim, dim, n_rows*dim): see `CarriedCompliance`; compliance: by which
+    they give way to friction; start: what friction along their tangents starts from (n,) [N]."""
 
     lagged: LaggedContact
     index: IntArray
@@ -40,7 +41,7 @@ class SlidingPoints:
     position: Array
     jacobian: Array
     carrier: Array
-    gradient: Array
+    by_rows: Array
     compliance: TangentCompliance
     start: Array | None = None
 
@@ -49,17 +50,14 @@ class SlidingPoints:
         return self.position + self.jacobian @ (rows - self.contact.rows).ravel()
 
     def carriers(self, rows: Array) -> Array:
-        """A (k, dim, dim) at other rows."""
-        return np.asarray(
-            self.carrier + np.tensordot(self.gradient, rows - self.contact.rows, (1, 0)).swapaxes(1, 2)
-        )
+        """A (k, dim, dim) at other rows, to first order."""
+        return np.asarray(self.carrier + self.by_rows @ (rows - self.contact.rows).ravel())
 
     def jacobian_with(self, displacement: Array) -> Array:
         """The derivatives (k*dim, n_rows*dim) by the rows of points that are displaced by so much (k, dim) [m] more, in
         rest coordinates."""
         k, dim = displacement.shape
-        more = (self.gradient @ displacement[..., None])[:, None] * np.eye(dim)[None, :, None, :]
-        return np.asarray((self.jacobian + more.reshape(k, dim, -1)).reshape(k * dim, -1))
+        return self.jacobian.reshape(k * dim, -1) + carried_along(self.by_rows, displacement)
 
 
 @dataclass(frozen=True, eq=False)

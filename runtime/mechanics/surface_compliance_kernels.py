@@ -129,24 +129,3 @@ def displacement(pairs: NDArray[np.float32], at: IntArray, index: IntArray, forc
                 for b in range(dim):
                     result[i, a] += G[a, b] * forces[j, b]
     return result
-
-
-@summing(reference=lambda v, gradient, rows: np.einsum("ra,njr,nj->na", rows, gradient, v))
-def to_world(v: NDArray[Any], basis_gradient: NDArray[Any], rows: NDArray[Any]) -> Array:
-    """F v (n, dim) of displacements v (n, dim) in rest coordinates, F_aj = sum_r rows_ra dU_rj; basis_gradient:
-    dU_r/dX_j (n, dim, n_rows) over (j, r); all in one precision."""
-    n, dim, n_rows = basis_gradient.shape
-    columns = np.ascontiguousarray(rows.T)
-    result = np.empty((n, dim))
-    along = np.empty(n_rows, dtype=v.dtype)
-    for i in range(n):
-        along[:] = v[i, 0] * basis_gradient[i, 0]
-        for j in range(1, dim):
-            for r in range(n_rows):
-                along[r] += v[i, j] * basis_gradient[i, j, r]
-        for a in range(dim):
-            entry = along[0] * columns[a, 0]
-            for r in range(1, n_rows):
-                entry += along[r] * columns[a, r]
-            result[i, a] = entry
-    return result

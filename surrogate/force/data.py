@@ -13,6 +13,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from softprint.runtime.arrays import IntArray
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.rotations import nearest_rotations
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
@@ -77,7 +78,7 @@ def read_force_data(
             continue
         if truth.sample_state[sample] != state:
             state = truth.sample_state[sample]
-            to_rest = np.linalg.inv(rows.T @ gradient)
+            to_rest = nearest_rotations(rows.T @ gradient).swapaxes(1, 2)
         u = truth.displacement(sample).astype(np.float64)
         w = (to_rest @ u[..., None])[..., 0]
         if contact.pressed is not None:  # what is learned is added to this

@@ -25,8 +25,8 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
-from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames

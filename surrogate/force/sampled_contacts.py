@@ -24,11 +24,11 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.learned_energy.dent_shape import DentShape, spread
 from softprint.runtime.contact.learned_energy.hardened_contact import dent_slopes, measure_response
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
-from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.errors import SoftprintError

@@ -5,10 +5,10 @@ import pytest
 
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS
 from softprint.runtime.contact.learned_energy.dent_shape import DentShape
 from softprint.runtime.contact.learned_energy.hardened_contact import dent_slopes, measure_response
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
-from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics

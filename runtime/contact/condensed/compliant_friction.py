@@ -29,6 +29,7 @@ import numpy as np
 import scipy.linalg
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.contact.carriers.carriers import pulled_back_along
 from softprint.runtime.contact.friction import FrictionTerms
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.chain_rule import through_jacobian
@@ -110,7 +111,7 @@ class CompliantFriction:
 
     def through(self, jacobian: Array, carried: Array) -> tuple[Array, Array]:
         """dE/drows (n_rows, dim) [N] and d2E/drows2 (n_rows*dim, n_rows*dim) [N/m]. jacobian: J (k*dim, n_rows*dim);
-        carried: s grad U (k, n_rows, dim), by which the carriers change with the rows."""
+        carried: dA (k, dim, dim, n_rows*dim), by which the carriers change with the rows."""
         gradient, hessian = through_jacobian(jacobian, self.terms.gradient, self.terms.hessian)
         mixed = self._mixed(jacobian, carried)
         return gradient, hessian - mixed.T @ scipy.linalg.cho_solve(self._factor, mixed)
@@ -126,11 +127,9 @@ class CompliantFriction:
     def _mixed(self, jacobian: Array, carried: Array) -> Array:
         """M (n, n_rows*dim)."""
         k, dim, _ = self.terms.hessian.shape
-        turned = (
-            carried.swapaxes(1, 2)[..., None] * self.terms.gradient[:, None, None, :]
-        )  # (k, dim, n_rows, dim)
+        turned = pulled_back_along(carried, self.terms.gradient)
         held = self._along(self.terms.hessian @ jacobian.reshape(k, dim, -1))
-        return np.asarray(held + self.compliance.moved.T @ turned.reshape(k * dim, -1))
+        return np.asarray(held + self.compliance.moved.T @ turned)
 
     def _along(self, vectors: Array) -> Array:
         """T^T of vectors (k, dim), or of several (k, dim, m): (n,), or (n, m)."""

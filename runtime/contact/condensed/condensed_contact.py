@@ -235,7 +235,7 @@ class CondensedContact:
             index=candidates.index[candidates.may_be_active],
             owner=distance.owner[candidates.may_be_active],
             position=problem.position,
-            F=problem.F,
+            carriers=problem.carriers,
             scale=every.scales(rows, candidates.index[candidates.may_be_active]),
             depth=candidates.depth,
             solution=solution,
@@ -354,7 +354,7 @@ class CondensedContact:
         if not beside.any():
             return pushed
         index, active = candidates.index[beside], candidates.index[candidates.may_be_active][b]
-        force = kernels.pulled_back(problem.F[b], solution.pressure[b], solution.normal[b])
+        force = kernels.pulled_back(problem.carriers[b], solution.pressure[b], solution.normal[b])
         v = compliance.displacement(index, *compliance.on_nodes(active, force))
         moved = kernels.to_world(points.carriers(rows, index), v)
         pushed[beside] = distance.among(beside).value(candidates.position[beside] + moved) < 0.0

@@ -67,7 +67,7 @@ class CondensedFriction:
             active.position,
             active.jacobian(),
             surface.carrier,
-            surface.gradient,
+            surface.by_rows,
             TangentCompliance.of(surface.compliance, surface.carrier, normal),
         )
         return replace(sliding, start=self.settled(sliding, contact.rows, pose, start.time_step).force)
@@ -119,10 +119,10 @@ class CondensedFrictionEvaluation:
         for name, own in self._touched.items():
             found = self.settled[name]
             jacobian = own.jacobian_with(found.rest_displacement)
-            slope, curvature = found.through(jacobian, own.gradient)
+            slope, curvature = found.through(jacobian, own.by_rows)
             gradient, hessian = gradient + slope, curvature if hessian is None else hessian + curvature
             if name in centres:
-                couplings.append(_coupling(name, centres[name], found, jacobian, own.gradient))
+                couplings.append(_coupling(name, centres[name], found, jacobian, own.by_rows))
         return gradient, hessian, couplings
 
     def added_to(self, forces: Mapping[str, ContactForce]) -> dict[str, ContactForce]:
@@ -162,10 +162,10 @@ class CondensedFrictionEvaluation:
 
 
 def _coupling(
-    name: str, centre: Array, found: CompliantFriction, jacobian: Array, gradient: Array
+    name: str, centre: Array, found: CompliantFriction, jacobian: Array, by_rows: Array
 ) -> Coupling:
     """The coupling with one collider that moves freely about its centre (dim,) [m]. jacobian: (k*dim, n_rows*dim) of
-    the points by the rows; gradient: of the carriers."""
+    the points by the rows; by_rows: of the carriers."""
     arms = found.position - centre
     slope, mixed, own = touched_body_derivatives(arms, found.terms.gradient, found.terms.hessian)
-    return Coupling(name, slope, lambda: found.by_twist(mixed, own, jacobian, gradient))
+    return Coupling(name, slope, lambda: found.by_twist(mixed, own, jacobian, by_rows))

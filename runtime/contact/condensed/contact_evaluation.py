@@ -27,12 +27,11 @@ from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 class CarriedCompliance(NamedTuple):
     """How k points give way and are carried along by the body. compliance: G (k*dim, k*dim) [m/N]; carrier: A (k, dim,
-    dim), see `contact_points.py`, and gradient: (k, n_rows, dim), by which it changes with the rows where the scale of
-    the compliance is fixed."""
+    dim), see `carriers.py`, and by_rows: dA (k, dim, dim, n_rows*dim)."""
 
     compliance: Array
     carrier: Array
-    gradient: Array
+    by_rows: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ class ContactEvaluation:
             n_rows, dim = self.rows.shape
             index, vectors, scalars = np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty(0)
             jacobian, carrier = np.empty((0, dim, n_rows * dim)), np.empty((0, dim, dim))
-            nothing = CarriedCompliance(np.empty((0, 0)), carrier, np.empty((0, n_rows, dim)))
+            nothing = CarriedCompliance(np.empty((0, 0)), carrier, np.empty((0, dim, dim, n_rows * dim)))
             return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: jacobian, lambda: nothing)
         solved, hardened = contact.solved, self._hardened
         b = solved.solution.active[owned]
@@ -142,8 +141,8 @@ class ContactEvaluation:
             lambda: contact.motions.position.reshape(shape)[owned],
             lambda: CarriedCompliance(
                 contact.start.compliance.among(solved.index[b]).astype(np.float64),
-                solved.F[b],
-                solved.scale[b, None, None] * contact.derivatives.basis_gradient[owned],
+                solved.carriers[b],
+                contact.carriers_by_rows[owned],
             ),
             forces.across,
             forces.lever,

@@ -1,23 +1,28 @@
 """What condensed contact displaces at nodes of a body, by linear mechanics: with colliders that have no correction.
 
-    u_X = F_X sum_j G_Xj f_j
+    u_X = R_X sum_j G_Xj f_j
 
-with the forces f_j in rest coordinates on the contact nodes, friction included, and the compliance G.
+with the forces f_j in rest coordinates on the contact nodes, friction included, the compliance G, and the rotations R
+of the deformation of the subspace.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.body.rotations import nearest_rotations
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.contact_force import FrictionForces
+from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.linalg.row_products import deformed
 from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
-from softprint.runtime.mechanics.surface_compliance_kernels import to_world
 
 
 class DrawnContact:
@@ -50,4 +55,10 @@ class DrawnContact:
             return np.zeros(self._shape)
         nodes, forces = map(np.concatenate, zip(*parts, strict=True))
         v = self._compliance.apply(nodes, forces.astype(np.float32))
-        return to_world(v, self._gradient, solved.rows.astype(np.float32))
+        return turned(v, self._gradient, solved.rows)
+
+
+def turned(v: NDArray[Any], gradients: NDArray[Any], rows: Array) -> Array:
+    """R v (n, dim) of displacements v (n, dim) in rest coordinates, with the rotations R of the deformation of the
+    subspace at handle rows (n_rows, dim). gradients: (n, dim, n_rows) of its basis."""
+    return to_world(nearest_rotations(deformed(gradients, rows)), v)

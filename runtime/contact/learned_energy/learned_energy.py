@@ -2,7 +2,7 @@
 
 Linear mechanics gives the energy W of a contact and of its dent as a function of the handle rows and the poses
 (`runtime/contact/linearised/`). It is corrected twice. The compliance is scaled by the strain of the body
-(`runtime/contact/solver/compliance_scale.py`), which changes W. And the body hardens with the size of the dent, for
+(`runtime/contact/carriers/compliance_scale.py`), which changes W. And the body hardens with the size of the dent, for
 which W itself is the measure:
 
     W~ = g(W),    g'(W) = a (1 + b x / (x + x_0)),    x = W^(1/3).
@@ -26,8 +26,8 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.learned_energy.dent_network import N_MEASURES, DentNetwork, Factor
-from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
 
 #: The number of values of `LearnedEnergy.values` without a network.
 N_VALUES = N_COEFFICIENTS + 4

@@ -12,11 +12,8 @@ So the energy W(q) of contact and of the displacement that it causes has (Clapey
     dW = -sum_j f_j . dxi_j,    d2W = c^T D (I + G_w D)^-1 c - dphi^T G dphi - sum_j f_j . d2A_j v_j.
 
 Both are exact and need no derivative beyond the Hessian of the distance. x and F are affine in the handle rows while
-the rotations of the frame are fixed; so the last term is zero where A = F, and for a scale of the compliance, A = s F,
-
-    f . d2A v = f . A v (dtheta dtheta^T + d2theta) + s f . (dF dtheta + dtheta dF) v.
-
-An internal correction of the body is not affine: with it -sum_j f_j . d2x_j is added.
+the rotations of the frame of static condensation are fixed. An internal correction of the body is not affine: with it
+-sum_j f_j . d2x_j is added.
 
 The contact Hessian of a reduced step is `LinearisedContact.hessian`.
 """
@@ -28,11 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.contact.carriers.carriers import Carriers, carried_along, pulled_back_along
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
-from softprint.runtime.contact.solver import contact_point_kernels as point_kernels
-from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
-from softprint.runtime.contact.solver.compliance_scale import ScaleDerivatives
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints, PointMotion
 from softprint.runtime.contact.solver.internal_points import InternalMotion
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
@@ -72,18 +67,14 @@ class LinearisedContact:
     def work(self, forces: Array, moved: Array | None = None) -> Array:
         """sum_j F_j . (dx_j + dA_j v_j) + f_j . dA_j nu_j by the rows (n_rows, dim) [N] of forces F (k, dim) and
         displacements nu (k, dim) [m] in rest coordinates, None for zero. It needs no Jacobian."""
-        solution, index, scales = self.solved.solution, self.solved.active, self._scales
+        solution = self.solved.solution
         v = solution.rest_displacement[solution.active]
-        turned = None if moved is None else self.force[:, :, None] * moved[:, None, :]
-        internal = 0.0 if self._internal is None else self._internal.pulled_back(forces)
-        if scales is None:
-            return self.points.handle_forces(index, forces, v, turned) + internal
-        s = scales.scale[:, None, None]
-        moments = forces[:, :, None] * v[:, None, :] + (0.0 if turned is None else turned)
-        by_strain = (self._carriers * moments).sum(axis=(1, 2))[:, None, None] * scales.slope
-        if turned is not None:
-            by_strain += s * turned
-        return self.points.handle_forces(index, forces, s[:, 0] * v, by_strain) + internal
+        moments = forces[:, :, None] * v[:, None, :]
+        if moved is not None:
+            moments += self.force[:, :, None] * moved[:, None, :]
+        by_strain = self.carriers.pulled_back(moments)
+        found = self.points.handle_forces(self.solved.active, forces, by_strain)
+        return found if self._internal is None else found + self._internal.pulled_back(forces)
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W/drows2 (R, R) [N/m]; along: see `RowHessian`."""
@@ -101,16 +92,12 @@ class LinearisedContact:
 
     def carrier_motion(self, f: Array, v: Array) -> tuple[Array, Array]:
         """dA v and dA^T f (k*dim, R) of the active points by the rows, of vectors f and v (k, dim)."""
-        gradient, scales = self.derivatives.basis_gradient, self._scales
-        if scales is None:
-            return point_kernels.carrier_jacobians(v, f, gradient)
-        s, A = scales.scale[:, None], self._carriers
-        carried, pulled_back = point_kernels.carrier_jacobians(s * v, s * f, gradient)
-        by_theta = scales.by_rows(gradient)[:, None]
-        carried += (solve_kernels.to_world(A, v)[..., None] * by_theta).reshape(carried.shape)
-        at_rest = solve_kernels.pulled_back(A, np.ones(len(f)), f)
-        pulled_back += (at_rest[..., None] * by_theta).reshape(carried.shape)
-        return carried, pulled_back
+        return carried_along(self.carriers_by_rows, v), pulled_back_along(self.carriers_by_rows, f)
+
+    @lazy
+    def carriers_by_rows(self) -> Array:
+        """dA (k, dim, dim, R) of the active points by the rows."""
+        return self.carriers.by_rows(self.derivatives.basis_gradient)
 
     @lazy
     def derivatives(self) -> PointMotion:
@@ -145,14 +132,9 @@ class LinearisedContact:
         return self.solved.solution.force[self.solved.solution.active]
 
     @lazy
-    def _carriers(self) -> Array:
-        """A (k, dim, dim)."""
-        return self.solved.F[self.solved.solution.active]
-
-    @lazy
-    def _scales(self) -> ScaleDerivatives | None:
-        """Of the active points."""
-        return self.points.scale_derivatives(self.solved.rows, self.solved.active)
+    def carriers(self) -> Carriers:
+        """A of the active points, with its derivatives."""
+        return self.points.carrier_derivatives(self.solved.rows, self.solved.active)
 
     @property
     def moments(self) -> Array:
@@ -160,30 +142,17 @@ class LinearisedContact:
         v = self.solved.solution.rest_displacement[self.solved.solution.active]
         return np.asarray(self.force[:, :, None] * v[:, None, :])
 
-    def bending(self, forces: Array, moments: Array, along: Array | None = None) -> Array | float:
+    def bending(self, forces: Array, moments: Array, along: Array | None = None) -> Array:
         """sum_j F_j . d2x_j + M_j : d2A_j (R, R) of forces F (k, dim) and moments M (k, dim, dim); along: see
-        `RowHessian`. Zero where neither is an internal correction nor a scaled compliance."""
-        of_points = None if self._internal is None else self._internal.curvature(forces, along)
-        of_carriers = self._carrier_bending(moments, along)
-        return sum((part for part in (of_points, of_carriers) if part is not None), start=0.0)
-
-    def _carrier_bending(self, moments: Array, along: Array | None) -> Array | None:
-        """sum_j M_j : d2A_j (R, R); None where the compliance is not scaled."""
-        scales = self._scales
-        if scales is None:
-            return None
-        gradient, slope = self.derivatives.basis_gradient, scales.slope
-        work = (self._carriers * moments).sum(axis=(1, 2))[:, None, None, None, None]
-        stretched = scales.scale[:, None, None] * moments
-        crossed = slope[:, :, :, None, None] * stretched[:, None, None]
-        by_F = work * (slope[:, :, :, None, None] * slope[:, None, None] + scales.curvature)
-        by_F += crossed + crossed.transpose(0, 3, 4, 1, 2)
+        `RowHessian`."""
+        gradient = self.derivatives.basis_gradient
         k, n_rows, dim = gradient.shape
-        half = np.matmul(gradient, by_F.transpose(0, 2, 1, 3, 4).reshape(k, dim, dim**3))
-        left = (
-            half.reshape(k, n_rows * dim * dim, dim).transpose(1, 0, 2).reshape(n_rows * dim * dim, k * dim)
-        )
+        by_F = self.carriers.curvature(moments).transpose(0, 2, 1, 3, 4).reshape(k, dim, dim**3)
+        half = np.matmul(gradient, by_F).reshape(k, n_rows * dim * dim, dim)
+        left = half.transpose(1, 0, 2).reshape(n_rows * dim * dim, k * dim)
         whole = left @ gradient.transpose(0, 2, 1).reshape(k * dim, n_rows)
         by_rows = whole.reshape(n_rows, dim, dim, n_rows).transpose(0, 1, 3, 2)
         by_rows = by_rows.reshape(n_rows * dim, n_rows * dim)
-        return by_rows if along is None else between_directions(by_rows, along)
+        found = by_rows if along is None else between_directions(by_rows, along)
+        of_points = None if self._internal is None else self._internal.curvature(forces, along)
+        return found if of_points is None else found + of_points

@@ -12,7 +12,6 @@ from softprint.runtime.colliders.collider import Collider, SdfDerivatives
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.planes import Planes
-from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.lazy import lazy
 
 # A dent may push in neighbouring points that are outside the collider by up to this fraction of its depth. Farther out
@@ -131,22 +130,22 @@ def carried(
 
 @dataclass(frozen=True, eq=False)
 class ActiveSet:
-    """The active points (k,) of a state, ascending, with their F (k, dim, dim), the gradient of the signed distance
-    there, normal (k, dim), and the largest displacement of any of them [m]."""
+    """The active points (k,) of a state, ascending, with their carriers A (k, dim, dim), the gradient of the signed
+    distance there, normal (k, dim), and the largest displacement of any of them [m]."""
 
     index: IntArray
-    F: Array
+    carriers: Array
     normal: Array
     displacement: float
 
     def take(self, which: BoolArray) -> ActiveSet:
         """Some of them (k,)."""
-        return ActiveSet(self.index[which], self.F[which], self.normal[which], self.displacement)
+        return ActiveSet(self.index[which], self.carriers[which], self.normal[which], self.displacement)
 
     def pushed_in(self, surface_normal: Array) -> BoolArray:
         """Which of them (k,) the collider pushes into the body, so that it is on the outer side of the surface:
-        cof(F) N . g < 0, with the surface normals at rest N (n_nodes, dim)."""
-        deformed = (cofactor(self.F) @ surface_normal[self.index][..., None])[..., 0]
+        A N . g < 0, with the surface normals at rest N (n_nodes, dim)."""
+        deformed = (self.carriers @ surface_normal[self.index][..., None])[..., 0]
         return np.asarray((deformed * self.normal).sum(axis=1) < 0.0)
 
 

@@ -120,27 +120,6 @@ def expanded(point: IntArray, w: Array, y: Floats, size: int) -> Floats:
 
 
 @compiled
-def carrier_jacobians(v: Array, force: Array, basis_gradient: Array) -> tuple[Array, Array]:
-    """dF v and dF^T f, both (n*dim, n_rows*dim), of n points.
-
-    v, force: f (n, dim); basis_gradient: dU (n, n_rows, dim), so that dF_aj = sum_r drow_ra dU_rj.
-    """
-    n, n_rows, dim = basis_gradient.shape
-    by_position, by_force = np.zeros((n * dim, n_rows * dim)), np.empty((n * dim, n_rows * dim))
-    for i in range(n):
-        for r in range(n_rows):
-            along = 0.0
-            for j in range(dim):
-                slope = basis_gradient[i, r, j]
-                along += slope * v[i, j]
-                for b in range(dim):
-                    by_force[i * dim + j, r * dim + b] = slope * force[i, b]
-            for a in range(dim):
-                by_position[i * dim + a, r * dim + a] = along
-    return by_position, by_force
-
-
-@compiled
 def add_basis(basis: Array, index: IntArray, moved: Array) -> None:
     """Adds U (x) I at some points (m,) to the Jacobian of the static condensation (m, dim, n_rows, dim), in place."""
     _, dim, n_rows, _ = moved.shape
@@ -151,21 +130,19 @@ def add_basis(basis: Array, index: IntArray, moved: Array) -> None:
 
 
 @summing
-def handle_forces(basis: Array, gradients: Array, index: IntArray, force: Array, v: Array) -> Array:
-    """sum_j (U_j + v_j . grad U_j) (x) f_j (n_rows, dim) of forces f (m, dim) on some of the points (m,), whose rest
-    displacements v (m, dim) are fixed; basis U (n, n_rows), gradients (n, dim, n_rows)."""
+def handle_forces(basis: Array, gradients: Array, index: IntArray, force: Array, by_strain: Array) -> Array:
+    """sum_j U_j (x) f_j + grad U_j S_j^T (n_rows, dim) of forces f (m, dim) on some of the points (m,), and by_strain:
+    S (m, dim, dim); basis U (n, n_rows), gradients (n, dim, n_rows)."""
     n_rows, dim = basis.shape[1], force.shape[1]
-    total, along = np.zeros((dim, n_rows)), np.empty(n_rows)
+    total = np.zeros((dim, n_rows))
     for j, i in enumerate(index):
         row = basis[i]
-        for r in range(n_rows):
-            along[r] = row[r]
-        for k in range(dim):
-            slope, share = gradients[i, k], v[j, k]
-            for r in range(n_rows):
-                along[r] += share * slope[r]
         for a in range(dim):
             into, share = total[a], force[j, a]
             for r in range(n_rows):
-                into[r] += share * along[r]
+                into[r] += share * row[r]
+            for k in range(dim):
+                slope, along = gradients[i, k], by_strain[j, a, k]
+                for r in range(n_rows):
+                    into[r] += along * slope[r]
     return np.ascontiguousarray(total.T)

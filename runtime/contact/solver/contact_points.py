@@ -1,12 +1,11 @@
 """Positions x, deformation gradients F and carriers A of the contact points of a body, as functions of its handle rows
 q (n_rows, dim).
 
-A carries displacements of the body at rest along, u = A v. It is F, or s F where a learned scale s of the compliance
-depends on the strain (`compliance_scale.py`). A Hessian needs the position Jacobian dx (m, dim, n_rows*dim) of m
-points. The force on the handles alone is computed without it,
+A carries displacements of the body at rest along, u = A v, and turns with the deformation of the subspace there
+(`runtime/contact/carriers/`). A Hessian needs the position Jacobian dx (m, dim, n_rows*dim) of m points. The force on
+the handles alone is computed without it,
 
-    sum_j f_j . (dx_j + dA_j v_j),    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j,
-    f_j . dA_j v_j = f_j . dF_j (s_j v_j) + (f_j . A_j v_j) dtheta_j.
+    sum_j f_j . dx_j + M_j : dA_j,    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j.
 
 An internal correction of the body moves the points, too (`internal_points.py`); the formulas here are without it.
 """
@@ -20,8 +19,11 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
+from softprint.runtime.body.rotations import nearest_rotations
+from softprint.runtime.contact.carriers.carriers import Carriers
+from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
+from softprint.runtime.contact.carriers.point_rotations import PointRotations
 from softprint.runtime.contact.solver import contact_point_kernels as kernels
-from softprint.runtime.contact.solver.compliance_scale import ComplianceScale, ScaleDerivatives
 from softprint.runtime.contact.solver.internal_points import InternalMotion, InternalPoints
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.lazy import lazy
@@ -113,7 +115,8 @@ class CorotatedPoints:
     def carriers(self, rows: Array, index: IntArray) -> Array:
         """A (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
         F, scale = self.deformation(rows, index), self.points.scale
-        return F if scale is None else F * scale.scale(F, self.surface_normals(index))[:, None, None]
+        R = nearest_rotations(F)
+        return R if scale is None else R * scale.scale(F, self.surface_normals(index))[:, None, None]
 
     def scales(self, rows: Array, index: IntArray) -> Array:
         """s (m,) of some of the points (m,) at handle rows (n_rows, dim)."""
@@ -122,12 +125,11 @@ class CorotatedPoints:
             return np.ones(len(index))
         return scale.scale(self.deformation(rows, index), self.surface_normals(index))
 
-    def scale_derivatives(self, rows: Array, index: IntArray) -> ScaleDerivatives | None:
-        """s and the derivatives of theta at some of the points (m,); None where s is 1 everywhere."""
-        scale = self.points.scale
-        if scale is None:
-            return None
-        return scale.derivatives(self.deformation(rows, index), self.surface_normals(index))
+    def carrier_derivatives(self, rows: Array, index: IntArray) -> Carriers:
+        """A and its derivatives at some of the points (m,)."""
+        F, scale = self.deformation(rows, index), self.points.scale
+        scaled = None if scale is None else scale.derivatives(F, self.surface_normals(index))
+        return Carriers(PointRotations(F), scaled)
 
     def surface_normals(self, index: IntArray) -> Array:
         """N (m, dim) of some of the points (m,), at rest."""
@@ -167,11 +169,9 @@ class CorotatedPoints:
         kernels.add_basis(material.basis, index, jacobian)
         return PointMotion(jacobian.reshape(len(index), dim, n * dim), material.basis_gradient[index])
 
-    def handle_forces(self, index: IntArray, force: Array, v: Array, by_strain: Array | None = None) -> Array:
-        """sum_j [ f_j . (dx_j + dF_j v_j) + S_j : dF_j ] / drows (n_rows, dim) [N] of forces f (m, dim) on points whose
-        displacement v (m, dim) is fixed in rest coordinates; by_strain: S (m, dim, dim) [J], None for zero."""
+    def handle_forces(self, index: IntArray, force: Array, by_strain: Array) -> Array:
+        """sum_j [ f_j . dx_j + S_j : dF_j ] / drows (n_rows, dim) [N] of forces f (m, dim) on points, and S (m, dim,
+        dim) [J]."""
         material = self.points.material
-        forces = kernels.handle_forces(material.basis, self.points.basis_gradients, index, force, v)
-        if by_strain is not None:
-            forces += np.tensordot(material.basis_gradient[index], by_strain, axes=([0, 2], [0, 2]))
+        forces = kernels.handle_forces(material.basis, self.points.basis_gradients, index, force, by_strain)
         return forces if self.condensation is None else forces + self.condensation.pulled_back(force, index)

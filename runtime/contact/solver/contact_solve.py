@@ -6,8 +6,8 @@ f satisfy
 
     y_j = x_j + u_j,    u_j = F_j sum_i G_ji F_i^T f_i,    f_j = p_j g(y_j),    p_j = a_j k max(0, -s(y_j))^2,
 
-with s the signed distance and g its gradient *at the deformed position*. In rest coordinates, v = F^-1 u and
-phi = F^T f, the compliance is constant: v = G phi. These are the conditions for a minimum of
+with s the signed distance and g its gradient *at the deformed position*. In rest coordinates, v = A^-1 u and
+phi = A^T f, the compliance is constant: v = G phi. These are the conditions for a minimum of
 
     E(phi) = 1/2 phi . G phi + sum_j (a_j k / 3) max(0, -s(x_j + F_j (G phi)_j))^3.
 
@@ -18,7 +18,7 @@ a line search, along directions of negative curvature where it is not convex (`n
 starts from the warm start: E may have several minima, and only the one nearest to the last contact is a continuous
 motion. Only the active set, ten to a hundred points in all, enters the linear systems:
 
-    (I + G F^T D F) dv = ...,    D_j = S_j g g^T - p_j H_j,    S = dp/de,    H = dg/dy,
+    (I + G A^T D A) dv = ...,    D_j = S_j g g^T - p_j H_j,    S = dp/de,    H = dg/dy,
 
 and of the principal directions of D only the significant ones (`contact_solve_kernels.py`).
 """
@@ -70,7 +70,7 @@ _FIRST_GUESS = 0.1
 class ContactSolution:
     """The result of a contact solve at m points. penetration: e (m,) [m] (negative: a gap); normal: g (m, dim) and
     curvature: H (m, dim, dim) [1/m] at the deformed positions; pressure: p (m,) [N]; rest_displacement: v (m, dim) [m],
-    in rest coordinates, and displacement: u = F v (m, dim) [m]; energy: E [J]; converged, iterations and residual [m]:
+    in rest coordinates, and displacement: u = A v (m, dim) [m]; energy: E [J]; converged, iterations and residual [m]:
     how the solve ended."""
 
     penetration: Array
@@ -111,14 +111,14 @@ class ContactSolution:
 class ContactProblem:
     """The contact problem of the m contact points near the colliders.
 
-    compliance: G (m*dim, m*dim) [m/N] at rest, in any precision; F (m, dim, dim); stiffness: a_j k (m,) [N/m^2];
+    compliance: G (m*dim, m*dim) [m/N] at rest, in any precision; A (m, dim, dim); stiffness: a_j k (m,) [N/m^2];
     position: x (m, dim) [m] in the world; depth: estimate of the contact displacement [m]; distance: computes the
     signed distance with derivatives at positions (m, dim); tight: whether something depends on the forces to first
     order, as the network of a learned energy does.
     """
 
     compliance: NDArray[np.floating[Any]]
-    F: Array
+    carriers: Array
     stiffness: Array
     position: Array
     depth: float
@@ -140,7 +140,7 @@ class ContactProblem:
     def _newton(self, near: StartingPoint | None) -> tuple[ContactSolution, float]:
         """The solution by Newton's method, and E at its starting point. A solution with a higher E is not the minimum
         next to the starting point."""
-        G, F, k, scale = self.compliance, self.F, self.stiffness, self.depth
+        G, A, k, scale = self.compliance, self.carriers, self.stiffness, self.depth
         enough = _TOLERANCE * scale * (_TIGHTER if self.tight else 1.0)
         at_most = _ITERATIONS if near is None else _NEAR_ITERATIONS
         if near is None:
@@ -151,7 +151,7 @@ class ContactProblem:
         first = began = best = np.inf
         for iteration in range(at_most + 1):
             at = self._distance(v)
-            e, pressure, lag, residual = kernels.balance(G, F, k, e, v, at.value, at.gradient)
+            e, pressure, lag, residual = kernels.balance(G, A, k, e, v, at.value, at.gradient)
             if iteration == 0:
                 first, began = residual, self._energy(phi, v, -at.value)
             lost = not np.isfinite(residual) or residual > _GROWTH * max(first, scale)
@@ -160,10 +160,10 @@ class ContactProblem:
             if residual <= enough or lost or iteration == at_most:
                 break
             try:
-                v, e = kernels.newton_step(G, F, k, e, pressure, v, lag, *at)
+                v, e = kernels.newton_step(G, A, k, e, pressure, v, lag, *at)
             except np.linalg.LinAlgError:  # a point is about to slide off a tip
                 break
-        phi = kernels.pulled_back(F, pressure, at.gradient)
+        phi = kernels.pulled_back(A, pressure, at.gradient)
         converged = residual <= _TOLERANCE * scale
         return self._solution(e, at, phi, lag, converged, iteration, residual), began
 
@@ -177,7 +177,7 @@ class ContactProblem:
             e = -at.value
             balanced = self._forces(e, at.gradient)
             lag = v - self._apply(balanced)
-            residual = float(np.abs(kernels.to_world(self.F, lag)).max(initial=0.0))
+            residual = float(np.abs(kernels.to_world(self.carriers, lag)).max(initial=0.0))
             converged = residual <= _TOLERANCE * self.depth
             if converged or iteration == _DESCENT_ITERATIONS:
                 break
@@ -216,7 +216,7 @@ class ContactProblem:
         try:
             change, along, slope = kernels.descent_direction(
                 self.compliance,
-                self.F,
+                self.carriers,
                 self.stiffness,
                 e,
                 pressure,
@@ -238,7 +238,7 @@ class ContactProblem:
         D -= pressure[which, None, None] * 0.5 * (H + H.transpose(0, 2, 1))
         change = np.zeros_like(phi)
         change[which] = modified_newton_change(
-            self.compliance[np.ix_(unknowns, unknowns)], self.F[which], D, phi[which], balanced[which]
+            self.compliance[np.ix_(unknowns, unknowns)], self.carriers[which], D, phi[which], balanced[which]
         )
         along = self._apply(change)
         return change, along, float(((phi - balanced) * along).sum()), False
@@ -256,14 +256,14 @@ class ContactProblem:
         """The solution with E evaluated at the forces phi: their displacements differ by -lag from those at which the
         distance was evaluated."""
         v = self._apply(phi)
-        penetration = -at.value + (at.gradient * kernels.to_world(self.F, lag)).sum(axis=1)
+        penetration = -at.value + (at.gradient * kernels.to_world(self.carriers, lag)).sum(axis=1)
         return ContactSolution(
             penetration=e,
             normal=at.gradient,
             curvature=at.hessian,
             pressure=self._pressure(e),
             rest_displacement=v,
-            displacement=kernels.to_world(self.F, v),
+            displacement=kernels.to_world(self.carriers, v),
             energy=self._energy(phi, v, penetration),
             converged=converged,
             iterations=iterations,
@@ -272,7 +272,7 @@ class ContactProblem:
 
     def _distance(self, v: Array) -> SdfDerivatives:
         """The signed distance at the deformed positions."""
-        return self.distance(self.position + kernels.to_world(self.F, v))
+        return self.distance(self.position + kernels.to_world(self.carriers, v))
 
     def _energy(self, phi: Array, v: Array, penetration: Array) -> float:
         return kernels.energy(self.stiffness, phi, v, penetration)
@@ -282,8 +282,8 @@ class ContactProblem:
         return np.asarray(self.stiffness * np.square(np.maximum(penetration, 0.0)))
 
     def _forces(self, penetration: Array, normal: Array) -> Array:
-        """phi = F^T p g (m, dim)."""
-        return kernels.pulled_back(self.F, self._pressure(penetration), normal)
+        """phi = A^T p g (m, dim)."""
+        return kernels.pulled_back(self.carriers, self._pressure(penetration), normal)
 
     def _apply(self, phi: Array) -> Array:
         """G phi (m, dim)."""

@@ -1,11 +1,11 @@
 """Compiled linear systems of the contact solve: one iteration of `ContactProblem`, and the parts of `WoodburyFactor`.
 
-Everything is in rest coordinates: forces phi = F^T f, displacements v = F^-1 u = G phi, normals F^T g. At the active
+Everything is in rest coordinates: forces phi = A^T f, displacements v = A^-1 u = G phi, normals A^T g. At the active
 points the contact stiffness D = S g g^T - p H is decomposed into principal directions, D = sum_c l_c w_c w_c^T. Few of
 them are significant: the one normal to the surface, and others where the collider is curved or the pressure high. With
-V = F^T W,
+V = A^T W,
 
-    (I + G F^T D F)^-1 r = r - G V K^-1 V^T r,    K = L^-1 + V^T G V    (Woodbury 1950),
+    (I + G A^T D A)^-1 r = r - G V K^-1 V^T r,    K = L^-1 + V^T G V    (Woodbury 1950),
 
 so that the system is symmetric and has one unknown for each significant direction.
 
@@ -46,29 +46,29 @@ def product(G: Floats, phi: Array) -> Array:
 
 
 @summing
-def pulled_back(F: Array, weight: Array, vectors: Array) -> Array:
-    """F^T (weight g) (m, dim) of vectors g (m, dim), with weight (m,)."""
+def pulled_back(A: Array, weight: Array, vectors: Array) -> Array:
+    """A^T (weight g) (m, dim) of vectors g (m, dim), with weight (m,)."""
     m, dim = vectors.shape
     result = np.empty((m, dim))
     for j in range(m):
         for b in range(dim):
             entry = 0.0
             for a in range(dim):
-                entry += F[j, a, b] * vectors[j, a]
+                entry += A[j, a, b] * vectors[j, a]
             result[j, b] = weight[j] * entry
     return result
 
 
 @summing
-def to_world(F: Array, v: Array) -> Array:
-    """F v (m, dim)."""
+def to_world(A: Array, v: Array) -> Array:
+    """A v (m, dim)."""
     m, dim = v.shape
     result = np.empty((m, dim))
     for j in range(m):
         for a in range(dim):
             entry = 0.0
             for b in range(dim):
-                entry += F[j, a, b] * v[j, b]
+                entry += A[j, a, b] * v[j, b]
             result[j, a] = entry
     return result
 
@@ -87,10 +87,10 @@ def energy(k: Array, phi: Array, v: Array, penetration: Array) -> float:
 
 @summing
 def balance(
-    G: Floats, F: Array, k: Array, e: Array, v: Array, value: Array, gradient: Array
+    G: Floats, A: Array, k: Array, e: Array, v: Array, value: Array, gradient: Array
 ) -> tuple[Array, Array, Array, float]:
     """Penetrations e (m,), updated to -s at points without pressure; pressure p (m,); lag = v - G phi (m, dim); and the
-    residual [m], the largest of |F lag| and, where there is pressure, |e + s|."""
+    residual [m], the largest of |A lag| and, where there is pressure, |e + s|."""
     m = len(v)
     e, pressure = e.copy(), np.empty(m)
     residual = 0.0
@@ -100,11 +100,11 @@ def balance(
         else:
             e[j] = -value[j]
         pressure[j] = k[j] * max(e[j], 0.0) ** 2
-    lag = v - product(G, pulled_back(F, pressure, gradient))
+    lag = v - product(G, pulled_back(A, pressure, gradient))
     # A diverged point makes all of them nan, for which every comparison is false.
     if not np.isfinite(lag.sum()):
         return e, pressure, lag, np.inf
-    return e, pressure, lag, max(residual, np.abs(to_world(F, lag)).max())
+    return e, pressure, lag, max(residual, np.abs(to_world(A, lag)).max())
 
 
 @summing
@@ -144,7 +144,7 @@ def _diagonalise(A: Array, W: Array) -> None:
 @summing
 def stiffness_directions(
     G: Floats,
-    F: Array,
+    A: Array,
     active: IntArray,
     k: Array,
     e: Array,
@@ -154,7 +154,7 @@ def stiffness_directions(
     least: float,
 ) -> tuple[IntArray, Array, Array, Array]:
     """The principal directions of D at the points `active` (n,) with |l| v . G_jj v > least: the point (r,) of each,
-    numbered as in G, its stiffness l (r,) [N/m], w and v = F^T w (r, dim)."""
+    numbered as in G, its stiffness l (r,) [N/m], w and v = A^T w (r, dim)."""
     n, dim = len(active), gradient.shape[1]
     point, stiff = np.empty(n * dim, dtype=np.int64), np.empty(n * dim)
     w, v = np.empty((n * dim, dim)), np.empty((n * dim, dim))
@@ -171,7 +171,7 @@ def stiffness_directions(
             for b in range(dim):
                 v[r, b] = 0.0
                 for a in range(dim):
-                    v[r, b] += F[j, a, b] * W[a, c]
+                    v[r, b] += A[j, a, b] * W[a, c]
             compliance = 0.0
             for a in range(dim):
                 for b in range(dim):
@@ -206,7 +206,7 @@ def woodbury_system(G: Floats, point: IntArray, stiff: Array, v: Array) -> tuple
 
 @summing
 def _woodbury_forces(G: Floats, point: IntArray, stiff: Array, v: Floats, right: Array) -> Array:
-    """F^T D F dv (m, dim) where (I + G F^T D F) dv = right (m, dim), with D given by its directions `point`, l and v,
+    """A^T D A dv (m, dim) where (I + G A^T D A) dv = right (m, dim), with D given by its directions `point`, l and v,
     solved in the precision of v."""
     r, dim = v.shape
     reaction = np.zeros(right.shape)
@@ -227,7 +227,7 @@ def _woodbury_forces(G: Floats, point: IntArray, stiff: Array, v: Floats, right:
 @summing
 def newton_step(
     G: Floats,
-    F: Array,
+    A: Array,
     k: Array,
     e: Array,
     pressure: Array,
@@ -237,10 +237,10 @@ def newton_step(
     gradient: Array,
     hessian: Array,
 ) -> tuple[Array, Array]:
-    """One Newton step: the next v and e. With n = F^T g, linearising in both unknowns gives dv = -lag + G (S n de + p
-    F^T H F dv) and de = -(e + s) - n . dv, so
+    """One Newton step: the next v and e. With n = A^T g, linearising in both unknowns gives dv = -lag + G (S n de + p
+    A^T H A dv) and de = -(e + s) - n . dv, so
 
-        (I + G F^T D F) dv = -lag - G S n (e + s)    at the active points.
+        (I + G A^T D A) dv = -lag - G S n (e + s)    at the active points.
 
     Raises numpy.linalg.LinAlgError where a point is about to slide off a tip.
     """
@@ -249,11 +249,11 @@ def newton_step(
     pushed = np.zeros(m)
     for j in active:
         pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j])
-    right = -lag - product(G, pulled_back(F, pushed, gradient))
-    point, stiff, _, v_c = stiffness_directions(G, F, active, k, e, pressure, gradient, hessian, _SLIGHT)
+    right = -lag - product(G, pulled_back(A, pushed, gradient))
+    point, stiff, _, v_c = stiffness_directions(G, A, active, k, e, pressure, gradient, hessian, _SLIGHT)
     # In the precision of G, usually single: the next iteration corrects the rounding error of this one.
     dv = right - product(G, _woodbury_forces(G, point, stiff, v_c.astype(G.dtype), right))
-    moved, e = to_world(F, dv), e.copy()
+    moved, e = to_world(A, dv), e.copy()
     for j in active:
         e[j] = -value[j]
         for a in range(dim):
@@ -264,7 +264,7 @@ def newton_step(
 @summing
 def descent_direction(
     G: Floats,
-    F: Array,
+    A: Array,
     k: Array,
     e: Array,
     pressure: Array,
@@ -277,7 +277,7 @@ def descent_direction(
     """Newton's step on E(phi): a change of the forces phi (m, dim), the displacements that it causes (m, dim), and the
     slope of the energy along it. balanced: (m, dim) the contact forces at the displacements of phi."""
     active = np.flatnonzero(e > 0.0)
-    point, stiff, _, v = stiffness_directions(G, F, active, k, e, pressure, gradient, hessian, _SLIGHT)
+    point, stiff, _, v = stiffness_directions(G, A, active, k, e, pressure, gradient, hessian, _SLIGHT)
     reaction = _woodbury_forces(G, point, stiff, v.astype(G.dtype), -lag)
     change = balanced - phi - reaction
     # The displacements of exactly this change, whatever its precision.

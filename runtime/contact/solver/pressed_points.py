@@ -19,7 +19,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.material_points import MaterialPoints
-from softprint.runtime.contact.solver.compliance_scale import ComplianceScale
+from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints, PointMotion
 from softprint.runtime.contact.solver.internal_points import InternalMotion, InternalPoints
 from softprint.runtime.contact.solver.planes import Planes
@@ -113,15 +113,14 @@ class CorotatedPressedPoints(CorotatedPoints):
             np.concatenate([first.basis_gradient, second.basis_gradient]),
         )
 
-    def handle_forces(self, index: IntArray, force: Array, v: Array, by_strain: Array | None = None) -> Array:
+    def handle_forces(self, index: IntArray, force: Array, by_strain: Array) -> Array:
         """See `CorotatedPoints`."""
         own, others = self._split(index)
         k = len(own)
-        first, second = (None, None) if by_strain is None else (by_strain[:k], by_strain[k:])
-        total = super().handle_forces(own, force[:k], v[:k], first)
+        total = super().handle_forces(own, force[:k], by_strain[:k])
         if not len(others):
             return total
-        return total + self.pressed.handle_forces(others, force[k:], v[k:], second)
+        return total + self.pressed.handle_forces(others, force[k:], by_strain[k:])
 
     def _split(self, index: IntArray) -> tuple[IntArray, IntArray]:
         """Points (m,), ascending: those on the facets, and the places of the others among the pressed points."""

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.rotations import nearest_rotations
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_points
@@ -199,7 +200,7 @@ class SharpSearch:
         free = np.flatnonzero(of >= 0)
         if dent is not None and len(dent.nodes) and len(free):
             v = self._compliance.displacement(of[free], dent.nodes, dent.forces)
-            x[free] += to_world(F[free], v)
+            x[free] += to_world(nearest_rotations(F[free]), v)
         return x
 
 

@@ -32,7 +32,7 @@ class SolvedContact:
 
     frame_rows: (n_rows, dim) of the corotated frame; poses: of these colliders; near: the points near each of them;
     index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider of each;
-    position: x (m, dim) [m], carriers F (m, dim, dim) and scales (m,) of the compliance of these points, see
+    position: x (m, dim) [m], carriers A (m, dim, dim) and scales (m,) of the compliance of these points, see
     `contact_points.py`; depth: estimate of the contact displacement [m];
     solution: of these points; pressed: those that sharp points of the colliders press, None without any.
     """
@@ -44,7 +44,7 @@ class SolvedContact:
     index: IntArray
     owner: IntArray
     position: Array
-    F: Array
+    carriers: Array
     scale: Array
     depth: float
     solution: ContactSolution
@@ -67,14 +67,14 @@ class SolvedContact:
 
     @lazy
     def rest_force(self) -> Array:
-        """F^T f (k, dim) [N] on the active points."""
+        """A^T f (k, dim) [N] on the active points."""
         b, solution = self.solution.active, self.solution
-        return kernels.pulled_back(self.F[b], solution.pressure[b], solution.normal[b])
+        return kernels.pulled_back(self.carriers[b], solution.pressure[b], solution.normal[b])
 
     @property
     def drawn_force(self) -> Array:
         """The forces (k, dim) [N], in rest coordinates, that displace the body as the active points are displaced where
-        nothing is scaled, u_X = F_X G_Xj f_j: what the body is drawn with."""
+        nothing is scaled, u_X = R_X G_Xj f_j: what the body is drawn with."""
         return self.scale[self.solution.active, None] * self.rest_force
 
     def owned_by(self, name: str) -> BoolArray:
@@ -88,7 +88,7 @@ class SolvedContact:
         if name not in self.near:
             return None
         b, solution = self.solution.active, self.solution
-        everything = ActiveSet(self.active, self.F[b], solution.normal[b], solution.largest_displacement)
+        everything = ActiveSet(self.active, self.carriers[b], solution.normal[b], solution.largest_displacement)
         if len(self.near) == 1 and self.pressed is None:
             return everything
         return everything.take(self.owned_by(name) & ~self.is_pressed)

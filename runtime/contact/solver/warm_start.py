@@ -1,15 +1,15 @@
 """Warm start of the contact solve: the contact forces of a state, predicted from those of a nearby solved state.
 
-Active points are predicted to first order. With dx and dF the changes of their positions and deformation gradients, T
+Active points are predicted to first order. With dx and dA the changes of their positions and deformation gradients, T
 the rotation of the collider since then, and dc the displacement of a point that moves rigidly with the collider,
 
-    dr = (I + G_w D)^-1 (dx + dF v - dc + F G dphi),    dphi = (F + dF)^T T f - F^T f,
+    dr = (I + G_w D)^-1 (dx + dA v - dc + A G dphi),    dphi = (A + dA)^T T f - A^T f,
     de = -g . dr,    g + dg = T (g + H dr),
 
 which is exact where body and collider move rigidly. A point that was outside at a gap s and has since entered the
 collider starts with the normal of the side where it entered, as if that side were flat and those that enter were alone,
 
-    d = -s - g . (dx + dF v - dc),    sum_j n_i . G_ij n_j k e_j^2 = d_i,    n = (F + dF)^T T g,
+    d = -s - g . (dx + dA v - dc),    sum_j n_i . G_ij n_j k e_j^2 = d_i,    n = (A + dA)^T T g,
 
 because the collider surface nearest to its present position may be on the other side of a thin wall. So does a point
 that was not looked at before: its gap is that of its present position, displaced by the earlier forces, to the collider
@@ -84,7 +84,7 @@ class WarmStart:
         """The Woodbury factorisation of the active points, for predictions, Hessians and sensitivities."""
         own = self.solved
         G = self.compliance.among(own.index)
-        return WoodburyFactor(G, own.F, self.stiffness[own.index], own.solution)
+        return WoodburyFactor(G, own.carriers, self.stiffness[own.index], own.solution)
 
     @lazy
     def node_forces(self) -> tuple[IntArray, Array]:
@@ -106,7 +106,7 @@ class WarmStart:
         before, now = ([at[name] for name in near.names] for at in (near.poses, poses))
         follows, rotations = carried(near.deformed_position, near.owner, before, now)
         at = places(near.index, index)
-        positions = problem.position, problem.F, near.position, near.F
+        positions = problem.position, problem.carriers, near.position, near.carriers
         moved, force_change = _motion_and_force_change(
             at, *positions, solution.rest_displacement, follows, pressure, g, rotations, b
         )
@@ -123,14 +123,14 @@ class WarmStart:
             beside = self._beside(v, new, problem, after)
             at = np.concatenate([at, new])
             state = _Earlier(*map(np.concatenate, zip(state, beside, strict=True)))
-        return _start(at, *state, problem.F, problem.stiffness, problem.compliance)
+        return _start(at, *state, problem.carriers, problem.stiffness, problem.compliance)
 
     def _beside(self, v: Array, at: IntArray, problem: ContactProblem, after: PointDistance) -> _Earlier:
         """Points that were not in the earlier contact, numbers `at` (n,) of the problem: at their present positions,
         displaced by v (n, dim) [m] in rest coordinates, that of the earlier forces, and with the colliders where they
         were."""
         near, after = self.solved, after.among(at)
-        y = problem.position[at] + to_world(problem.F[at], v)
+        y = problem.position[at] + to_world(problem.carriers[at], v)
         before = after.at(near.poses)
         distance = before(y)
         follows, rotations = carried(y, after.owner, before.poses, after.poses)
@@ -142,9 +142,9 @@ class WarmStart:
 def _motion_and_force_change(
     at: IntArray,
     x: Array,
-    F: Array,
+    A: Array,
     x_before: Array,
-    F_before: Array,
+    A_before: Array,
     v: Array,
     follows: Array,
     pressure: Array,
@@ -152,7 +152,7 @@ def _motion_and_force_change(
     rotations: Array,
     active: IntArray,
 ) -> tuple[Array, Array]:
-    """dx + dF v - dc (m, dim) of the m points of the earlier contact, and dphi (k, dim) of its active points. Points
+    """dx + dA v - dc (m, dim) of the m points of the earlier contact, and dphi (k, dim) of its active points. Points
     that are not in the new problem (`at` is -1) count as moving rigidly with the collider."""
     m, dim = v.shape
     moved, force_change = np.zeros((m, dim)), np.zeros((len(active), dim))
@@ -162,7 +162,7 @@ def _motion_and_force_change(
         for a in range(dim):
             moved[j, a] = x[at[j], a] - x_before[j, a] - follows[j, a]
             for b in range(dim):
-                moved[j, a] += (F[at[j], a, b] - F_before[j, a, b]) * v[j, b]
+                moved[j, a] += (A[at[j], a, b] - A_before[j, a, b]) * v[j, b]
     for k, j in enumerate(active):
         if at[j] < 0:
             continue
@@ -171,7 +171,7 @@ def _motion_and_force_change(
             for b in range(dim):
                 along += rotations[j, a, b] * g[j, b]
             for b in range(dim):
-                force_change[k, b] += pressure[j] * (F[at[j], a, b] * along - F_before[j, a, b] * g[j, a])
+                force_change[k, b] += pressure[j] * (A[at[j], a, b] * along - A_before[j, a, b] * g[j, a])
     return moved, force_change
 
 
@@ -184,15 +184,15 @@ def _start(
     curvature: Array,
     moved: Array,
     rotations: Array,
-    F: Array,
+    A: Array,
     stiffness: Array,
     G: Floats,
 ) -> tuple[Array, Array]:
     """The starting point e (n,) and g (n, dim). Forces, proportional to e^2, change linearly; a point that is about to
     lose contact keeps a small penetration, so that it stays in the active set."""
     dim = normal.shape[1]
-    e, g = np.full(len(F), -np.inf), np.zeros((len(F), dim))
-    gradient, gap = np.empty(dim), np.zeros(len(F))
+    e, g = np.full(len(A), -np.inf), np.zeros((len(A), dim))
+    gradient, gap = np.empty(dim), np.zeros(len(A))
     for j in range(len(at)):
         i, along = at[j], 0.0
         for a in range(dim):
@@ -212,14 +212,14 @@ def _start(
             continue
         gap[i] = along - penetration[j]
     entering = np.flatnonzero(gap < 0.0)
-    forces = _pushed_out(entering, gap, g, F, G)
+    forces = _pushed_out(entering, gap, g, A, G)
     for k, i in enumerate(entering):
         e[i] = np.sqrt(forces[k] / stiffness[i])
     return e, g
 
 
 @compiled
-def _pushed_out(entering: IntArray, gap: Array, g: Array, F: Array, G: Floats) -> Array:
+def _pushed_out(entering: IntArray, gap: Array, g: Array, A: Array, G: Floats) -> Array:
     """The forces (k,) [N] that together push points (k,) back by -gap along their normals g, at least a small part of
     what each would need alone."""
     k, dim = len(entering), g.shape[1]
@@ -227,7 +227,7 @@ def _pushed_out(entering: IntArray, gap: Array, g: Array, F: Array, G: Floats) -
     for r, i in enumerate(entering):
         for a in range(dim):
             for b in range(dim):
-                n[r, a] += F[i, b, a] * g[i, b]
+                n[r, a] += A[i, b, a] * g[i, b]
     for r, i in enumerate(entering):
         for s, j in enumerate(entering):
             K[r, s] = 0.0

@@ -3,10 +3,10 @@
 It is in the precision of the compliance, usually single: it only gives Newton's method a direction, and the contact
 solve a warm start.
 
-With the compliance in the deformed configuration, G_w = F G F^T, and the contact stiffness D = W L W^T in its principal
+With the compliance in the deformed configuration, G_w = A G A^T, and the contact stiffness D = W L W^T in its principal
 directions (`contact_solve_kernels.py`), for any displacements c of k points in the world frame
 
-    (I + G_w D)^-1 c = c - F G V K^-1 W^T c,    D (I + G_w D)^-1 c = W K^-1 W^T c,    K = L^-1 + V^T G V,  V = F^T W.
+    (I + G_w D)^-1 c = c - A G V K^-1 W^T c,    D (I + G_w D)^-1 c = W K^-1 W^T c,    K = L^-1 + V^T G V,  V = A^T W.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ _NEGLIGIBLE = 1e-9
 class WoodburyFactor:
     """The factorisation at the k active points of a contact solution at m points; arrays are (k*dim, n).
 
-    compliance: G (m*dim, m*dim) [m/N]; F (m, dim, dim); stiffness: a k (m,) [N/m^2].
+    compliance: G (m*dim, m*dim) [m/N]; A (m, dim, dim); stiffness: a k (m,) [N/m^2].
     """
 
-    def __init__(self, compliance: Floats, F: Array, stiffness: Array, solution: ContactSolution) -> None:
-        active, dim = solution.active, F.shape[1]
-        self._F = F[active]
+    def __init__(self, compliance: Floats, A: Array, stiffness: Array, solution: ContactSolution) -> None:
+        active, dim = solution.active, A.shape[1]
+        self._A = A[active]
         self._compliance = point_kernels.submatrix(compliance, active, dim)
         state = stiffness[active], solution.penetration[active], solution.pressure[active]
         distance = solution.normal[active], solution.curvature[active]
         self._node, stiff, self._w, v = solve_kernels.stiffness_directions(
-            self._compliance, self._F, np.arange(len(active)), *state, *distance, _NEGLIGIBLE
+            self._compliance, self._A, np.arange(len(active)), *state, *distance, _NEGLIGIBLE
         )
         self._displacements, K = solve_kernels.woodbury_system(
             self._compliance, self._node, stiff, v.astype(self.dtype)
@@ -59,12 +59,12 @@ class WoodburyFactor:
         return np.asarray(self._compliance @ forces.astype(self.dtype, copy=False))
 
     def to_world(self, v: Floats) -> Floats:
-        """F v, in the world frame."""
-        return point_kernels.blocks_to_world(self._F, v)
+        """A v, in the world frame."""
+        return point_kernels.blocks_to_world(self._A, v)
 
     def to_rest(self, forces: Floats) -> Floats:
-        """F^T f, in rest coordinates."""
-        return point_kernels.blocks_to_world(np.ascontiguousarray(self._F.transpose(0, 2, 1)), forces)
+        """A^T f, in rest coordinates."""
+        return point_kernels.blocks_to_world(np.ascontiguousarray(self._A.transpose(0, 2, 1)), forces)
 
     def effective_stiffness(self, c: Floats) -> Floats:
         """D (I + G_w D)^-1 c: the contact forces by displacements c of the compliant body."""

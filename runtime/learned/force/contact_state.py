@@ -13,6 +13,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.rotations import nearest_rotations
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
@@ -31,7 +32,7 @@ from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 @dataclass(frozen=True, eq=False)
 class ContactState:
     """index: (m,) contact points; force: l (m, dim) [N] by linear mechanics, in rest coordinates; inputs: a (m,
-    n_contact_inputs(dim)), see `inputs.py`; lever: w F^T v_k (m, DIRECTIONS, dim) [m^(dim-1)] with the directions v =
+    n_contact_inputs(dim)), see `inputs.py`; lever: w R^T v_k (m, DIRECTIONS, dim) [m^(dim-1)] with the directions v =
     g, N and u / band of `inputs.py` and w = area x^2 / (1 + x^2), x = 1 - distance / band, C1 and zero at the edge of
     the band; depth: D [m], see `patch_depth`. Rotating body and collider together changes none of these. pressed: the
     contact nodes (k,) that sharp points of the collider press, and these forces (k, dim) [N], in rest coordinates,
@@ -75,7 +76,8 @@ class ContactMeasurement:
         F = pose.rotation.T @ points.deformation(solved.rows, index)
         v = self._contact.compliance.displacement(index, *self._contact.node_forces(solved))
         rest_normal = points.material.surface_normal[index]
-        moved = kernels.to_world(F, v)
+        R = nearest_rotations(F)
+        moved = kernels.to_world(R, v)
         if points.scale is not None:
             moved *= points.scale.scale(F, rest_normal)[:, None]
         z = pose.apply_inverse(near.position)
@@ -93,7 +95,7 @@ class ContactMeasurement:
             points.material.rest[index],
         )
         directions = np.stack([slope[:m], normal, moved / self._band], axis=1)
-        lever = weight[:, None, None] * (directions @ F)
+        lever = weight[:, None, None] * (directions @ R)
         depth = patch_depth(self._areas[index], distance[:m])
         pressed = self._contact.drawn_forces(solved, solved.owned_by(name) & solved.is_pressed)
         return ContactState(

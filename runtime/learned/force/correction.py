@@ -1,4 +1,4 @@
-"""The contact correction by learned forces: u_X = F_X sum_j G_Xj phi_j (see `model.py` and
+"""The contact correction by learned forces: u_X = R_X sum_j G_Xj phi_j (see `model.py` and
 `runtime/mechanics/surface_compliance.py`).
 
 The network is evaluated at the points in contact, some tens; the displacement by their forces is a matrix product. So
@@ -16,6 +16,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.condensed.drawn_contact import turned
 from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.errors import SoftprintError
@@ -26,7 +27,6 @@ from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
-from softprint.runtime.mechanics.surface_compliance_kernels import to_world
 
 
 class ForceCorrection:
@@ -94,4 +94,4 @@ class BoundForceCorrection:
             return np.zeros(self._shape)
         nodes, forces = map(np.concatenate, zip(*parts, strict=True))
         v = self._compliance.apply(nodes, forces.astype(self._model.dtype))
-        return to_world(v, self._gradient, solved.rows.astype(v.dtype))
+        return turned(v, self._gradient, solved.rows)

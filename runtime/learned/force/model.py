@@ -1,6 +1,6 @@
 """The force model: a network that corrects the contact forces of linear mechanics, for any collider.
 
-    phi_j = l_j + t fade(D) [ y_0 l_j + w_j c F_j^T sum_k y_k v_jk ],        u_X = F_X sum_j G_Xj phi_j
+    phi_j = l_j + t fade(D) [ y_0 l_j + w_j c R_j^T sum_k y_k v_jk ],        u_X = R_X sum_j G_Xj phi_j
 
 with l_j the contact force in equilibrium with a linearly elastic body (`runtime/contact/solver/contact_solve.py`), w_j
 [m^(dim-1)] an area that fades with distance, D the depth of the contact, t a confidence factor (`confidence.py`), c

@@ -3,7 +3,7 @@
 import numpy as np
 
 from softprint.runtime.colliders.pose import rotation_matrix
-from softprint.runtime.contact.solver.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 
 SCALE = ComplianceScale((0.4, -0.9, -0.4))
 

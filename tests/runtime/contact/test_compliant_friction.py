@@ -61,14 +61,14 @@ def test_derivatives(points, length):
     y = slipped(points, length)
     compliance, carrier, lagged, rng = points
     dim = y.shape[1]
-    carried = rng.standard_normal((K, 2, dim))
+    carried = rng.standard_normal((K, dim, dim, 2 * dim))
     fixed = rng.standard_normal((K, dim, 2 * dim))
 
     def at(rows):
-        A = carrier + np.tensordot(carried, rows, (1, 0)).swapaxes(1, 2)
+        A = carrier + carried @ rows.ravel()
         found = settle(lambda x: LAW.terms(x, lagged, TIME_STEP), y + fixed @ rows.ravel(), A, compliance)
-        more = (carried @ found.rest_displacement[..., None])[:, None] * np.eye(dim)[None, :, None, :]
-        return found.energy, *found.through((fixed + more.reshape(fixed.shape)).reshape(K * dim, -1), carried)
+        more = np.einsum("kabr,kb->kar", carried, found.rest_displacement)
+        return found.energy, *found.through((fixed + more).reshape(K * dim, -1), carried)
 
     _, gradient, hessian = at(np.zeros((2, dim)))
     for _ in range(3):

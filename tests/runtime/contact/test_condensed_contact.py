@@ -9,13 +9,13 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.learned_energy.dent_network import DentNetwork
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.solver import candidate_search, contact_solve
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
-from softprint.runtime.contact.solver.compliance_scale import ComplianceScale
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
 from softprint.runtime.contact.solver.warm_start import WarmStart
@@ -223,12 +223,13 @@ def test_rigid_motion_is_predicted(jelly_body, dim, law):
     )
     index, b = here.solved.index, here.solved.solution.active
     ball = PosedCollider(Sphere(RADIUS, dim, "ball"), rotated_pose)
+    points = contact.in_frame(rotated_rows)
     distance = PointDistance(("ball",), (ball,), np.zeros(len(index), dtype=np.int64))
     problem = ContactProblem(
         compliance=contact.compliance.among(index),
-        F=contact.points.deformation(rotated_rows, index),
+        carriers=points.carriers(rotated_rows, index),
         stiffness=contact.stiffness[index],
-        position=contact.in_frame(rotated_rows).positions(rotated_rows, index),
+        position=points.positions(rotated_rows, index),
         depth=here.solved.depth,
         distance=distance,
     )

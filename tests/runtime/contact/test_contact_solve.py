@@ -63,9 +63,9 @@ def test_forces_and_displacements_are_in_balance(dim):
     distance = problem.distance(problem.position + found.displacement)
     pressure = problem.stiffness * np.maximum(0.0, -distance.value) ** 2
     force = pressure[:, None] * distance.gradient
-    rest_force = np.einsum("jab,ja->jb", problem.F, force)
+    rest_force = np.einsum("jab,ja->jb", problem.carriers, force)
     v = (problem.compliance @ rest_force.ravel()).reshape(force.shape)
-    displacement = np.einsum("jab,jb->ja", problem.F, v)
+    displacement = np.einsum("jab,jb->ja", problem.carriers, v)
     scale = np.abs(found.displacement).max()
     # Solved to 1e-5 of the deepest penetration; pressure, quadratic in what remains of it, amplifies that.
     assert np.abs(displacement - found.displacement).max() < 1e-5 * scale
@@ -110,7 +110,7 @@ def test_nodes_that_join_start_without_pressure(dim):
     components = np.repeat(every_other, dim)
     fewer = ContactProblem(
         problem.compliance[np.ix_(components, components)],
-        problem.F[every_other],
+        problem.carriers[every_other],
         problem.stiffness[every_other],
         problem.position[every_other],
         problem.depth,

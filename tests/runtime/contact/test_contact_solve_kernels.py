@@ -51,7 +51,7 @@ def dense(problem, solution):
     b, dim = solution.active, problem.position.shape[1]
     F, D = (np.zeros((len(b), dim, len(b), dim)) for _ in range(2))
     for at, j in enumerate(b):
-        F[at, :, at], D[at, :, at] = problem.F[j], contact_stiffness(problem, solution)[j]
+        F[at, :, at], D[at, :, at] = problem.carriers[j], contact_stiffness(problem, solution)[j]
     size = len(b) * dim
     F, D = F.reshape(size, size), D.reshape(size, size)
     rows = (b[:, None] * dim + np.arange(dim)).ravel()
@@ -67,7 +67,7 @@ def contact_stiffness(problem, solution):
 
 def test_the_factor_is_the_inverse_of_the_dense_matrix(pressed):
     problem, solution = pressed
-    factor = WoodburyFactor(problem.compliance, problem.F, problem.stiffness, solution)
+    factor = WoodburyFactor(problem.compliance, problem.carriers, problem.stiffness, solution)
     G, D = dense(problem, solution)
     c = np.random.default_rng(1).normal(size=(len(G), 4))
     relaxed = np.linalg.solve(np.eye(len(G)) + G @ D, c)
@@ -88,16 +88,16 @@ def test_a_newton_step_solves_the_linearised_balance(pressed, kind):
     e, pressure, v = solution.penetration, solution.pressure, solution.rest_displacement
     value, lag = -e + 1e-4, 1e-4 * np.random.default_rng(2).normal(size=(m, dim))
     at = value, solution.normal, solution.curvature
-    found, penetration = solve_kernels.newton_step(G, problem.F, k, e, pressure, v, lag, *at)
+    found, penetration = solve_kernels.newton_step(G, problem.carriers, k, e, pressure, v, lag, *at)
     # What is left of dv + lag - G (S n de + p F^T H F dv), n = F^T g, e having changed by de.
     b, dv = solution.active, found - v
-    moved = np.einsum("jab,jb->ja", problem.F, dv)
+    moved = np.einsum("jab,jb->ja", problem.carriers, dv)
     de = -(e + value) - (at[1] * moved).sum(axis=1)
     np.testing.assert_allclose(penetration[b], (e + de)[b], atol=1e-12)
     force = np.zeros((m, dim))
     force[b] = (2 * k * e * de)[b, None] * at[1][b]
     force[b] += pressure[b, None] * np.einsum("jab,jb->ja", at[2][b], moved[b])
-    rest_force = np.einsum("jab,ja->jb", problem.F, force)
+    rest_force = np.einsum("jab,ja->jb", problem.carriers, force)
     missed = dv + lag - (G.astype(float) @ rest_force.ravel()).reshape(m, dim)
     # Directions that change less than that share are left out of the system.
     assert np.abs(missed).max() < solve_kernels._SLIGHT * np.abs(dv).max()
@@ -108,10 +108,10 @@ def test_descent_direction_is_the_newton_step_of_the_energy(pressed, dim):
     problem, solution = pressed
     rng, active = np.random.default_rng(4), solution.active
     phi, lag = rng.normal(size=(M, dim)), 1e-4 * rng.normal(size=(M, dim))
-    balanced = solve_kernels.pulled_back(problem.F, solution.pressure, solution.normal)
+    balanced = solve_kernels.pulled_back(problem.carriers, solution.pressure, solution.normal)
     change, along, slope = solve_kernels.descent_direction(
         problem.compliance,
-        problem.F,
+        problem.carriers,
         problem.stiffness,
         solution.penetration,
         solution.pressure,
@@ -123,10 +123,10 @@ def test_descent_direction_is_the_newton_step_of_the_energy(pressed, dim):
     )
     flat = replace(solution, curvature=np.zeros_like(solution.curvature))
     G, D = dense(problem, flat)
-    world = np.einsum("jab,jb->ja", problem.F, -lag)[active].ravel()
+    world = np.einsum("jab,jb->ja", problem.carriers, -lag)[active].ravel()
     force = (D @ np.linalg.solve(np.eye(len(G)) + G @ D, world)).reshape(-1, dim)
     reacting = np.zeros((M, dim))
-    reacting[active] = np.einsum("jab,ja->jb", problem.F[active], force)
+    reacting[active] = np.einsum("jab,ja->jb", problem.carriers[active], force)
     expected = balanced - phi - reacting
     moved = -lag - (problem.compliance @ reacting.ravel()).reshape(M, dim)
     # Directions that change what they meet by less than that share are left out of the system.
@@ -139,7 +139,7 @@ def test_stiffness_directions_make_up_the_contact_stiffness(pressed):
     problem, solution = pressed
     node, stiff, w, v = solve_kernels.stiffness_directions(
         problem.compliance,
-        problem.F,
+        problem.carriers,
         solution.active,
         problem.stiffness,
         solution.penetration,
@@ -155,7 +155,7 @@ def test_stiffness_directions_make_up_the_contact_stiffness(pressed):
             continue
         found = np.einsum("c,ca,cb->ab", stiff[mine], w[mine], w[mine])
         np.testing.assert_allclose(found, D, atol=1e-9 * np.abs(D).max())
-    np.testing.assert_allclose(v, np.einsum("rab,ra->rb", problem.F[node], w), atol=1e-14)
+    np.testing.assert_allclose(v, np.einsum("rab,ra->rb", problem.carriers[node], w), atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
@@ -180,7 +180,7 @@ def test_balance(pressed, dim):
     """e of nodes without pressure follows the distance; p = k e^2, lag = v - G F^T p g, and the largest of |F lag| and
     |e + s|."""
     problem, solution = pressed
-    F, k, v, e = problem.F, problem.stiffness, solution.rest_displacement, solution.penetration
+    F, k, v, e = problem.carriers, problem.stiffness, solution.rest_displacement, solution.penetration
     value = 1e-2 * np.random.default_rng(6).uniform(-1, 1, M)
     found = solve_kernels.balance(problem.compliance, F, k, e, v, value, solution.normal)
     followed = np.where(e > 0.0, e, -value)
@@ -196,13 +196,13 @@ def test_balance_of_a_node_at_infinity_is_none(pressed):
     problem, solution = pressed
     value = np.full(M, np.nan)
     state = solution.penetration, solution.rest_displacement, value, value[:, None] * solution.normal
-    residual = solve_kernels.balance(problem.compliance, problem.F, problem.stiffness, *state)[3]
+    residual = solve_kernels.balance(problem.compliance, problem.carriers, problem.stiffness, *state)[3]
     assert residual == np.inf
 
 
 def test_products(pressed, dim):
     problem, solution = pressed
-    v, F, weight = solution.rest_displacement, problem.F, np.arange(1.0, M + 1)
+    v, F, weight = solution.rest_displacement, problem.carriers, np.arange(1.0, M + 1)
     wide = np.random.default_rng(7).normal(size=(3 * dim, M * dim))
     same(solve_kernels.product(problem.compliance, v), (problem.compliance @ v.ravel()).reshape(v.shape))
     same(solve_kernels.product(wide, v), (wide @ v.ravel()).reshape(3, dim))
@@ -283,25 +283,6 @@ def test_projected_and_expanded_are_transposes(dim):
     same(point_kernels.expanded(node, w, y, M * dim), W @ y)
 
 
-@pytest.fixture
-def moving(dim):
-    """v, f (M, dim) and dU (M, N_ROWS, dim) of some nodes."""
-    rng = np.random.default_rng(14)
-    v, f = rng.normal(size=(2, M, dim))
-    return v, f, rng.normal(size=(M, N_ROWS, dim))
-
-
-def test_carrier_jacobians(moving, dim):
-    """dF v and dF^T f with dF_aj = sum_r drow_ra dU_rj."""
-    v, f, gradient = moving
-    by_position, by_force = point_kernels.carrier_jacobians(v, f, gradient)
-    dF_v = np.einsum("irj,ij,ab->iarb", gradient, v, np.eye(dim))
-    dF_f = np.einsum("irj,ib->ijrb", gradient, f)
-    shape = M * dim, N_ROWS * dim
-    same(by_position, dF_v.reshape(shape))
-    same(by_force, dF_f.reshape(shape))
-
-
 def test_add_basis(dim):
     rng = np.random.default_rng(15)
     basis, index = rng.normal(size=(M, N_ROWS)), np.array([1, 4, 5])
@@ -311,16 +292,15 @@ def test_add_basis(dim):
     same(moved, before + np.einsum("kr,ab->karb", basis[index], np.eye(dim)))
 
 
-def test_handle_forces(moving, dim):
-    """sum_j (U_j + v_j . grad U_j) (x) f_j, the transpose of the position Jacobian without static condensation."""
-    v, f, gradient = moving
-    basis, index = np.random.default_rng(16).normal(size=(M, N_ROWS)), np.array([1, 4, 5])
-    own = v[index], f[index]
-    along = basis[index] + np.einsum("jrk,jk->jr", gradient[index], own[0])
+def test_handle_forces(dim):
+    """sum_j U_j (x) f_j + grad U_j S_j^T: of f the transpose of the position Jacobian without static condensation."""
+    rng, index = np.random.default_rng(16), np.array([1, 4, 5])
+    basis, gradient = rng.normal(size=(M, N_ROWS)), rng.normal(size=(M, N_ROWS, dim))
+    f, S = rng.normal(size=(3, dim)), rng.normal(size=(3, dim, dim))
     gradients = np.ascontiguousarray(gradient.transpose(0, 2, 1))
-    found = point_kernels.handle_forces(basis, gradients, index, own[1], own[0])
-    same(found, np.einsum("jr,ja->ra", along, own[1]))
+    found = point_kernels.handle_forces(basis, gradients, index, f, S)
+    by_strain = np.einsum("jad,jrd->ra", S, gradient[index])
+    same(found, np.einsum("jr,ja->ra", basis[index], f) + by_strain)
     position = np.zeros((len(index), dim, N_ROWS, dim))
     point_kernels.add_basis(basis, index, position)
-    carried, _ = point_kernels.carrier_jacobians(*own, gradient[index])
-    same(found.ravel(), own[1].ravel() @ (carried + position.reshape(carried.shape)))
+    same((found - by_strain).ravel(), f.ravel() @ position.reshape(3 * dim, -1))

@@ -291,7 +291,7 @@ INPUTS = {
             rng.normal(size=(M, dim)),
         ),
     },
-    "contact.solver.compliance_scale": {
+    "contact.carriers.compliance_scale": {
         "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=3)),
     },
     "contact.point_kernels": {
@@ -430,11 +430,6 @@ INPUTS = {
             some(rng),
             some(rng),
             rng.normal(size=(4, dim)),
-        ),
-        "to_world": lambda rng, dim: (
-            rng.normal(size=(M, dim)),
-            rng.normal(size=(M, dim, ROWS)),
-            rng.normal(size=(ROWS, dim)),
         ),
     },
     "rigid.kernels": {
