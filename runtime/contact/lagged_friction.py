@@ -15,13 +15,15 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
-from softprint.runtime.contact.carriers.carriers import carried_along
+from softprint.runtime.contact.carriers.carriers import Carriers, carried_along
 from softprint.runtime.contact.friction import LaggedContact
+from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.surface_quadrature import FacetPoints
+from softprint.runtime.lazy import lazy
 
 if TYPE_CHECKING:
     from softprint.runtime.contact.condensed.compliant_friction import TangentCompliance
-    from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+    from softprint.runtime.contact.condensed.contact_evaluation import CarriedCompliance, ContactEvaluation
 
 # Normal forces are updated where the relative residual of a step is below this.
 NEARLY_BALANCED = 0.05
@@ -29,35 +31,58 @@ NEARLY_BALANCED = 0.05
 
 @dataclass(frozen=True, eq=False)
 class SlidingPoints:
-    """k active points of a condensed contact with one collider: their normal forces, normals and anchors, and their
-    positions as an affine function of the rows: position (k, dim) [m] at those of the contact, jacobian (k, dim,
-    n_rows*dim). contact: the evaluation that they are of; one at other rows may have other points under these
-    numbers. carrier (k, dim, dim) and by_rows (k, dim, dim, n_rows*dim): see `CarriedCompliance`; compliance: by which
-    they give way to friction; start: what friction along their tangents starts from (n,) [N]."""
+    """k active points of a condensed contact with one collider: their normal forces, normals and anchors. contact: the
+    evaluation that they are of; one at other rows may have other points under these numbers. surface: how they give
+    way, and are carried along; position: (k, dim) [m] at the rows of the contact, without contact displacement;
+    compliance: by which they give way to friction; start: what friction along their tangents starts from (n,) [N]."""
 
     lagged: LaggedContact
     index: IntArray
     contact: ContactEvaluation
+    surface: CarriedCompliance
     position: Array
-    jacobian: Array
-    carrier: Array
-    by_rows: Array
     compliance: TangentCompliance
     start: Array | None = None
 
     def positions(self, rows: Array) -> Array:
         """y (k, dim) [m] at other rows, with the contact displacement fixed in rest coordinates."""
-        return self.position + self.jacobian @ (rows - self.contact.rows).ravel()
+        x = self.position + self.surface.by_rows @ (rows - self.contact.rows).ravel()
+        return x + to_world(self.carriers(rows), self.surface.displacement)
 
     def carriers(self, rows: Array) -> Array:
-        """A (k, dim, dim) at other rows, to first order."""
-        return np.asarray(self.carrier + self.by_rows @ (rows - self.contact.rows).ravel())
+        """A (k, dim, dim) at other rows."""
+        return self.contact.every.carriers(rows, self.index)
 
-    def jacobian_with(self, displacement: Array) -> Array:
-        """The derivatives (k*dim, n_rows*dim) by the rows of points that are displaced by so much (k, dim) [m] more, in
-        rest coordinates."""
-        k, dim = displacement.shape
-        return self.jacobian.reshape(k * dim, -1) + carried_along(self.by_rows, displacement)
+    def moved(self, rows: Array, displacement: Array) -> SlidingMotion:
+        """The derivatives at other rows, of points that are displaced by so much (k, dim) [m] more, in rest
+        coordinates."""
+        carriers = self.contact.every.carrier_derivatives(rows, self.index)
+        return SlidingMotion(self.surface, carriers, self.surface.displacement + displacement)
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingMotion:
+    """The derivatives by the rows of k points y = x + A v. at: A and its derivatives; displacement: v (k, dim) [m]."""
+
+    surface: CarriedCompliance
+    at: Carriers
+    displacement: Array
+
+    @lazy
+    def carriers(self) -> Array:
+        """dA (k, dim, dim, n_rows*dim)."""
+        return self.at.by_rows(self.surface.basis_gradient)
+
+    @lazy
+    def jacobian(self) -> Array:
+        """dy (k*dim, n_rows*dim)."""
+        moved = carried_along(self.carriers, self.displacement)
+        return np.asarray(self.surface.by_rows.reshape(moved.shape) + moved)
+
+    def bending(self, forces: Array) -> Array:
+        """sum_j f_j . d2y_j (n_rows*dim, n_rows*dim) of forces f (k, dim) [N]."""
+        moments = forces[:, :, None] * self.displacement[:, None, :]
+        return self.at.bending(moments, self.surface.basis_gradient)
 
 
 @dataclass(frozen=True, eq=False)

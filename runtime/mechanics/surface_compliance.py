@@ -1,9 +1,9 @@
 """Surface compliance: the displacement of the body, at rest, by forces on its contact nodes, compressed for real time.
 
 The contact displacement of the truth is an equilibrium in the null space of U (thesis 5.3.3); linearised at rest it is
-u = G f (`null_space_compliance.py`). At a deformed state G is transformed by the local deformation F,
+u = G f (`null_space_compliance.py`). At a deformed state G is carried along by the local rotations R of the body,
 
-    u_X = F_X sum_j G_Xj F_j^T f_j,
+    u_X = R_X sum_j G_Xj R_j^T f_j,
 
 which keeps it symmetric (reciprocal) and invariant to rotations of the body.
 

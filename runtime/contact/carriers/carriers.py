@@ -68,6 +68,17 @@ class Carriers:
         found = self.slope.reshape(m, dim**3, dim) @ basis_gradient.swapaxes(1, 2)  # (m, abc, r)
         return found.reshape(m, dim, dim, dim, n_rows).swapaxes(3, 4).reshape(m, dim, dim, -1)
 
+    def bending(self, moments: Array, basis_gradient: Array) -> Array:
+        """d2(sum_j M_j : A_j)/drows2 (n_rows*dim, n_rows*dim) of moments M (m, dim, dim); basis_gradient: see
+        `by_rows`."""
+        m, n_rows, dim = basis_gradient.shape
+        by_F = self.curvature(moments).transpose(0, 2, 1, 3, 4).reshape(m, dim, dim**3)
+        half = np.matmul(basis_gradient, by_F).reshape(m, n_rows * dim * dim, dim)
+        left = half.transpose(1, 0, 2).reshape(n_rows * dim * dim, m * dim)
+        whole = left @ basis_gradient.transpose(0, 2, 1).reshape(m * dim, n_rows)
+        found = whole.reshape(n_rows, dim, dim, n_rows).transpose(0, 1, 3, 2)
+        return found.reshape(n_rows * dim, n_rows * dim)
+
 
 def carried_along(turned: Array, v: Array) -> Array:
     """dA v (m*dim, n) of dA (m, dim, dim, n) and displacements v (m, dim)."""

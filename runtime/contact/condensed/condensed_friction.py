@@ -31,7 +31,8 @@ from softprint.runtime.contact.condensed.compliant_friction import (
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.contact_force import ContactForce, FrictionForces, resultant
 from softprint.runtime.contact.friction import CoulombFriction, LaggedContact
-from softprint.runtime.contact.lagged_friction import SlidingPoints, SlipStart
+from softprint.runtime.contact.lagged_friction import SlidingMotion, SlidingPoints, SlipStart
+from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.rigid.twist import touched_body_derivatives
 
 
@@ -59,16 +60,14 @@ class CondensedFriction:
             anchor=pose.apply(start.poses[name].apply_inverse(before)),
             pose=pose,
         )
-        surface = active.surface()
+        surface, carrier = active.surface(), contact.every.carriers(contact.rows, active.index)
         sliding = SlidingPoints(
             lagged,
             active.index,
             contact,
-            active.position,
-            active.jacobian(),
-            surface.carrier,
-            surface.by_rows,
-            TangentCompliance.of(surface.compliance, surface.carrier, normal),
+            surface,
+            active.position - to_world(carrier, surface.displacement),
+            TangentCompliance.of(surface.compliance, carrier, normal),
         )
         return replace(sliding, start=self.settled(sliding, contact.rows, pose, start.time_step).force)
 
@@ -118,11 +117,12 @@ class CondensedFrictionEvaluation:
         gradient, hessian, couplings = np.zeros_like(self.rows), None, []
         for name, own in self._touched.items():
             found = self.settled[name]
-            jacobian = own.jacobian_with(found.rest_displacement)
-            slope, curvature = found.through(jacobian, own.by_rows)
+            moved = own.moved(self.rows, found.rest_displacement)
+            slope, curvature = found.through(moved.jacobian, moved.carriers)
+            curvature = curvature + moved.bending(found.terms.gradient)
             gradient, hessian = gradient + slope, curvature if hessian is None else hessian + curvature
             if name in centres:
-                couplings.append(_coupling(name, centres[name], found, jacobian, own.by_rows))
+                couplings.append(_coupling(name, centres[name], found, moved))
         return gradient, hessian, couplings
 
     def added_to(self, forces: Mapping[str, ContactForce]) -> dict[str, ContactForce]:
@@ -161,11 +161,8 @@ class CondensedFrictionEvaluation:
         return {name: own for name, own in self.sliding.items() if len(own.index)}
 
 
-def _coupling(
-    name: str, centre: Array, found: CompliantFriction, jacobian: Array, by_rows: Array
-) -> Coupling:
-    """The coupling with one collider that moves freely about its centre (dim,) [m]. jacobian: (k*dim, n_rows*dim) of
-    the points by the rows; by_rows: of the carriers."""
+def _coupling(name: str, centre: Array, found: CompliantFriction, moved: SlidingMotion) -> Coupling:
+    """The coupling with one collider that moves freely about its centre (dim,) [m]. moved: of the points."""
     arms = found.position - centre
     slope, mixed, own = touched_body_derivatives(arms, found.terms.gradient, found.terms.hessian)
-    return Coupling(name, slope, lambda: found.by_twist(mixed, own, jacobian, by_rows))
+    return Coupling(name, slope, lambda: found.by_twist(mixed, own, moved.jacobian, moved.carriers))

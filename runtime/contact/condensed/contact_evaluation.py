@@ -26,27 +26,26 @@ from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 
 class CarriedCompliance(NamedTuple):
-    """How k points give way and are carried along by the body. compliance: G (k*dim, k*dim) [m/N]; carrier: A (k, dim,
-    dim), see `carriers.py`, and by_rows: dA (k, dim, dim, n_rows*dim)."""
+    """How k points give way and are carried along by the body. compliance: G (k*dim, k*dim) [m/N]; displacement: v (k,
+    dim) [m], in rest coordinates; by_rows: dx (k, dim, n_rows*dim) without v, and basis_gradient: (k, n_rows, dim)."""
 
     compliance: Array
-    carrier: Array
+    displacement: Array
     by_rows: Array
+    basis_gradient: Array
 
 
 @dataclass(frozen=True, eq=False)
 class ActivePoints:
     """The k active points of one collider. index: (k,) contact points; position, normal: (k, dim) deformed position and
-    gradient of the signed distance there, world frame; pressure: p (k,) [N]; penetration: e (k,) > 0 [m]; jacobian:
-    computes d position / d rows (k, dim, n_rows*dim) with the displacement fixed in rest coordinates; surface: computes
-    how they give way, and are carried along; across, lever: see `PointForces`, 0.0 for no lever."""
+    gradient of the signed distance there, world frame; pressure: p (k,) [N]; penetration: e (k,) > 0 [m]; surface:
+    computes how they give way, and are carried along; across, lever: see `PointForces`, 0.0 for no lever."""
 
     index: IntArray
     position: Array
     normal: Array
     pressure: Array
     penetration: Array
-    jacobian: Callable[[], Array]
     surface: Callable[[], CarriedCompliance]
     across: Array | None = None
     lever: Array | float = 0.0
@@ -123,9 +122,9 @@ class ContactEvaluation:
         if contact is None or not owned.any():
             n_rows, dim = self.rows.shape
             index, vectors, scalars = np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty(0)
-            jacobian, carrier = np.empty((0, dim, n_rows * dim)), np.empty((0, dim, dim))
-            nothing = CarriedCompliance(np.empty((0, 0)), carrier, np.empty((0, dim, dim, n_rows * dim)))
-            return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: jacobian, lambda: nothing)
+            by_rows, gradient = np.empty((0, dim, n_rows * dim)), np.empty((0, n_rows, dim))
+            nothing = CarriedCompliance(np.empty((0, 0)), vectors, by_rows, gradient)
+            return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: nothing)
         solved, hardened = contact.solved, self._hardened
         b = solved.solution.active[owned]
         forces = PointForces(solved.solution.pressure[b])
@@ -138,11 +137,11 @@ class ContactEvaluation:
             solved.solution.normal[b],
             forces.pressure,
             solved.solution.penetration[b],
-            lambda: contact.motions.position.reshape(shape)[owned],
             lambda: CarriedCompliance(
                 contact.start.compliance.among(solved.index[b]).astype(np.float64),
-                solved.carriers[b],
-                contact.carriers_by_rows[owned],
+                solved.solution.rest_displacement[b],
+                contact.derivatives.position.reshape(shape)[owned],
+                contact.derivatives.basis_gradient[owned],
             ),
             forces.across,
             forces.lever,

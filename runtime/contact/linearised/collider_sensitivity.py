@@ -1,13 +1,13 @@
 """Derivatives of the energy of a solved contact by the motion of a free collider.
 
-Moving a collider by a twist about its centre c is equivalent to moving the body, F included, by the inverse motion. In
-the symbols of `linearised_contact.py` and `runtime/rigid/twist.py`, with the deformed positions y and their arms
+Moving a collider by a twist about its centre c is equivalent to moving the body, carriers A included, by the inverse
+motion. In the symbols of `linearised_contact.py` and `runtime/rigid/twist.py`, with the deformed positions y and their arms
 a = y - c, a twist adds the columns
 
-    dxi = -(I, E_k a),      dphi = F^T (0, E_k f)
+    dxi = -(I, E_k a),      dphi = A^T (0, E_k f)
 
 to the position and force Jacobians. This motion is not affine in the twist, so that -f . d2xi contributes to the
-Hessian as well: the same contribution as for any points at y with the gradient -f that move by dx + dF v with the rows.
+Hessian as well: the same contribution as for any points at y with the gradient -f that move by dx + dA v with the rows.
 """
 
 from __future__ import annotations

@@ -145,14 +145,7 @@ class LinearisedContact:
     def bending(self, forces: Array, moments: Array, along: Array | None = None) -> Array:
         """sum_j F_j . d2x_j + M_j : d2A_j (R, R) of forces F (k, dim) and moments M (k, dim, dim); along: see
         `RowHessian`."""
-        gradient = self.derivatives.basis_gradient
-        k, n_rows, dim = gradient.shape
-        by_F = self.carriers.curvature(moments).transpose(0, 2, 1, 3, 4).reshape(k, dim, dim**3)
-        half = np.matmul(gradient, by_F).reshape(k, n_rows * dim * dim, dim)
-        left = half.transpose(1, 0, 2).reshape(n_rows * dim * dim, k * dim)
-        whole = left @ gradient.transpose(0, 2, 1).reshape(k * dim, n_rows)
-        by_rows = whole.reshape(n_rows, dim, dim, n_rows).transpose(0, 1, 3, 2)
-        by_rows = by_rows.reshape(n_rows * dim, n_rows * dim)
+        by_rows = self.carriers.bending(moments, self.derivatives.basis_gradient)
         found = by_rows if along is None else between_directions(by_rows, along)
         of_points = None if self._internal is None else self._internal.curvature(forces, along)
         return found if of_points is None else found + of_points

@@ -1,15 +1,15 @@
 """The contact solve: equilibrium contact forces between a collider and a linearly elastic surface.
 
-At the m contact points near the collider, with reduced positions x_j, deformation gradients F_j, compliance G (see
-`surface_compliance.py`) and the penalty law of the truth (thesis 5.4), displacements u, deformed positions y and forces
-f satisfy
+At the m contact points near the collider, with reduced positions x_j, carriers A_j (`runtime/contact/carriers/`),
+compliance G (see `surface_compliance.py`) and the penalty law of the truth (thesis 5.4), displacements u, deformed
+positions y and forces f satisfy
 
-    y_j = x_j + u_j,    u_j = F_j sum_i G_ji F_i^T f_i,    f_j = p_j g(y_j),    p_j = a_j k max(0, -s(y_j))^2,
+    y_j = x_j + u_j,    u_j = A_j sum_i G_ji A_i^T f_i,    f_j = p_j g(y_j),    p_j = a_j k max(0, -s(y_j))^2,
 
 with s the signed distance and g its gradient *at the deformed position*. In rest coordinates, v = A^-1 u and
 phi = A^T f, the compliance is constant: v = G phi. These are the conditions for a minimum of
 
-    E(phi) = 1/2 phi . G phi + sum_j (a_j k / 3) max(0, -s(x_j + F_j (G phi)_j))^3.
+    E(phi) = 1/2 phi . G phi + sum_j (a_j k / 3) max(0, -s(x_j + A_j (G phi)_j))^3.
 
 Newton's method treats the displacements and the penetrations e_j = -s(y_j) as separate unknowns, which keeps the stiff
 penalty law out of the linearisation: it takes two to six iterations, usually from any start. Where it fails (a collider

@@ -1,7 +1,7 @@
 """Warm start of the contact solve: the contact forces of a state, predicted from those of a nearby solved state.
 
-Active points are predicted to first order. With dx and dA the changes of their positions and deformation gradients, T
-the rotation of the collider since then, and dc the displacement of a point that moves rigidly with the collider,
+Active points are predicted to first order. With dx and dA the changes of their positions and carriers, T the rotation
+of the collider since then, and dc the displacement of a point that moves rigidly with the collider,
 
     dr = (I + G_w D)^-1 (dx + dA v - dc + A G dphi),    dphi = (A + dA)^T T f - A^T f,
     de = -g . dr,    g + dg = T (g + H dr),

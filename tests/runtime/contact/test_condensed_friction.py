@@ -154,8 +154,7 @@ def test_friction_alone_has_exact_derivatives(jelly_body, dim, mechanics, law, s
     # In 2D what slips has no stiffness: what is left is round-off of a force over 1e-7 m.
     round_off = 1e-15 * np.abs(at[1]).max() / h
     found = (at[2] @ direction.ravel()).reshape(rows.shape)
-    # The second derivative of friction has a slope that jumps where a point begins to slip: an error of h / eps = 1e-3 at
-    # one point of hundreds.
+    # The slope of the second derivative jumps where a point begins to slip: an error of h / eps = 1e-3 at one of many.
     assert np.abs(found - change).max() < 1e-5 * np.abs(change).max() + round_off
 
 
