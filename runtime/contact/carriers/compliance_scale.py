@@ -1,8 +1,8 @@
 """How the compliance at contact points depends on the strain of the body, learned from contact forces.
 
-Displacements of the body at rest, v = G phi, are carried along by the rotation R of the body (`carriers.py`). That their
-compliance changes with the strain, too, forces on the handles show, as they are derivatives of the energy by the strain.
-So with a scale s of the compliance at every point,
+Displacements of the body at rest, v = G phi, are carried along by the rotation R of the body (`carriers.py`). That the
+compliance changes with the strain, too, is seen in forces on the handles, which are derivatives of the energy by the
+strain. So with a scale s of the compliance at every point,
 
     u = A v,    phi = A^T f,    A = s R,    s = exp theta,    theta = R tanh(z / R),
     z = c_1 (tr C / dim - 1) / 2 + c_2 (N . C N - 1) / 2 + c_3 (det F - 1),    C = F^T F,

@@ -1,8 +1,8 @@
 """Derivatives of the energy of a solved contact by the motion of a free collider.
 
 Moving a collider by a twist about its centre c is equivalent to moving the body, carriers A included, by the inverse
-motion. In the symbols of `linearised_contact.py` and `runtime/rigid/twist.py`, with the deformed positions y and their arms
-a = y - c, a twist adds the columns
+motion. In the symbols of `linearised_contact.py` and `runtime/rigid/twist.py`, with the deformed positions y and their
+arms a = y - c, a twist adds the columns
 
     dxi = -(I, E_k a),      dphi = A^T (0, E_k f)
 
