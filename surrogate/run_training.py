@@ -35,19 +35,21 @@ from softprint.surrogate.train import TrainingResult
 from softprint.surrogate.training_bar import train_with_bar, write_curves
 
 
-def train_models(context: Context, only: str | None) -> None:
-    """Train every model of the experiment, or the one named. Models already trained with this truth, these mechanics
-    and these settings are skipped."""
+def train_models(context: Context, names: Sequence[str] | None) -> None:
+    """Train the models of the experiment with these names, by default all. Models already trained with this truth,
+    these mechanics and these settings are skipped."""
     training, path = context.experiment.training, context.experiment.path
-    models = [model for model in training.models if only in (None, model.name)]
-    internal = [model for model in training.internal if only in (None, model.name)]
-    if not (models or internal):
-        names = [model.name for model in training.models] + [model.name for model in training.internal]
-        known = ", ".join(names) or "none"
-        asked = f"no model named {only!r}" if only else "no models"
+    known = [model.name for model in training.models] + [model.name for model in training.internal]
+    unknown = sorted(set(names or ()) - set(known))
+    if unknown or not known:
+        asked = f"no model named {unknown[0]!r}" if unknown else "no models"
+        there = ", ".join(known) or "none"
         raise SoftprintError(
-            f"{path}: {asked} in [[training.models]] or [[training.internal]]; there: {known}"
+            f"{path}: {asked} in [[training.models]] or [[training.internal]]; there: {there}"
         )
+    wanted = known if names is None else names
+    models = [model for model in training.models if model.name in wanted]
+    internal = [model for model in training.internal if model.name in wanted]
     body = body_of_run(context)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         if internal:

@@ -12,8 +12,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the option of this command."""
     parser.add_argument(
         "--model",
+        action="append",
         metavar="NAME",
-        help="train only this one of [[training.models]] and [[training.internal]] (default: all)",
+        help="one of [[training.models]] and [[training.internal]]; repeatable (default: all)",
     )
 
 

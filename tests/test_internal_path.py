@@ -101,12 +101,12 @@ def test_from_states_to_report(experiment, tmp_path, dim, capsys):
     assert set(MODELS) <= set(scene["free"]) & set(report["timings"])
     assert set(report["held_out_states"]) == {"thesis4", "ours", "modes"}
     assert "without a collider" in (run / "report.html").read_text()
-    # What exists is kept, and one can be asked for alone.
+    # What exists is kept, and some can be asked for alone.
     before = (run / "internal" / "ours.safetensors").read_bytes()
-    assert main(["train", *here, "--model", "ours"]) == 0
+    assert main(["train", *here, "--model", "ours", "--model", "modes"]) == 0
     assert (run / "internal" / "ours.safetensors").read_bytes() == before
     capsys.readouterr()
-    assert main(["train", *here, "--model", "theirs"]) == 1
+    assert main(["train", *here, "--model", "ours", "--model", "theirs"]) == 1
     assert "there: thesis4, ours, modes" in capsys.readouterr().err
     assert main(["inspect", str(run / "internal" / "thesis4.safetensors")]) == 0
     assert "the subspace alone" in capsys.readouterr().out
