@@ -337,6 +337,14 @@ FIGURES: Mapping[str, Figure] = {
         (RESULTS,),
         ("jelly_library_small",),
     ),
+    "carriers": Figure(
+        (
+            f"python -m reproduction.linear_response {_SMALL} push=slab push=octahedron push=mug push=key",
+            "python -m reproduction.linear_response examples/jelly3d_small.toml held_out",
+        ),
+        ("docs/method.md",),
+        ("motions_of_shapes", "demo"),
+    ),
     "thin_shapes": Figure(
         (
             "python -m benchmarks.thin_shapes examples/jelly_library_small.toml",
