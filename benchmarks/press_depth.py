@@ -1,12 +1,12 @@
 """Force against depth, pressed until the body gives up: a punch, a ball, a cone, a plate and a bead.
 
     python -m benchmarks.press_depth examples/jelly3d_small.toml [--out RUN] [--shapes ball ...] [--place X Y]
-                                     [--set KEY=VALUE]
+                                     [--models bare mechanics ours] [--set KEY=VALUE]
 
 Each shape is led straight down into the top, near the middle of a jelly or at a place, slowly, in full space, with the
-bare subspace, and with linear mechanics. Printed is the force on it at some depths below the highest point of the
-undeformed body, for reduced models relative to full space, with the status of the step where it is not CONVERGED. Needs
-`softprint mechanics` or `softprint train`.
+bare subspace, with linear mechanics, and with corrections of the run for any collider. Printed is the force on it at
+some depths below the highest point of the undeformed body, for reduced models relative to full space, with the status
+of the step where it is not CONVERGED. Needs `softprint mechanics` or `softprint train`.
 """
 
 from __future__ import annotations
@@ -25,13 +25,15 @@ from softprint.runtime.colliders import Box, Collider, Cone, Cylinder, Keyframed
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.experiment import Experiment, load_experiment
+from softprint.runtime.learned.correction import Correction
+from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
 
 CONTACT_NODES = 3000
 SPEED = 0.02  # m/s
 CLEAR = 0.001  # m, above the body at first
 PRINTED = 2.5e-3  # m, between two lines
-MODELS = ("full", "bare", "mechanics")
+MODELS = ("bare", "mechanics")
 
 SHAPES: Mapping[str, Callable[[], Collider]] = {
     "punch": lambda: Cylinder(0.01, 0.03, 0.002, "punch"),
@@ -45,8 +47,16 @@ SHAPES: Mapping[str, Callable[[], Collider]] = {
 class Presses:
     """Presses into the body of a run, at a place (x, y) [m]."""
 
-    def __init__(self, experiment: Experiment, run: Path, deepest: float, place: Sequence[float]) -> None:
-        self.experiment, self.deepest, self.place = experiment, deepest, place
+    def __init__(
+        self,
+        experiment: Experiment,
+        run: Path,
+        deepest: float,
+        place: Sequence[float],
+        models: Sequence[str],
+    ) -> None:
+        self.experiment, self.deepest, self.place, self.models = experiment, deepest, place, models
+        self.run = run
         self.body = load_body(run / "body.h5")
         self.mechanics = load_mechanics(mechanics_path(run, CONTACT_NODES), self.body)
         self.top = float(self.body.mesh.points[:, 2].max())
@@ -76,17 +86,20 @@ class Presses:
             "kinematic": [KinematicHandle(frame.name) for frame in self.body.handles.frames],
             "settings": DynamicsSettings(own.time_step),
         }
-        placed = [PlacedCollider(shape.name, shape, path)]
         if model == "full":
-            return FullSpaceSimulator(self.body, placed, **common)
-        return Simulator(
-            self.body, placed, mechanics=self.mechanics if model == "mechanics" else None, **common
-        )
+            return FullSpaceSimulator(self.body, [PlacedCollider(shape.name, shape, path)], **common)
+        correction: Correction | None = None
+        if model not in MODELS:
+            file = self.run / "corrections" / f"{model}.safetensors"
+            correction = load_correction(file, self.body, shape, self.mechanics)
+        mechanics = None if model == "bare" else self.mechanics
+        placed = [PlacedCollider(shape.name, shape, path, correction)]
+        return Simulator(self.body, placed, mechanics=mechanics, **common)
 
     def table(self, name: str, every: float) -> Sequence[str]:
         """Lines for one shape, at depths that far apart [m]."""
         shape = SHAPES[name]()
-        found = {model: self.press(shape, model) for model in MODELS}
+        found = {model: self.press(shape, model) for model in ("full", *self.models)}
         depths, forces, statuses = found["full"]
         lines = []
         for depth in np.arange(every, depths[-1] + 1e-9, every):
@@ -94,7 +107,7 @@ class Presses:
             if not forces[at]:  # beside the highest point it touches later
                 continue
             cells = [name, f"{1e3 * depths[at]:.1f}", f"{forces[at]:.2f}{_status(statuses[at])}"]
-            for model in MODELS[1:]:
+            for model in self.models:
                 _, own, said = found[model]
                 cells.append(f"{own[at] / forces[at] - 1.0:+.0%}{_status(said[at])}")
             lines.append("| " + " | ".join(cells) + " |")
@@ -116,12 +129,15 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--deepest", type=float, default=0.03, help="m, below the undeformed top")
     parser.add_argument("--printed", type=float, default=PRINTED, help="m, between two lines")
     parser.add_argument("--place", nargs=2, type=float, default=(0.002, 0.003), metavar=("X", "Y"), help="m")
+    parser.add_argument("--models", nargs="+", default=MODELS, metavar="NAME")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the experiment")
     options = parser.parse_args(words)
     logging.getLogger("softprint").setLevel(logging.ERROR)  # the table has every status
     run = options.out or Path("runs") / options.experiment.stem
-    presses = Presses(load_experiment(options.experiment, options.set), run, options.deepest, options.place)
-    print("| shape | depth, mm | full space, N | bare | mechanics |\n" + "| --- " * 5 + "|", flush=True)
+    experiment = load_experiment(options.experiment, options.set)
+    presses = Presses(experiment, run, options.deepest, options.place, options.models)
+    print(f"| shape | depth, mm | full space, N | {' | '.join(options.models)} |")
+    print("| --- " * (3 + len(options.models)) + "|", flush=True)
     for name in options.shapes:
         print("\n".join(presses.table(name, options.printed)), flush=True)
 
