@@ -240,7 +240,8 @@ FIGURES: Mapping[str, Figure] = {
     "press_depth": Figure(
         (
             "python -m benchmarks.press_depth examples/jelly3d_small.toml",
-            "python -m benchmarks.press_depth examples/jelly3d_small.toml --set contact.reduced_refinement=2",
+            "python -m benchmarks.press_depth examples/jelly3d_small.toml --set contact.reduced_refinement=2 "
+            "--models mechanics",
         ),
         (RESULTS,),
         ("demo",),
