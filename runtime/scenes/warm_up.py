@@ -99,7 +99,7 @@ def _block(dim: int, frames: int) -> ReducedBody:
 def _placed(
     body: ReducedBody, mechanics: BodyMechanics | None, free: bool, law: PenaltyContact
 ) -> list[PlacedCollider]:
-    """Shapes that touch the top of the block, the first of them led, and one that moves freely."""
+    """Shapes that touch the top of the block, the first of them led, and one that moves freely, 3 mm deep at first."""
     dim = body.dim
     placed = []
     for number, shape in enumerate(_shapes(dim)):
@@ -111,7 +111,7 @@ def _placed(
         placed.append(PlacedCollider(shape.name, shape, path, correction))
     if free:
         ball = Sphere(0.1 * _SIZE, dim, "free")
-        pose = RigidPose(np.eye(dim), np.append(np.full(dim - 1, 0.75 * _SIZE), 1.09 * _SIZE))
+        pose = RigidPose(np.eye(dim), np.append(np.full(dim - 1, 0.75 * _SIZE), 1.07 * _SIZE))
         placed.append(PlacedCollider("free", ball, free=free_collider(ball, pose, density=1000.0)))
     return placed
 
