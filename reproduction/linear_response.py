@@ -124,6 +124,8 @@ def measured(context: Context, body: ReducedBody, option: str, n_frames: int) ->
         answers = judge.answers(rows, way)
         if answers is not None:
             found.append((*answers, mechanics.answer(rows, way)))
+    if not found:
+        raise SoftprintError(f"{path}: full space has no solution at any of the frames in contact")
     cells = [option, str(len(found))]
     for part in Answer._fields:
         exact, *others = (

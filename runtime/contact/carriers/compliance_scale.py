@@ -44,11 +44,6 @@ class ScaleDerivatives:
         """See the class."""
         return self._curvature()
 
-    def by_rows(self, basis_gradient: Array) -> Array:
-        """dtheta/drows (m, n_rows*dim); basis_gradient: (m, n_rows, dim), which gives dF."""
-        m, n_rows, dim = basis_gradient.shape
-        return (basis_gradient @ self.slope.transpose(0, 2, 1)).reshape(m, n_rows * dim)
-
 
 @dataclass(frozen=True)
 class ComplianceScale:

@@ -45,23 +45,6 @@ def test_derivatives_by_the_coefficients(dim):
         np.testing.assert_allclose(by_slope[:, k], (ahead.slope - behind.slope) / 2e-6, atol=1e-8)
 
 
-def test_the_slope_by_the_handle_rows_is_that_through_the_deformation_gradient(dim):
-    rng, n_rows = np.random.default_rng(1), 4
-    gradient, rows = rng.normal(size=(5, n_rows, dim)), rng.normal(size=(n_rows, dim))
-    _, normal = strained(dim)
-    direction = rng.normal(size=rows.shape)
-
-    def theta(at):
-        return np.log(SCALE.scale(np.einsum("ra,mrj->maj", at, gradient), normal))
-
-    F = np.einsum("ra,mrj->maj", rows, gradient)
-    found = SCALE.derivatives(F, normal).by_rows(gradient) @ direction.ravel()
-    h = 1e-6
-    # As above.
-    slope = (theta(rows + h * direction) - theta(rows - h * direction)) / (2 * h)
-    np.testing.assert_allclose(found, slope, atol=1e-8)
-
-
 def test_rotating_the_body_changes_nothing(dim):
     F, normal = strained(dim)
     Q = rotation_matrix([0.7] if dim == 2 else [0.2, -0.4, 1.1], dim)
