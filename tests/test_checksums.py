@@ -18,6 +18,7 @@ import torch
 from softprint.fem_truth.generate.shards import DamagedShard, read_shard, write_shard
 from softprint.runtime.body import load_body
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io import h5_contents
 from softprint.runtime.io.files import create_softprint_h5, open_softprint_h5
 from softprint.runtime.io.seal import BLOCK, Damage, Unsealed, damage, seal
 from softprint.runtime.io.tensor_file import load_tensors, save_tensors
@@ -104,6 +105,21 @@ def test_two_thousand_bytes_of_every_kind_of_file(finished_run: Path, tmp_path: 
         with altered(path, place, mask), pytest.raises(SoftprintError, match=path.name):
             read(path)
     read(path)
+
+
+@pytest.mark.parametrize("reading", ["import os; os.abort()", "while True: pass", "raise OSError"])
+def test_a_table_of_contents_that_breaks_its_reader_is_named(
+    small: Path, monkeypatch: pytest.MonkeyPatch, reading: str
+) -> None:
+    """On an altered table of contents HDF5 may crash, or find no end; which bytes do it depends on its version."""
+    monkeypatch.setattr(h5_contents, "_READ", ("-c", reading))
+    monkeypatch.setattr(h5_contents, "_PATIENCE", 1.0)
+    with (
+        altered(small, 200, 1),
+        pytest.raises(SoftprintError, match=r"altered \(its table of contents\)"),
+        open_softprint_h5(small, "body", 1),
+    ):
+        pass
 
 
 def test_every_byte_of_shards_and_checkpoints(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.io.memory_bound import memory_bound
 
 if TYPE_CHECKING:
     import h5py
@@ -25,36 +26,53 @@ _ROOM = 1 << 28  # bytes
 _COMPRESSION = 16
 _DEPTH = 8  # of nested groups; Softprint files have three levels
 _PLAIN = set("iufbS")  # kinds of numpy types: integers, floats, booleans, text of fixed length
-_PATIENCE = 60.0  # s
+# A process that reads a file may take so many seconds, and longer for files that are read at this rate [bytes/s].
+_PATIENCE, _SLOWEST = 20.0, 1e7
 
-# Prints the kind of a file. In a child process, because HDF5 may crash on damaged bytes.
-_PROBE = """
+# Of a child process, because HDF5 may crash on damaged bytes: prints the kind of a file.
+_PROBE = (
+    "-c",
+    """
 import json, sys, h5py
 with h5py.File(sys.argv[1], "r") as file:
     kind, version = (file.attrs.get(name) for name in ("softprint_kind", "softprint_version"))
     kind = kind.decode(errors="replace") if isinstance(kind, bytes) else kind
     print(json.dumps([None if kind is None else str(kind), -1 if version is None else int(version)]))
-"""
+""",
+)
+_READ = ("-m", __name__)  # prints the names of unreadable datasets
 
 
 def claims(path: Path) -> tuple[str | None, int] | None:
     """Kind and version that an HDF5 file states, read in a child process that may crash; None if unreadable."""
-    command = [sys.executable, "-c", _PROBE, str(path)]
+    said = _asked(_PROBE, path)
+    if said is None:
+        return None
+    kind, version = json.loads(said)
+    return kind, version
+
+
+def unreadable_datasets(path: Path) -> list[str]:
+    """Names of the datasets that HDF5 cannot read completely, by their own checksums. Read in a child process too: on
+    an altered table of contents HDF5 may crash, or read without end."""
+    said = _asked(_READ, path)
+    return ["its table of contents"] if said is None else json.loads(said)
+
+
+def _asked(reader: tuple[str, str], path: Path) -> str | None:
+    """What a Python process that reads the file prints; None where it crashes, fails, or finds no end."""
     try:
         asked = subprocess.run(
-            command,
+            [sys.executable, *reader, str(path)],
             capture_output=True,
             text=True,
-            timeout=_PATIENCE,
+            timeout=_PATIENCE + path.stat().st_size / _SLOWEST,
             check=False,
             stdin=subprocess.DEVNULL,
         )
     except subprocess.TimeoutExpired:
         return None
-    if asked.returncode != 0:
-        return None
-    kind, version = json.loads(asked.stdout)
-    return kind, version
+    return asked.stdout if asked.returncode == 0 else None
 
 
 def refuse_tricks(file: h5py.File, source: Path) -> None:
@@ -98,17 +116,16 @@ def _refusal(source: Path, name: str, trouble: str) -> SoftprintError:
     return SoftprintError(f"{source}: {name!r} {trouble}, unlike Softprint files: make it again")
 
 
-def unreadable_datasets(path: Path) -> list[str]:
-    """Names of the datasets that HDF5 cannot read completely, by their own checksums."""
+def _unreadable(path: Path) -> list[str]:
     import h5py
 
     bad = []
     try:
-        with h5py.File(path, "r") as file:
+        with memory_bound(path), h5py.File(path, "r") as file:
             for name, item in _walk(file, path, "", 0):
                 if isinstance(item, h5py.Dataset) and not _is_readable(item):
                     bad.append(name)
-    except (OSError, RuntimeError, ValueError, LookupError, SoftprintError):
+    except (OSError, RuntimeError, ValueError, LookupError, MemoryError, SoftprintError):
         bad.append("its table of contents")
     return bad
 
@@ -121,3 +138,7 @@ def _is_readable(dataset: h5py.Dataset) -> bool:
     except (OSError, RuntimeError, ValueError, TypeError, MemoryError):
         return False
     return True
+
+
+if __name__ == "__main__":
+    print(json.dumps(_unreadable(Path(sys.argv[1]))))

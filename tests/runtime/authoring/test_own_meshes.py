@@ -41,8 +41,9 @@ def test_it_becomes_a_body_or_one_sentence(own: OwnMesh, tmp_path, capsys, monke
         assert right != ("need that many" in said.out or "came nearer" in said.out), said.out
         assert 0.5 * CELLS < mesh.n_cells < 5.0 * CELLS
     if own.volume:
-        # The envelope is a tenth of an edge, of some eight edges across.
-        assert mesh.cell_volumes.sum() == pytest.approx(own.volume, rel=0.08)
+        # The envelope is a tenth of an edge, of some eight edges across: 1 - (1 - 0.2 / 8)^3 = 7 %. The number of edges
+        # varies by a few per cent from run to run, and once in some tens of runs the loss was 8.1 %.
+        assert mesh.cell_volumes.sum() == pytest.approx(own.volume, rel=0.1)
     # It stands on the ground, centred.
     assert mesh.points[:, -1].min() == pytest.approx(0.0, abs=1e-6)
     assert np.abs(mesh.points[:, :-1].min(axis=0) + mesh.points[:, :-1].max(axis=0)).max() < 1e-6
