@@ -24,9 +24,10 @@ _CLASSES = 2.0
 _CLOSEST = 0.7
 
 
-def sharp_points(collider: Collider, spacing: float) -> Array:
+def sharp_points(collider: Collider, spacing: float, radius: float | None = None) -> Array:
     """Points (n, dim) [m], about `spacing` [m] apart, on those parts of a collider's surface whose smaller radius of
-    curvature is less than the spacing; the sharpest of neighbouring ones are chosen. In its own coordinates."""
+    curvature is less than `radius` [m], by default the spacing; the sharpest of neighbouring ones are chosen. In its
+    own coordinates."""
     extent = float((collider.upper - collider.lower).max())
     if not np.isfinite(extent):
         return np.empty((0, collider.dim))
@@ -37,7 +38,7 @@ def sharp_points(collider: Collider, spacing: float) -> Array:
     at = collider.sdf_derivatives(points)
     off = collider.sdf_derivatives(points + outside * _unit(at.gradient))
     curvature = np.linalg.eigvalsh(off.hessian)
-    sharp = curvature[:, -1] > 1.0 / (spacing + outside)
+    sharp = curvature[:, -1] > 1.0 / ((spacing if radius is None else radius) + outside)
     # That of a corner is twice that of an edge; that of a saddle may be negative.
     points, curvature = points[sharp], np.maximum(curvature[sharp].sum(axis=1), 1.0 / spacing)
     # Where a tip is round, its farthest point comes first.

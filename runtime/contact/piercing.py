@@ -3,7 +3,7 @@
 Contact acts at points of the body's surface, and a collider can pass between them, or be pressed farther than the body
 gives way. Points on the collider's surface are therefore compared with the nearest contact points of the deformed
 surface: one on the inner side of its nearest point is as deep in the body as it is far from that point. This measure is
-right to about the distance between nodes, so that a collider counts as piercing from a multiple of that distance. A
+right to about the distance between points, so that a collider counts as piercing from a multiple of that distance. A
 body thinner than twice that depth can be passed unseen. `intrusion.py` has the exact depth, from all cells of the body.
 """
 
@@ -22,8 +22,8 @@ from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
 from softprint.runtime.contact.piercing_kernels import bounds, in_box, nearest_depths
 
-# A collider pierces the body from this depth on, in distances between surface nodes. Where a dent stretches the surface
-# to twice its length, a collider point that touches it is up to 1.4 distances from the nearest node.
+# A collider pierces the body from this depth on, in distances between contact points. Where a dent stretches the
+# surface to twice its length, a collider point that touches it is up to 1.4 distances from the nearest of them.
 _LIMIT = 2.0
 # At least so many points along the longest side of a collider.
 _LEAST_ALONG = 8
@@ -64,7 +64,7 @@ class Piercing:
 
 
 class PiercingSearch:
-    """Finds colliders, by name, that have pierced a body whose surface nodes are `spacing` [m] apart."""
+    """Finds colliders, by name, that have pierced a body whose contact points are `spacing` [m] apart."""
 
     def __init__(self, colliders: Mapping[str, Collider], spacing: float) -> None:
         self.limit = _LIMIT * spacing

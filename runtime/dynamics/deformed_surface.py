@@ -38,7 +38,7 @@ def reduced_search(
         surfaces.append((SampledSurface(penalty), others))
     return PiercedColliders(
         [
-            SearchedSurface(surface, own, float(area / surface.n_nodes) ** (1.0 / (body.dim - 1)))
+            SearchedSurface(surface, own, float(area / len(surface)) ** (1.0 / (body.dim - 1)))
             for surface, own in surfaces
         ]
     )
@@ -49,7 +49,9 @@ class SampledSurface:
 
     def __init__(self, contact: SurfaceContactEnergy) -> None:
         self.points = ContactPoints(contact.material, None)
-        self.n_nodes = len(contact.nodes)
+
+    def __len__(self) -> int:
+        return len(self.points.material)
 
     def at(self, body: BodyEvaluation) -> DeformedSurface:
         """See `BodySurface`."""
@@ -81,7 +83,9 @@ class CondensedSurface:
         rigid = body.node_points(samples[np.isin(samples, body.handles.frame_nodes)])
         self.n_contact = len(own)
         self.points = ContactPoints(own.followed_by(rigid), None)
-        self.n_nodes = len(condensed.nodes) + len(rigid)
+
+    def __len__(self) -> int:
+        return len(self.points.material)
 
     def at(self, body: BodyEvaluation) -> DeformedSurface:
         """See `BodySurface`."""

@@ -44,7 +44,7 @@ class BodySurface(Protocol[_Evaluation]):
 
 
 class SearchedSurface(NamedTuple, Generic[Evaluation]):
-    """A surface whose nodes are `spacing` [m] apart, and the colliders that are searched in it, by name."""
+    """A surface whose contact points are `spacing` [m] apart, and the colliders that are searched in it, by name."""
 
     surface: BodySurface[Evaluation]
     colliders: Mapping[str, Collider]
@@ -138,7 +138,9 @@ def with_piercing(result: StepResult[State], piercing: Piercing | None) -> StepR
 
 def _strongest(contact: ContactForce) -> Array:
     """Where the largest of the point forces acts (dim,) [m]."""
-    points, forces = (np.concatenate([getattr(part, of) for part in contact.parts]) for of in ("points", "forces"))
+    points, forces = (
+        np.concatenate([getattr(part, of) for part in contact.parts]) for of in ("points", "forces")
+    )
     return np.asarray(points[np.argmax(np.square(forces).sum(axis=1))])
 
 

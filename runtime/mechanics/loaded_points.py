@@ -17,6 +17,7 @@ triangulation that is dual to the regions of the contact nodes.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -120,7 +121,7 @@ class LoadedPoints:
         at = body.node_points()
         if self.are_nodes:
             return at.take(self.corners[:, 0])
-        rest, basis, gradient = (self._mean(of) for of in (at.rest, at.basis, at.basis_gradient))
+        rest, basis, gradient = (self.mean(of) for of in (at.rest, at.basis, at.basis_gradient))
         return MaterialPoints(rest, basis, gradient, np.zeros(len(self)), self.normals)
 
     def felt(self, index: IntArray, forces: Array) -> tuple[IntArray, Array]:
@@ -145,15 +146,37 @@ class LoadedPoints:
         at their corners (m, c), and the shares (m, c)."""
         return *numbered(self.nodes[index], self.n_nodes), self.shares[index]
 
-    def _mean(self, of: Array) -> Array:
+    def mean(self, of: Array) -> Array:
         """The means over the corners of a column of the nodes of the mesh."""
         return means(of, self.corners, self.weights)
+
+
+class Gaps(NamedTuple):
+    """What contact points let through. spacing: the distance between the nodes that they are between [m]; radius: that
+    of the largest ball at a node of the surface between them [m]."""
+
+    spacing: float
+    radius: float
+
+    @classmethod
+    def between(cls, body: ReducedBody, points: LoadedPoints, n_nodes: int, bearing: IntArray) -> Gaps:
+        """Of the points between so many of the nodes of the surface that bear forces (b,)."""
+        mesh, share = body.mesh, max(1.0, len(bearing) / n_nodes)
+        around = cKDTree(points.mean(mesh.points)).query(mesh.points[bearing])[0]
+        return cls(mesh.surface_spacing * float(share) ** (1.0 / (mesh.dim - 1)), float(around.max()))
 
 
 def owners(body: ReducedBody, nodes: IntArray) -> IntArray:
     """(n_nodes,) for every node of the surface that contact can displace, its number among contact nodes (n,); -1 for
     the others."""
     return _owners(body, nodes, outside_frames(body)[0])
+
+
+def node_spacing(body: ReducedBody, nodes: IntArray, bearing: IntArray) -> float:
+    """The distance between nodes (n,) at which contact is looked for [m]: that of the nodes of the surface, and more
+    where they are fewer than those that bear forces."""
+    share = max(1.0, len(bearing) / len(nodes))
+    return body.mesh.surface_spacing * float(share) ** (1.0 / (body.dim - 1))
 
 
 def _owners(body: ReducedBody, nodes: IntArray, bearing: IntArray) -> IntArray:

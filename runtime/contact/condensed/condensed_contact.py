@@ -35,8 +35,9 @@ from softprint.runtime.contact.solver.warm_start import PointCompliance, WarmSta
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
-from softprint.runtime.mechanics.loaded_points import LoadedPoints, owners
+from softprint.runtime.mechanics.loaded_points import Gaps, LoadedPoints, owners
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
+from softprint.runtime.mechanics.surface_compliance import outside_frames
 
 # The dent can push more points into a collider, and these again others: at most so many searches for such points.
 _SEARCHES = 3
@@ -96,12 +97,13 @@ class CondensedContact:
         loaded = LoadedPoints.of_compliance(body, compliance, law.reduced_points)
         of_nodes = LocalCompliance(compliance.among_nodes())
         stiffness, sharp = law.stiffness * loaded.areas, None
-        known = sharp_colliders(colliders, law, body.mesh)
+        gaps = Gaps.between(body, loaded, len(compliance.nodes), outside_frames(body)[0])
+        known = sharp_colliders(colliders, law, gaps)
         if known:
             owner = owners(body, compliance.nodes)
             corners = np.unique(bearing_facets(body.mesh.facets, owner))
             points = ContactPoints.of(body, loaded, mechanics.condensation, corners, scale, internal)
-            sharp = SharpSearch(body, known, law, owner, of_nodes, loaded, points, corners)
+            sharp = SharpSearch(body, known, law, owner, of_nodes, loaded, points, corners, gaps)
             stiffness = np.concatenate([stiffness, np.full(sharp.count, law.stiffness * sharp.area)])
         else:
             points = ContactPoints.of(body, loaded, mechanics.condensation, None, scale, internal)

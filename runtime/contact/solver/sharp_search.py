@@ -27,14 +27,15 @@ from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.linalg.row_products import deformed_some, placed_some
-from softprint.runtime.mechanics.loaded_points import LoadedPoints
+from softprint.runtime.mechanics.loaded_points import Gaps, LoadedPoints
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
-from softprint.runtime.mesh.mesh import Mesh
 from softprint.runtime.mesh.nearest_facets import nearest_of
 
 # Facets are looked at around the sharp points as far as the surface may be displaced: this multiple of the last
 # displacement by contact, and so many distances between surface nodes.
 _DISPLACED, _AROUND = 1.5, 3.0
+# A dent that stretches the surface to twice its area widens the gaps between contact points by this factor.
+_STRETCH = 2.0**0.5
 # Sharp points take over from contact points on facets within so many of their spacings: there the nearest side of the
 # collider changes from its edge to its flanks within a penetration.
 _BESIDE = 0.7
@@ -62,14 +63,15 @@ class SharpCollider:
 
 
 def sharp_colliders(
-    colliders: Mapping[str, Collider], law: PenaltyContact, mesh: Mesh
+    colliders: Mapping[str, Collider], law: PenaltyContact, gaps: Gaps
 ) -> list[SharpCollider]:
-    """Those of the colliders that have sharp points; none where contact is at nodes."""
+    """Those of the colliders that have sharp points; none where contact is at nodes. gaps: of the contact points."""
     if not law.refinement:
         return []
-    spacing = law.sharp_spacing(mesh)
+    spacing = law.sharp_spacing(gaps.spacing)
+    radius = max(spacing, _STRETCH * gaps.radius)
     found = [
-        SharpCollider(number, name, collider, sharp_points(collider, spacing))
+        SharpCollider(number, name, collider, sharp_points(collider, spacing, radius))
         for number, (name, collider) in enumerate(colliders.items())
     ]
     return [sharp for sharp in found if len(sharp.points)]
@@ -89,10 +91,11 @@ class SharpSearch:
         loaded: LoadedPoints,
         points: ContactPoints,
         nodes: IntArray,
+        gaps: Gaps,
     ) -> None:
         """owner: (n_nodes,) contact node of every node of the mesh, -1 for none; compliance: of the contact nodes;
         loaded, points: the contact points on the facets; nodes: (k,) those of the facets, ascending."""
-        mesh, spacing = body.mesh, law.sharp_spacing(body.mesh)
+        mesh, spacing = body.mesh, law.sharp_spacing(gaps.spacing)
         self.area = spacing ** (mesh.dim - 1)
         self.surface = SurfaceNodes(
             nodes, body.node_points(nodes), points.condensation, points.scale, points.internal

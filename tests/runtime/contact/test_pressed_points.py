@@ -84,25 +84,20 @@ def test_an_edge_thinner_than_a_facet_is_held(bodies, dim):
     assert nodes < 0.1 * force[-1]
 
 
-def test_the_edge_does_not_go_into_the_body(bodies, dim):
-    """Dragged sideways, found by the cells of the deformed body."""
-    body, mechanics = bodies[dim]
-    edge, law = plate(dim), PenaltyContact(STIFFNESS, 2)
-    start, end = upright(dim).translation, upright(dim, at=0.0123).translation
-    above = start + 0.008 * np.eye(dim)[-1]
-    placed = PlacedCollider("plate", edge, KeyframedPath([0.0, 0.3, 0.8], [above, start, end]))
-    settings = DynamicsSettings(1.0 / 60.0)
+def deepest_of(body, mechanics, collider, path, law):
+    """How deep points of the collider go into the body along a path, found by the cells of the deformed body, and how
+    many of the 48 steps do not converge."""
     simulator = Simulator(
         body,
-        [placed],
+        [PlacedCollider(collider.name, collider, path)],
         contact=law,
         mechanics=mechanics,
         kinematic=[KinematicHandle("base")],
-        settings=settings,
+        settings=DynamicsSettings(1.0 / 60.0),
     )
-    points, state, deepest, unconverged = surface_points(edge), simulator.rest_state(), 0.0, 0
+    points, state, deepest, unconverged = surface_points(collider), simulator.rest_state(), 0.0, 0
     compliance = mechanics.surface_compliance
-    contact = CondensedContact.of(body, mechanics, {"plate": edge}, law)
+    contact = CondensedContact.of(body, mechanics, {collider.name: collider}, law)
     for _ in range(48):
         result = simulator.step(state)
         state, unconverged = result.state, unconverged + (not result.converged)
@@ -110,13 +105,49 @@ def test_the_edge_does_not_go_into_the_body(bodies, dim):
             v = compliance.apply(*contact.node_forces(state.contact))
             F = np.einsum("nrj,ra->naj", body.node_points().basis_gradient, state.rows)
             x = simulator.positions(state) + np.einsum("naj,nj->na", F, v)
-            around = state.poses["plate"].apply(points)
+            around = state.poses[collider.name].apply(points)
             deepest = max(deepest, intrusion(around, body.mesh, x).depth)
+    return deepest, unconverged
+
+
+def lowered(dim, radius, at):
+    """The path of a ball that is pressed in to the depth in half a second, and held."""
+    end = np.append(np.full(dim - 1, at), TOP + radius - DEPTH)
+    return KeyframedPath([0.0, 0.5, 0.8], [end + 0.008 * np.eye(dim)[-1], end, end])
+
+
+def test_the_edge_does_not_go_into_the_body(bodies, dim):
+    """Dragged sideways."""
+    start, end = upright(dim).translation, upright(dim, at=0.0123).translation
+    above = start + 0.008 * np.eye(dim)[-1]
+    path = KeyframedPath([0.0, 0.3, 0.8], [above, start, end])
+    deepest, unconverged = deepest_of(*bodies[dim], plate(dim), path, PenaltyContact(STIFFNESS, 2))
     # A point of a facet that the edge comes to is first nearest to its face, and then to its side: a jump, at which a
     # step may end without convergence. It says so, and is not pierced.
     assert unconverged <= 8
     # A fifth of the depth, and of the distance between nodes.
     assert 0.0 < deepest < 0.2 * DEPTH
+
+
+@pytest.mark.parametrize("radius", [0.0036, 0.0045, 0.006])
+@pytest.mark.parametrize("at", [0.0, 0.0023])
+def test_a_ball_that_fits_between_contact_points_does_not_go_into_the_body(bodies, dim, radius, at):
+    """Where all nodes are contact nodes, some 6 mm apart, with one point on each facet: without sharp points on the
+    ball it goes in by more than it is pressed, with steps that converge."""
+    path = lowered(dim, radius, at)
+    deepest, unconverged = deepest_of(*bodies[dim], Sphere(radius, dim), path, PenaltyContact(STIFFNESS, 2))
+    assert unconverged == 0
+    assert deepest < 0.2 * DEPTH
+
+
+def test_what_fits_between_few_contact_nodes_does_not_go_into_the_body(bodies, dim):
+    """A round tip that nodes of the surface feel, and the fewer contact nodes do not."""
+    body, _ = bodies[dim]
+    few = compute_mechanics(body, 9 if dim == 2 else 100, True)  # a third of the nodes, and a quarter
+    path, law = lowered(dim, 0.004, 0.0023), PenaltyContact(STIFFNESS, 2)
+    deepest, unconverged = deepest_of(body, few, Sphere(0.004, dim), path, law)
+    assert unconverged == 0
+    assert 0.0 < deepest < 0.3 * DEPTH
 
 
 def test_without_a_dent_the_nearest_point_is_pressed(bodies, dim):
