@@ -47,15 +47,15 @@ def sharp_points(collider: Collider, spacing: float, radius: float | None = None
     return np.asarray(points[_spread(points, order, _CLOSEST * spacing)])
 
 
-def bearing_normals(collider: Collider, z: Array, against: Array, spacing: float) -> tuple[Array, BoolArray]:
+def bearing_normals(
+    collider: Collider, z: Array, against: Array, spacing: Array | float
+) -> tuple[Array, BoolArray]:
     """The unit normals (n, dim) with which a collider bears at sharp points z (n, dim) against pushes along the unit
     vectors -against (n, dim), and at which points (n,) it does. On a smooth part the collider has one normal, on an
-    edge or a tip many, of which the nearest to `against` is the one; parts much smaller than the spacing [m] of the
-    points count as edges and tips. It does not bear on its sides and its back."""
-    near, apart = (
-        _unit(collider.sdf_derivatives(z + outside * spacing * against).gradient)
-        for outside in (_OUTSIDE, 1.0)
-    )
+    edge or a tip many, of which the nearest to `against` is the one; parts much smaller than the spacing [m], of all
+    points or of each (n,), count as edges and tips. It does not bear on its sides and its back."""
+    way = np.reshape(spacing, (-1, 1)) * against
+    near, apart = (_unit(collider.sdf_derivatives(z + outside * way).gradient) for outside in (_OUTSIDE, 1.0))
     return apart, (near * against).sum(axis=1) > _FACING
 
 

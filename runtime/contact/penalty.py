@@ -25,6 +25,7 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import point_kernels as kernels
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +108,10 @@ class PenaltyContact:
         """The contact points of reduced models along an edge of a facet; 0: at nodes."""
         return self.reduced_refinement if self.refinement else 0
 
-    def sharp_spacing(self, node_spacing: float) -> float:
+    def sharp_spacing(self, mesh: Mesh) -> float:
         """How far apart the points on tips and edges of a collider are [m] (`runtime/colliders/sharp_points.py`): as
-        the points of full space on the facets between nodes of this spacing [m], in reduced models too."""
-        return node_spacing / self.refinement
+        the points of full space on the facets of the mesh, in reduced models too."""
+        return mesh.surface_spacing / self.refinement
 
     def energy(self, x: Array, areas: Array, collider: Collider, pose: RigidPose) -> float:
         """The contact energy [J] without derivatives, for line searches; arguments as for `terms`."""

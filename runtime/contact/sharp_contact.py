@@ -101,7 +101,7 @@ class SharpContact:
 
     def __init__(self, collider: Collider, law: PenaltyContact, mesh: Mesh) -> None:
         """law: with contact on facets."""
-        spacing = law.sharp_spacing(mesh.surface_spacing)
+        spacing = law.sharp_spacing(mesh)
         self._points = sharp_points(collider, spacing)
         self._weight = law.stiffness * spacing ** (mesh.dim - 1)
         self._facets = mesh.facets

@@ -98,13 +98,13 @@ class CondensedContact:
         of_nodes = LocalCompliance(compliance.among_nodes())
         stiffness, sharp = law.stiffness * loaded.areas, None
         gaps = Gaps.between(body, loaded, len(compliance.nodes), outside_frames(body)[0])
-        known = sharp_colliders(colliders, law, gaps)
+        known = sharp_colliders(colliders, law, body.mesh, gaps)
         if known:
             owner = owners(body, compliance.nodes)
             corners = np.unique(bearing_facets(body.mesh.facets, owner))
             points = ContactPoints.of(body, loaded, mechanics.condensation, corners, scale, internal)
-            sharp = SharpSearch(body, known, law, owner, of_nodes, loaded, points, corners, gaps)
-            stiffness = np.concatenate([stiffness, np.full(sharp.count, law.stiffness * sharp.area)])
+            sharp = SharpSearch(body, known, law, owner, of_nodes, loaded, points, corners)
+            stiffness = np.concatenate([stiffness, law.stiffness * sharp.areas])
         else:
             points = ContactPoints.of(body, loaded, mechanics.condensation, None, scale, internal)
         return cls(

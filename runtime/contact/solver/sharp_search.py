@@ -29,6 +29,7 @@ from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.linalg.row_products import deformed_some, placed_some
 from softprint.runtime.mechanics.loaded_points import Gaps, LoadedPoints
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
+from softprint.runtime.mesh.mesh import Mesh
 from softprint.runtime.mesh.nearest_facets import nearest_of
 
 # Facets are looked at around the sharp points as far as the surface may be displaced: this multiple of the last
@@ -36,7 +37,7 @@ from softprint.runtime.mesh.nearest_facets import nearest_of
 _DISPLACED, _AROUND = 1.5, 3.0
 # A dent that stretches the surface to twice its area widens the gaps between contact points by this factor.
 _STRETCH = 2.0**0.5
-# Sharp points take over from contact points on facets within so many of their spacings: there the nearest side of the
+# Edges and tips take over from contact points on facets within so many of their spacings: there the nearest side of the
 # collider changes from its edge to its flanks within a penetration.
 _BESIDE = 0.7
 # A point on a facet at the edge of a rigid frame needs this share of the facet's weights on nodes that can move.
@@ -54,32 +55,45 @@ class Dent(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SharpCollider:
-    """One of several colliders, with its number and name. points: (m, dim) [m] its sharp points, in its coordinates."""
+    """One of several colliders, with its number and name. points: (m, dim) [m] its sharp points, in its coordinates,
+    and spacing: (m,) [m] of these: first the n_edges on tips and edges, then those on parts that fit between the
+    contact points on facets, and are held where these let them through."""
 
     number: int
     name: str
     collider: Collider
     points: Array
+    spacing: Array
+    n_edges: int
+
+    @classmethod
+    def of(cls, number: int, name: str, collider: Collider, spacing: float, gaps: Gaps) -> SharpCollider:
+        """spacing: of the points on tips and edges [m]; gaps: between the contact points on facets."""
+        edges = sharp_points(collider, spacing)
+        apart = max(spacing, 0.5 * gaps.spacing)
+        others = sharp_points(collider, apart, _STRETCH * gaps.radius)
+        if len(edges) and len(others):
+            others = others[cKDTree(edges).query(others)[0] > 0.5 * apart]
+        both = np.repeat([spacing, apart], [len(edges), len(others)])
+        return cls(number, name, collider, np.concatenate([edges, others]), both, len(edges))
 
 
 def sharp_colliders(
-    colliders: Mapping[str, Collider], law: PenaltyContact, gaps: Gaps
+    colliders: Mapping[str, Collider], law: PenaltyContact, mesh: Mesh, gaps: Gaps
 ) -> list[SharpCollider]:
     """Those of the colliders that have sharp points; none where contact is at nodes. gaps: of the contact points."""
     if not law.refinement:
         return []
-    spacing = law.sharp_spacing(gaps.spacing)
-    radius = max(spacing, _STRETCH * gaps.radius)
     found = [
-        SharpCollider(number, name, collider, sharp_points(collider, spacing, radius))
+        SharpCollider.of(number, name, collider, law.sharp_spacing(mesh), gaps)
         for number, (name, collider) in enumerate(colliders.items())
     ]
     return [sharp for sharp in found if len(sharp.points)]
 
 
 class SharpSearch:
-    """Finds `PressedPoints`. count: of the sharp points of all colliders; area: that each of them stands for
-    [m^(dim-1)]; surface: the nodes of the facets that can be pressed."""
+    """Finds `PressedPoints`. areas: (m,) that the sharp points of all colliders stand for [m^(dim-1)]; surface: the
+    nodes of the facets that can be pressed."""
 
     def __init__(
         self,
@@ -91,12 +105,11 @@ class SharpSearch:
         loaded: LoadedPoints,
         points: ContactPoints,
         nodes: IntArray,
-        gaps: Gaps,
     ) -> None:
         """owner: (n_nodes,) contact node of every node of the mesh, -1 for none; compliance: of the contact nodes;
         loaded, points: the contact points on the facets; nodes: (k,) those of the facets, ascending."""
-        mesh, spacing = body.mesh, law.sharp_spacing(gaps.spacing)
-        self.area = spacing ** (mesh.dim - 1)
+        mesh = body.mesh
+        self.areas = np.concatenate([sharp.spacing for sharp in colliders]) ** (mesh.dim - 1)
         self.surface = SurfaceNodes(
             nodes, body.node_points(nodes), points.condensation, points.scale, points.internal
         )
@@ -107,12 +120,10 @@ class SharpSearch:
         self._corners, self._weights = np.searchsorted(nodes, loaded.corners), loaded.weights
         # The contact point that is nearest at rest: whether a facet is near is decided by its position.
         self._beside = cKDTree(points.material.rest).query(mesh.points[facets].mean(axis=1))[1]
-        self._first, self.count = len(points.material), 0
-        self._sharp: list[tuple[int, SharpCollider]] = []
-        for sharp in colliders:
-            self._sharp.append((self._first + self.count, sharp))
-            self.count += len(sharp.points)
-        self._apart = spacing
+        self._first = len(points.material)
+        counts = np.cumsum([self._first, *(len(sharp.points) for sharp in colliders)])
+        self._sharp = list(zip(counts[:-1].tolist(), colliders, strict=True))
+        self._apart = law.sharp_spacing(mesh)
 
     def find(
         self, points: CorotatedPoints, rows: Array, poses: Poses, x: Array, dent: Dent | None
@@ -162,7 +173,7 @@ class SharpSearch:
         normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
         inward = -(weights[..., None] * normals[corners]).sum(axis=1) @ pose.rotation
         inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-        direction, bearing = bearing_normals(sharp.collider, z, inward, self._apart)
+        direction, bearing = bearing_normals(sharp.collider, z, inward, sharp.spacing[which])
         of = self._owner[nodes[corners]]
         shares = np.where(of >= 0, weights, 0.0)
         kept = np.flatnonzero(bearing & (depth > -self._spacing) & (shares.sum(axis=1) > _LEAST_SHARE))
@@ -177,12 +188,14 @@ class SharpSearch:
             shares[kept],
             z[kept],
             direction[kept],
-            self._replaced(p[kept], near, nodes, y),
+            self._replaced(p[kept[which[kept] < sharp.n_edges]], near, nodes, y),
         )
 
     def _replaced(self, p: Array, near: BoolArray, nodes: IntArray, y: Array) -> IntArray:
-        """Which of the contact points near (n,) are close to sharp points p (j, dim) that bear. y: (k, dim) positions
+        """Which of the contact points near (n,) are close to tips and edges p (j, dim) that bear. y: (k, dim) positions
         of the nodes (k,) of their facets."""
+        if not len(p):
+            return np.empty(0, dtype=np.int64)
         index = np.flatnonzero(near)
         corners = np.minimum(np.searchsorted(nodes, self._corners[index]), len(nodes) - 1)
         known = (nodes[corners] == self._corners[index]).all(axis=1)

@@ -33,7 +33,7 @@ class FrameContact:
     def __init__(self, body: ReducedBody, colliders: Mapping[str, Collider], law: PenaltyContact) -> None:
         mesh = body.mesh
         self.points = FramePoints.of(
-            body, law.sharp_spacing(mesh.surface_spacing) if law.refinement else mesh.surface_spacing
+            body, law.sharp_spacing(mesh) if law.refinement else mesh.surface_spacing
         )
         self.colliders, self.law, self.surface = colliders, law, body.mesh.surface_nodes
 
