@@ -9,7 +9,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.piercing import DeformedSurface
+from softprint.runtime.contact.piercing import DeformedSurface, depths_below, facets_beside
 from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, SearchedSurface
 from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.lazy import lazy
@@ -53,6 +53,10 @@ class _SurfaceNodesAt:
     def normals(self, index: IntArray) -> Array:
         """See `DeformedSurface`."""
         return np.asarray(self._normals[index])
+
+    def depths(self, z: Array, near: IntArray) -> Array:
+        """See `DeformedSurface`."""
+        return depths_below(z, self.approximate, facets_beside(self.facets, len(self.approximate), near))
 
     @lazy
     def _normals(self) -> Array:

@@ -2,9 +2,10 @@
 
 Contact acts at points of the body's surface, and a collider can pass between them, or be pressed farther than the body
 gives way. Points on the collider's surface are therefore compared with the nearest contact points of the deformed
-surface: one on the inner side of its nearest point is as deep in the body as it is far from that point. This measure is
-right to about the distance between points, so that a collider counts as piercing from a multiple of that distance. A
-body thinner than twice that depth can be passed unseen. `intrusion.py` has the exact depth, from all cells of the body.
+surface: one on the inner side of its nearest point is at most as deep in the body as it is far from that point. Where
+that is more than the limit, the depth of the deepest is found under the facets of the surface, as contact displaces
+them. A body thinner than twice the limit can be passed unseen. `intrusion.py` has the exact depth, from all cells of
+the body.
 """
 
 from __future__ import annotations
@@ -21,14 +22,18 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
 from softprint.runtime.contact.piercing_kernels import bounds, in_box, nearest_depths
+from softprint.runtime.mesh.nearest_facets import nearest_of
 
 # A collider pierces the body from this depth on, in distances between contact points. Where a dent stretches the
-# surface to twice its length, a collider point that touches it is up to 1.4 distances from the nearest of them.
-_LIMIT = 2.0
+# surface to twice its length, a collider point that touches it is up to 1.4 distances from the nearest of them, so that
+# few are looked at more closely in ordinary contact.
+_LIMIT = 2.0**0.5
 # At least so many points along the longest side of a collider.
 _LEAST_ALONG = 8
-# Of the collider points that seem to be deeper than the limit, so many are compared with all nodes.
+# Of the collider points that seem to be deeper than the limit, so many are compared with all nodes ...
 _FAR_POINTS = 64
+# ... and so many of the deepest with the facets.
+_UNDER_FACETS = 16
 
 
 class DeformedSurface(Protocol):
@@ -45,6 +50,11 @@ class DeformedSurface(Protocol):
 
     def normals(self, index: IntArray) -> Array:
         """Outward normals (m, dim), of any length."""
+        ...
+
+    def depths(self, z: Array, near: IntArray) -> Array:
+        """How deep points z (k, dim) are below the facets [m] (k,), negative outside. near: (m,) contact points beside
+        which facets are looked at."""
         ...
 
 
@@ -117,8 +127,28 @@ class PiercingSearch:
             depth[far] = 0.0
             some = far[:: -(-len(far) // _FAR_POINTS)]
             _, depth[some] = nearest_depths(z[some], everywhere, surface.normals(np.arange(len(x))))
-        deepest = int(np.argmax(depth))
-        return None if depth[deepest] <= self.limit else Piercing(name, float(depth[deepest]), z[deepest])
+        deep = np.flatnonzero(depth > self.limit)
+        if not len(deep):
+            return None
+        deep = deep[np.argsort(-depth[deep])[:_UNDER_FACETS]]
+        below = surface.depths(z[deep], np.arange(len(x)) if len(far) else near)
+        deepest = int(np.argmax(below))
+        if below[deepest] <= self.limit:
+            return None
+        return Piercing(name, float(below[deepest]), z[deep[deepest]])
+
+
+def facets_beside(facets: IntArray, n_nodes: int, nodes: IntArray) -> IntArray:
+    """Those of the facets (f, dim) whose corners are all among some of n_nodes nodes (k,)."""
+    beside = np.zeros(n_nodes, dtype=bool)
+    beside[nodes] = True
+    return facets[beside[facets].all(axis=1)]
+
+
+def depths_below(z: Array, x: Array, facets: IntArray) -> Array:
+    """How deep points z (k, dim) are below facets (f, dim) between nodes at x (n_nodes, dim) [m] (k,), negative
+    outside; infinite without facets."""
+    return nearest_of(z, x, facets).depth if len(facets) else np.full(len(z), np.inf)
 
 
 @dataclass(frozen=True, eq=False)

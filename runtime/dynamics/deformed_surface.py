@@ -6,19 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.piercing import DeformedSurface
+from softprint.runtime.contact.piercing import DeformedSurface, depths_below, facets_beside
 from softprint.runtime.contact.solver.contact_points import ContactPoints
+from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, SearchedSurface
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
 from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnergy
 from softprint.runtime.elasticity.invariants import cofactor
-from softprint.runtime.linalg.row_products import placed
+from softprint.runtime.linalg.row_products import placed, placed_some
+from softprint.runtime.mechanics.loaded_points import owners
 
 
 def reduced_search(
@@ -35,7 +38,7 @@ def reduced_search(
         surfaces.append((CondensedSurface(body, condensed), {name: colliders[name] for name in by_force}))
     others = {name: shape for name, shape in colliders.items() if name not in by_force}
     if others:
-        surfaces.append((SampledSurface(penalty), others))
+        surfaces.append((SampledSurface(body, penalty), others))
     return PiercedColliders(
         [
             SearchedSurface(surface, own, float(area / len(surface)) ** (1.0 / (body.dim - 1)))
@@ -44,18 +47,42 @@ def reduced_search(
     )
 
 
+class _Facets:
+    """The facets between the n nodes of the surface of a body, and the nearest of its contact points to each node.
+    corners: (f, dim) numbers of the nodes; points: (n,); nodes: (n,) in the mesh."""
+
+    def __init__(self, body: ReducedBody, points: Array) -> None:
+        """points: (k, dim) [m] contact points at rest."""
+        mesh = body.mesh
+        self.nodes = mesh.surface_nodes
+        self.corners = np.searchsorted(self.nodes, mesh.facets)
+        self.basis = np.ascontiguousarray(body.basis[self.nodes])
+        self.points = cKDTree(points).query(mesh.points[self.nodes])[1]
+
+    def near(self, points: IntArray) -> IntArray:
+        """The nodes (k,), ascending, whose contact point is one of some."""
+        return np.flatnonzero(np.isin(self.points, points))
+
+    def depths(self, z: Array, nodes: IntArray, x: Array) -> Array:
+        """See `DeformedSurface`; nodes: (k,) at x (k, dim) [m]."""
+        every = np.zeros((len(self.nodes), x.shape[1]))
+        every[nodes] = x
+        return depths_below(z, every, facets_beside(self.corners, len(self.nodes), nodes))
+
+
 class SampledSurface:
     """The points of penalty contact."""
 
-    def __init__(self, contact: SurfaceContactEnergy) -> None:
+    def __init__(self, body: ReducedBody, contact: SurfaceContactEnergy) -> None:
         self.points = ContactPoints(contact.material, None)
+        self.facets = _Facets(body, contact.material.rest)
 
     def __len__(self) -> int:
         return len(self.points.material)
 
     def at(self, body: BodyEvaluation) -> DeformedSurface:
         """See `BodySurface`."""
-        return _SampledAt(self.points, body.at.rows, body.positions)
+        return _SampledAt(self.points, self.facets, body.at.rows, body.positions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +90,7 @@ class _SampledAt:
     """approximate: exact in fact."""
 
     points: ContactPoints
+    facets: _Facets
     rows: Array
     approximate: Array
 
@@ -74,6 +102,13 @@ class _SampledAt:
         """See `DeformedSurface`."""
         return _normals(self.points, self.rows, index)
 
+    def depths(self, z: Array, near: IntArray) -> Array:
+        """See `DeformedSurface`. Every node is displaced like its contact point."""
+        nodes = self.facets.near(near)
+        beside = self.facets.points[nodes]
+        displaced = self.approximate[beside] - placed_some(self.points.material.basis, self.rows, beside)
+        return self.facets.depths(z, nodes, placed_some(self.facets.basis, self.rows, nodes) + displaced)
+
 
 class CondensedSurface:
     """The points of condensed contact, which lie outside rigid frames, and the surface samples in rigid frames."""
@@ -83,6 +118,9 @@ class CondensedSurface:
         rigid = body.node_points(samples[np.isin(samples, body.handles.frame_nodes)])
         self.n_contact = len(own)
         self.points = ContactPoints(own.followed_by(rigid), None)
+        self.facets = _Facets(body, self.points.material.rest)
+        self.owner = owners(body, condensed.nodes)[self.facets.nodes]
+        self.compliance = condensed.of_nodes
 
     def __len__(self) -> int:
         return len(self.points.material)
@@ -93,25 +131,41 @@ class CondensedSurface:
         assert contact is not None  # there is condensed contact, so that every evaluation has one
         rigid = placed(self.points.material.basis[self.n_contact :], rows)
         approximate = np.concatenate([contact.points.bounded_positions(rows)[0], rigid])
-        return _CondensedAt(self.points, self.n_contact, contact, approximate)
+        return _CondensedAt(self, contact, approximate)
 
 
 @dataclass(frozen=True, eq=False)
 class _CondensedAt:
-    points: ContactPoints
-    n_contact: int
+    surface: CondensedSurface
     contact: ContactEvaluation
     approximate: Array
 
     def positions(self, index: IntArray) -> Array:
         """See `DeformedSurface`."""
-        first = np.searchsorted(index, self.n_contact)
+        first = np.searchsorted(index, self.surface.n_contact)
         own, rigid = index[:first], self.approximate[index[first:]]
         return np.concatenate([self.contact.deformed_positions(own), rigid])
 
     def normals(self, index: IntArray) -> Array:
         """See `DeformedSurface`."""
-        return _normals(self.points, self.contact.rows, index)
+        return _normals(self.surface.points, self.contact.rows, index)
+
+    def depths(self, z: Array, near: IntArray) -> Array:
+        """See `DeformedSurface`. Every node has the displacement by contact of its contact node, and all others of the
+        contact point beside it."""
+        surface, facets, rows = self.surface, self.surface.facets, self.contact.rows
+        nodes = facets.near(near)
+        x = placed_some(facets.basis, rows, nodes)
+        own = np.flatnonzero((surface.owner[nodes] >= 0) & (facets.points[nodes] < surface.n_contact))
+        beside, which = np.unique(facets.points[nodes[own]], return_inverse=True)
+        every, contact = self.contact.every, self.contact.contact
+        x[own] += (every.positions(rows, beside) - placed_some(surface.points.material.basis, rows, beside))[
+            which
+        ]
+        if contact is not None:
+            v = surface.compliance.displacement(surface.owner[nodes[own]], *contact.start.node_forces)
+            x[own] += to_world(every.carriers(rows, beside)[which], v)
+        return facets.depths(z, nodes, x)
 
 
 def _normals(points: ContactPoints, rows: Array, index: IntArray) -> Array:

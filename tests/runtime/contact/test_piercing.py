@@ -1,4 +1,4 @@
-"""Whether a collider has pierced a surface that is known by its nodes alone."""
+"""Whether a collider has pierced a surface, and how deep it is under its facets."""
 
 from __future__ import annotations
 
@@ -11,32 +11,40 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.colliders import Box, Plane, RigidPose, Sphere
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion
-from softprint.runtime.contact.piercing import PiercingSearch
-from softprint.runtime.mesh import box_mesh
+from softprint.runtime.contact.piercing import PiercingSearch, depths_below, facets_beside
+from softprint.runtime.mesh import Mesh, box_mesh
 
 SPACING = 0.01  # m, of the nodes of the block
 
 
 @dataclass(frozen=True)
 class Undeformed:
-    """The surface nodes of a mesh at rest, with or without a displacement by contact."""
+    """The surface of a mesh at rest, with or without a displacement of its nodes by contact."""
 
-    approximate: Array
-    normal: Array
+    mesh: Mesh
     displacement: Array | float = 0.0
+
+    @property
+    def approximate(self):
+        return self.mesh.points[self.mesh.surface_nodes]
 
     def positions(self, index):
         return (self.approximate + self.displacement)[index]
 
     def normals(self, index):
-        return self.normal[index]
+        return self.mesh.surface_normals[index]
+
+    def depths(self, z, near):
+        facets = np.searchsorted(self.mesh.surface_nodes, self.mesh.facets)
+        x = self.approximate + self.displacement
+        return depths_below(z, x, facets_beside(facets, len(x), near))
 
 
 @pytest.fixture
 def block(dim):
     """10 cm along each edge; its surface, and the mesh."""
     mesh = box_mesh([0.0] * dim, [0.1] * dim, [10] * dim)
-    return Undeformed(mesh.points[mesh.surface_nodes], mesh.surface_normals), mesh
+    return Undeformed(mesh), mesh
 
 
 def at_depth(dim, depth, radius):
@@ -59,28 +67,28 @@ def test_the_depth_agrees_with_that_in_the_cells(block, dim):
         poses = at_depth(dim, depth, 0.015)
         found = search.found(surface, poses)["ball"]
         exact = intrusion(poses["ball"].apply(surface_points(ball)), mesh, mesh.points).depth
-        # The nearest node is at most half a diagonal of the surface's squares farther away than the surface.
-        assert exact - 0.25 * SPACING <= found.depth <= exact + 0.8 * SPACING
+        # Both look at points of the ball, some millimetres apart, but not at the same ones.
+        assert found.depth == pytest.approx(exact, abs=0.2 * SPACING)
         assert found.collider == "ball"
-        np.testing.assert_allclose(found.point[-1], 0.1 - found.depth, atol=0.8 * SPACING)
+        np.testing.assert_allclose(found.point[-1], 0.1 - found.depth, atol=1e-12)
 
 
 def test_a_collider_far_from_every_node_is_found(dim):
     coarse = box_mesh([0.0] * dim, [1.0] * dim, [20] * dim)
-    surface = Undeformed(coarse.points[coarse.surface_nodes], coarse.surface_normals)
+    surface = Undeformed(coarse)
     inside = {"ball": RigidPose(np.eye(dim), np.full(dim, 0.5))}
     search = PiercingSearch({"ball": Sphere(0.02, dim)}, 0.05)
     assert search.found(surface, inside)["ball"].depth > 0.4
 
 
 def test_a_surface_that_gives_way_is_not_pierced(block, dim):
-    surface, _ = block
+    surface, mesh = block
     poses = at_depth(dim, 0.03, 0.015)
     search = PiercingSearch({"ball": Sphere(0.015, dim)}, SPACING)
     assert search.found(surface, poses)
     down = -0.03 * np.eye(dim)[-1]
     top = surface.approximate[:, -1:] > 0.099
-    assert not search.found(Undeformed(surface.approximate, surface.normal, top * down), poses)
+    assert not search.found(Undeformed(mesh, top * down), poses)
 
 
 def test_colliders_beside_the_body_have_not_pierced_it(block, dim):
