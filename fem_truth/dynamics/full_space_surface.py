@@ -25,7 +25,7 @@ class DeformedBody:
 
 def full_space_search(mesh: Mesh, colliders: Mapping[str, Collider]) -> PiercedColliders[DeformedBody]:
     """The search for colliders, by name, that have pierced a body in full space."""
-    searched = SearchedSurface(_SurfaceNodes(mesh), colliders, mesh.surface_spacing)
+    searched = SearchedSurface(_SurfaceNodes(mesh), colliders, mesh.surface_spacing, mesh.surface_spacing)
     return PiercedColliders([searched] if colliders else [])
 
 

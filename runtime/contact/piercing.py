@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from softprint.runtime.mesh.nearest_facets import nearest_of
 # surface to twice its length, a collider point that touches it is up to 1.4 distances from the nearest of them, so that
 # few are looked at more closely in ordinary contact.
 _LIMIT = 2.0**0.5
+# A collider that moves freely is held where its points are farther from the nearest contact points than so many
+# distances between contact nodes: there the surface is stretched so much that the next step may lose the contact.
+_HELD = 2.0
 # At least so many points along the longest side of a collider.
 _LEAST_ALONG = 8
 # Of the collider points that seem to be deeper than the limit, so many are compared with all nodes ...
@@ -74,10 +77,14 @@ class Piercing:
 
 
 class PiercingSearch:
-    """Finds colliders, by name, that have pierced a body whose contact points are `spacing` [m] apart."""
+    """Finds colliders, by name, that have pierced a body whose contact points are `spacing` [m] apart, between nodes
+    that are `node_spacing` [m] apart, by default as far."""
 
-    def __init__(self, colliders: Mapping[str, Collider], spacing: float) -> None:
+    def __init__(
+        self, colliders: Mapping[str, Collider], spacing: float, node_spacing: float | None = None
+    ) -> None:
         self.limit = _LIMIT * spacing
+        self._held = _HELD * (spacing if node_spacing is None else node_spacing)
         self._probes = {name: _Probe.of(collider, spacing) for name, collider in colliders.items()}
 
     @property
@@ -92,8 +99,15 @@ class PiercingSearch:
 
     def found(self, surface: DeformedSurface, poses: Poses) -> dict[str, Piercing]:
         """Those of the colliders with poses that have pierced the surface."""
-        found = {name: self._inside(name, surface, pose) for name, pose in poses.items()}
-        return {name: piercing for name, piercing in found.items() if piercing is not None}
+        return _without_none({name: self._inside(name, surface, pose) for name, pose in poses.items()})
+
+    def too_far(self, surface: DeformedSurface, poses: Poses) -> dict[str, Piercing]:
+        """Those of the colliders with poses that must be held, were they free; the depth is the distance from the
+        nearest contact point, and the facets between them may be as deep."""
+        found = {name: self._far_inside(name, surface, pose, self._held) for name, pose in poses.items()}
+        return _without_none(
+            {name: None if far is None else far.deepest(name) for name, far in found.items()}
+        )
 
     def hops(self, name: str, before: RigidPose, after: RigidPose) -> int:
         """In how many parts a motion must be cut, so that no point of the collider moves farther than the limit in any;
@@ -106,36 +120,57 @@ class PiercingSearch:
         return max(1, int(np.ceil(way / self.limit)))
 
     def _inside(self, name: str, surface: DeformedSurface, pose: RigidPose) -> Piercing | None:
+        far = self._far_inside(name, surface, pose, self.limit)
+        if far is None:
+            return None
+        some = np.argsort(-far.depth)[:_UNDER_FACETS]
+        below = far._replace(points=far.points[some], depth=surface.depths(far.points[some], far.near))
+        return below.deepest(name) if below.depth.max() > self.limit else None
+
+    def _far_inside(
+        self, name: str, surface: DeformedSurface, pose: RigidPose, limit: float
+    ) -> _FarInside | None:
+        """The points of a collider that are inside the surface, and farther than the limit [m] from its points."""
         probe, x = self._probes[name], surface.approximate
         lower, upper = bounds(x)
         around = pose.apply(probe.points)
         around = around[in_box(around, lower, upper)]
         # No point is deeper in the body than in the box about it.
-        z = around[in_box(around, lower + self.limit, upper - self.limit)]
+        z = around[in_box(around, lower + limit, upper - limit)]
         if not len(z):
             return None
         # Contact may have moved nodes of the surface from anywhere along the collider to a point of it.
         lower, upper = bounds(around)
-        near = in_box(x, lower - self.limit, upper + self.limit)
+        near = in_box(x, lower - limit, upper + limit)
         y = surface.positions(near)
         distance, depth = nearest_depths(z, y, surface.normals(near))
         # Farther than the limit from every node near the collider: another node may be nearer.
-        far = np.flatnonzero((distance > self.limit) & ((depth > 0.0) | np.isinf(distance)))
+        far = np.flatnonzero((distance > limit) & ((depth > 0.0) | np.isinf(distance)))
         if len(far):
             everywhere = x.copy()
             everywhere[near] = y
             depth[far] = 0.0
-            some = far[:: -(-len(far) // _FAR_POINTS)]
-            _, depth[some] = nearest_depths(z[some], everywhere, surface.normals(np.arange(len(x))))
-        deep = np.flatnonzero(depth > self.limit)
-        if not len(deep):
-            return None
-        deep = deep[np.argsort(-depth[deep])[:_UNDER_FACETS]]
-        below = surface.depths(z[deep], np.arange(len(x)) if len(far) else near)
-        deepest = int(np.argmax(below))
-        if below[deepest] <= self.limit:
-            return None
-        return Piercing(name, float(below[deepest]), z[deep[deepest]])
+            some, near = far[:: -(-len(far) // _FAR_POINTS)], np.arange(len(x))
+            _, depth[some] = nearest_depths(z[some], everywhere, surface.normals(near))
+        deep = np.flatnonzero(depth > limit)
+        return _FarInside(z[deep], depth[deep], near) if len(deep) else None
+
+
+class _FarInside(NamedTuple):
+    """Points (k, dim) [m] of a collider inside a body, their depth (k,) [m], and the contact points (m,) near the
+    collider."""
+
+    points: Array
+    depth: Array
+    near: IntArray
+
+    def deepest(self, name: str) -> Piercing:
+        deepest = int(np.argmax(self.depth))
+        return Piercing(name, float(self.depth[deepest]), self.points[deepest])
+
+
+def _without_none(found: Mapping[str, Piercing | None]) -> dict[str, Piercing]:
+    return {name: piercing for name, piercing in found.items() if piercing is not None}
 
 
 def facets_beside(facets: IntArray, n_nodes: int, nodes: IntArray) -> IntArray:

@@ -39,9 +39,13 @@ def reduced_search(
     others = {name: shape for name, shape in colliders.items() if name not in by_force}
     if others:
         surfaces.append((SampledSurface(body, penalty), others))
+
+    def apart(count: int) -> float:
+        return float(area / count) ** (1.0 / (body.dim - 1))
+
     return PiercedColliders(
         [
-            SearchedSurface(surface, own, float(area / len(surface)) ** (1.0 / (body.dim - 1)))
+            SearchedSurface(surface, own, apart(len(surface)), apart(surface.n_nodes))
             for surface, own in surfaces
         ]
     )
@@ -75,7 +79,7 @@ class SampledSurface:
 
     def __init__(self, body: ReducedBody, contact: SurfaceContactEnergy) -> None:
         self.points = ContactPoints(contact.material, None)
-        self.facets = _Facets(body, contact.material.rest)
+        self.facets, self.n_nodes = _Facets(body, contact.material.rest), len(contact.nodes)
 
     def __len__(self) -> int:
         return len(self.points.material)
@@ -119,6 +123,7 @@ class CondensedSurface:
         self.n_contact = len(own)
         self.points = ContactPoints(own.followed_by(rigid), None)
         self.facets = _Facets(body, self.points.material.rest)
+        self.n_nodes = len(condensed.nodes) + len(rigid)
         self.owner = owners(body, condensed.nodes)[self.facets.nodes]
         self.compliance = condensed.of_nodes
 

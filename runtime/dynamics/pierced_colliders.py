@@ -1,7 +1,8 @@
 """Colliders that have pierced the body: a step that ends with one has the status PIERCED.
 
 A collider that is moved along a path goes where the path leads. One that moves freely is held at the surface: a step
-takes no iterate in which it is deeper in the body than the limit, or than it was at the start.
+takes no iterate in which it is farther from the contact points of the body than these may be stretched apart, and
+farther than it was at the start.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from softprint.runtime.optimise import Status
 
 # A step in which colliders move farther than the limit is checked at so many poses in between, at most.
 _POSES_BETWEEN = 32
+# A collider that is held may go farther by this factor in a step. The body settles about it meanwhile, and without that
+# allowance no iterate of the step in which it comes out again is taken, and it stays for ever.
+_CREEP = 1.02
 
 
 class Evaluated(Protocol):
@@ -44,18 +48,22 @@ class BodySurface(Protocol[_Evaluation]):
 
 
 class SearchedSurface(NamedTuple, Generic[Evaluation]):
-    """A surface whose contact points are `spacing` [m] apart, and the colliders that are searched in it, by name."""
+    """A surface whose contact points are `spacing` [m] apart, between nodes that are `node_spacing` [m] apart, and the
+    colliders that are searched in it, by name."""
 
     surface: BodySurface[Evaluation]
     colliders: Mapping[str, Collider]
     spacing: float
+    node_spacing: float
 
 
 class PiercedColliders(Generic[Evaluation]):
     """Finds the colliders of a scene that have pierced the body."""
 
     def __init__(self, parts: Sequence[SearchedSurface[Evaluation]]) -> None:
-        self._parts = [(part.surface, PiercingSearch(part.colliders, part.spacing)) for part in parts]
+        self._parts = [
+            (part.surface, PiercingSearch(part.colliders, part.spacing, part.node_spacing)) for part in parts
+        ]
 
     @property
     def depth(self) -> float:
@@ -65,11 +73,24 @@ class PiercedColliders(Generic[Evaluation]):
     def found(self, body: Evaluation, poses: Poses, names: Sequence[str] = ()) -> dict[str, Piercing]:
         """The colliders at poses that have pierced the body; names: of those that are asked for, all by default."""
         result: dict[str, Piercing] = {}
-        for surface, search in self._parts:
-            mine = [name for name in search.names if not names or name in names]
-            if mine:
-                result |= search.found(surface.at(body), {name: poses[name] for name in mine})
+        for search, surface, mine in self._asked(body, poses, names):
+            result |= search.found(surface, mine)
         return result
+
+    def too_far(self, body: Evaluation, poses: Poses, names: Sequence[str]) -> dict[str, Piercing]:
+        """The free colliders with these names that a step must not leave at these poses."""
+        result: dict[str, Piercing] = {}
+        for search, surface, mine in self._asked(body, poses, names):
+            result |= search.too_far(surface, mine)
+        return result
+
+    def _asked(
+        self, body: Evaluation, poses: Poses, names: Sequence[str]
+    ) -> Iterator[tuple[PiercingSearch, DeformedSurface, Poses]]:
+        for surface, search in self._parts:
+            mine = {name: poses[name] for name in search.names if not names or name in names}
+            if mine:
+                yield search, surface.at(body), mine
 
     def deepest(self, begin: Evaluation, end: Evaluation, released: Container[str]) -> Piercing | None:
         """The deepest collider that has pierced the body at the end of a step; None where none has. Those that do not
@@ -96,7 +117,7 @@ class PiercedColliders(Generic[Evaluation]):
 
     def limit(self, begin: Evaluation, names: Sequence[str]) -> FreeColliderLimit[Evaluation]:
         """The limit for the free colliders with these names, in a step from a state."""
-        return FreeColliderLimit(self, names, self.found(begin, begin.at.poses, names))
+        return FreeColliderLimit(self, names, self.too_far(begin, begin.at.poses, names))
 
     def _between(self, before: Poses, after: Poses, names: Container[str]) -> Iterator[Poses]:
         """Poses of some colliders in the course of a step, none where they move by less than the limit."""
@@ -111,8 +132,8 @@ class PiercedColliders(Generic[Evaluation]):
 
 @dataclass(eq=False)
 class FreeColliderLimit(Generic[Evaluation]):
-    """Refuses the iterates of one step in which a free collider has pierced the body deeper than at the start. refused:
-    the last piercing that an iterate was refused for."""
+    """Refuses the iterates of one step in which a free collider goes too far, and farther than at the start. refused:
+    the last that an iterate was refused for."""
 
     colliders: PiercedColliders[Evaluation]
     names: Sequence[str]
@@ -121,8 +142,8 @@ class FreeColliderLimit(Generic[Evaluation]):
 
     def allows(self, body: Evaluation) -> bool:
         """Whether the free colliders are no deeper than allowed."""
-        for name, piercing in self.colliders.found(body, body.at.poses, self.names).items():
-            if name not in self.begin or piercing.depth > self.begin[name].depth:
+        for name, piercing in self.colliders.too_far(body, body.at.poses, self.names).items():
+            if name not in self.begin or piercing.depth > _CREEP * self.begin[name].depth:
                 self.refused = piercing
                 return False
         return True
