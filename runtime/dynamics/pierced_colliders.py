@@ -23,8 +23,8 @@ from softprint.runtime.optimise import Status
 
 # A step in which colliders move farther than the limit is checked at so many poses in between, at most.
 _POSES_BETWEEN = 32
-# A collider that is held may go farther by this factor in a step. The body settles about it meanwhile, and without that
-# allowance no iterate of the step in which it comes out again is taken, and it stays for ever.
+# A collider that is held, and has not pierced the body, may go farther by this factor in a step. The body settles about
+# it meanwhile, and without that allowance no iterate of the step in which it comes out again is taken: it stays there.
 _CREEP = 1.02
 
 
@@ -84,6 +84,13 @@ class PiercedColliders(Generic[Evaluation]):
             result |= search.too_far(surface, mine)
         return result
 
+    def _at_most(self, begin: Evaluation, names: Sequence[str]) -> dict[str, float]:
+        """How far [m] the free colliders that are too far already may go in a step."""
+        poses = begin.at.poses
+        too_far = self.too_far(begin, poses, names)
+        pierced = self.found(begin, poses, list(too_far)) if too_far else {}
+        return {name: far.depth * (1.0 if name in pierced else _CREEP) for name, far in too_far.items()}
+
     def _asked(
         self, body: Evaluation, poses: Poses, names: Sequence[str]
     ) -> Iterator[tuple[PiercingSearch, DeformedSurface, Poses]]:
@@ -117,7 +124,7 @@ class PiercedColliders(Generic[Evaluation]):
 
     def limit(self, begin: Evaluation, names: Sequence[str]) -> FreeColliderLimit[Evaluation]:
         """The limit for the free colliders with these names, in a step from a state."""
-        return FreeColliderLimit(self, names, self.too_far(begin, begin.at.poses, names))
+        return FreeColliderLimit(self, names, self._at_most(begin, names))
 
     def _between(self, before: Poses, after: Poses, names: Container[str]) -> Iterator[Poses]:
         """Poses of some colliders in the course of a step, none where they move by less than the limit."""
@@ -132,18 +139,18 @@ class PiercedColliders(Generic[Evaluation]):
 
 @dataclass(eq=False)
 class FreeColliderLimit(Generic[Evaluation]):
-    """Refuses the iterates of one step in which a free collider goes too far, and farther than at the start. refused:
-    the last that an iterate was refused for."""
+    """Refuses the iterates of one step in which a free collider goes too far. at_most: how far those may go that are
+    too far at the start; refused: the last that an iterate was refused for."""
 
     colliders: PiercedColliders[Evaluation]
     names: Sequence[str]
-    begin: Mapping[str, Piercing]
+    at_most: Mapping[str, float]
     refused: Piercing | None = field(default=None)
 
     def allows(self, body: Evaluation) -> bool:
         """Whether the free colliders are no deeper than allowed."""
         for name, piercing in self.colliders.too_far(body, body.at.poses, self.names).items():
-            if name not in self.begin or piercing.depth > _CREEP * self.begin[name].depth:
+            if piercing.depth > self.at_most.get(name, 0.0):
                 self.refused = piercing
                 return False
         return True
