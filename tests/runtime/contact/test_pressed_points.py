@@ -96,17 +96,11 @@ def deepest_of(body, mechanics, collider, path, law):
         settings=DynamicsSettings(1.0 / 60.0),
     )
     points, state, deepest, unconverged = surface_points(collider), simulator.rest_state(), 0.0, 0
-    compliance = mechanics.surface_compliance
-    contact = CondensedContact.of(body, mechanics, {collider.name: collider}, law)
     for _ in range(48):
         result = simulator.step(state)
         state, unconverged = result.state, unconverged + (not result.converged)
-        if state.contact is not None:
-            v = compliance.apply(*contact.node_forces(state.contact))
-            F = np.einsum("nrj,ra->naj", body.node_points().basis_gradient, state.rows)
-            x = simulator.positions(state) + np.einsum("naj,nj->na", F, v)
-            around = state.poses[collider.name].apply(points)
-            deepest = max(deepest, intrusion(around, body.mesh, x).depth)
+        around = state.poses[collider.name].apply(points)
+        deepest = max(deepest, intrusion(around, body.mesh, simulator.positions(state)).depth)
     return deepest, unconverged
 
 
