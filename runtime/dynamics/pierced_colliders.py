@@ -1,8 +1,8 @@
 """Colliders that have pierced the body: a step that ends with one has the status PIERCED.
 
 A collider that is moved along a path goes where the path leads. One that moves freely is held at the surface: a step
-takes no iterate in which it is farther from the contact points of the body than these may be stretched apart, and
-farther than it was at the start.
+takes no iterate in which it has pierced the body, or is farther from the contact points of the body than these may be
+stretched apart, unless it was as deep and as far at the start.
 """
 
 from __future__ import annotations
@@ -84,13 +84,6 @@ class PiercedColliders(Generic[Evaluation]):
             result |= search.too_far(surface, mine)
         return result
 
-    def _at_most(self, begin: Evaluation, names: Sequence[str]) -> dict[str, float]:
-        """How far [m] the free colliders that are too far already may go in a step."""
-        poses = begin.at.poses
-        too_far = self.too_far(begin, poses, names)
-        pierced = self.found(begin, poses, list(too_far)) if too_far else {}
-        return {name: far.depth * (1.0 if name in pierced else _CREEP) for name, far in too_far.items()}
-
     def _asked(
         self, body: Evaluation, poses: Poses, names: Sequence[str]
     ) -> Iterator[tuple[PiercingSearch, DeformedSurface, Poses]]:
@@ -124,7 +117,7 @@ class PiercedColliders(Generic[Evaluation]):
 
     def limit(self, begin: Evaluation, names: Sequence[str]) -> FreeColliderLimit[Evaluation]:
         """The limit for the free colliders with these names, in a step from a state."""
-        return FreeColliderLimit(self, names, self._at_most(begin, names))
+        return FreeColliderLimit.of(self, begin, names)
 
     def _between(self, before: Poses, after: Poses, names: Container[str]) -> Iterator[Poses]:
         """Poses of some colliders in the course of a step, none where they move by less than the limit."""
@@ -139,20 +132,40 @@ class PiercedColliders(Generic[Evaluation]):
 
 @dataclass(eq=False)
 class FreeColliderLimit(Generic[Evaluation]):
-    """Refuses the iterates of one step in which a free collider goes too far. at_most: how far those may go that are
-    too far at the start; refused: the last that an iterate was refused for."""
+    """Refuses the iterates of one step in which a free collider has pierced the body, or goes too far. pierced, far:
+    how deep and how far [m] those may be that are so at the start; refused: the last that an iterate was refused
+    for."""
 
     colliders: PiercedColliders[Evaluation]
     names: Sequence[str]
-    at_most: Mapping[str, float]
+    pierced: Mapping[str, float]
+    far: Mapping[str, float]
     refused: Piercing | None = field(default=None)
 
+    @classmethod
+    def of(
+        cls, colliders: PiercedColliders[Evaluation], begin: Evaluation, names: Sequence[str]
+    ) -> FreeColliderLimit[Evaluation]:
+        """For a step from a state."""
+        poses = begin.at.poses
+        pierced = {name: own.depth for name, own in colliders.found(begin, poses, names).items()}
+        far = {
+            name: own.depth * (1.0 if name in pierced else _CREEP)
+            for name, own in colliders.too_far(begin, poses, names).items()
+        }
+        return cls(colliders, names, pierced, far)
+
     def allows(self, body: Evaluation) -> bool:
-        """Whether the free colliders are no deeper than allowed."""
-        for name, piercing in self.colliders.too_far(body, body.at.poses, self.names).items():
-            if piercing.depth > self.at_most.get(name, 0.0):
-                self.refused = piercing
-                return False
+        """Whether the free colliders are no deeper and no farther than allowed."""
+        poses = body.at.poses
+        for found, at_most in (
+            (self.colliders.too_far(body, poses, self.names), self.far),
+            (self.colliders.found(body, poses, self.names), self.pierced),
+        ):
+            for name, piercing in found.items():
+                if piercing.depth > at_most.get(name, 0.0):
+                    self.refused = piercing
+                    return False
         return True
 
 
