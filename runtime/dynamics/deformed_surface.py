@@ -1,4 +1,5 @@
-"""The deformed surface of a reduced body, displaced by contact, at a cost that does not grow with the mesh."""
+"""The deformed surface of a reduced body, displaced by contact, at a cost that does not grow with the mesh: but where a
+collider is far from the contact points inside, all facets near it are looked at."""
 
 from __future__ import annotations
 
@@ -164,9 +165,8 @@ class _CondensedAt:
         own = np.flatnonzero((surface.owner[nodes] >= 0) & (facets.points[nodes] < surface.n_contact))
         beside, which = np.unique(facets.points[nodes[own]], return_inverse=True)
         every, contact = self.contact.every, self.contact.contact
-        x[own] += (every.positions(rows, beside) - placed_some(surface.points.material.basis, rows, beside))[
-            which
-        ]
+        settled = every.positions(rows, beside) - placed_some(surface.points.material.basis, rows, beside)
+        x[own] += settled[which]
         if contact is not None:
             v = surface.compliance.displacement(surface.owner[nodes[own]], *contact.start.node_forces)
             x[own] += to_world(every.carriers(rows, beside)[which], v)
