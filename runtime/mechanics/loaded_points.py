@@ -172,12 +172,6 @@ def owners(body: ReducedBody, nodes: IntArray) -> IntArray:
     return _owners(body, nodes, outside_frames(body)[0])
 
 
-def owners(body: ReducedBody, nodes: IntArray) -> IntArray:
-    """(n_nodes,) for every node of the surface that contact can displace, its number among contact nodes (n,); -1 for
-    the others."""
-    return _owners(body, nodes, outside_frames(body)[0])
-
-
 def node_spacing(body: ReducedBody, nodes: IntArray, bearing: IntArray) -> float:
     """The distance between nodes (n,) at which contact is looked for [m]: that of the nodes of the surface, and more
     where they are fewer than those that bear forces."""
