@@ -172,13 +172,6 @@ def owners(body: ReducedBody, nodes: IntArray) -> IntArray:
     return _owners(body, nodes, outside_frames(body)[0])
 
 
-def node_spacing(body: ReducedBody, nodes: IntArray, bearing: IntArray) -> float:
-    """The distance between nodes (n,) at which contact is looked for [m]: that of the nodes of the surface, and more
-    where they are fewer than those that bear forces."""
-    share = max(1.0, len(bearing) / len(nodes))
-    return body.mesh.surface_spacing * float(share) ** (1.0 / (body.dim - 1))
-
-
 def _owners(body: ReducedBody, nodes: IntArray, bearing: IntArray) -> IntArray:
     points, owner = body.mesh.points, np.full(body.n_nodes, -1)
     owner[bearing] = cKDTree(points[nodes]).query(points[bearing])[1]
