@@ -79,7 +79,7 @@ def test_every_byte_of_a_small_file(small: Path) -> None:
         with altered(small, place, 1 << place % 8):
             assert not is_whole(small), place
     assert is_whole(small)
-    for place in range(0, size - 64, 50):  # 64: of the last bytes a process of its own has to find out
+    for place in range(0, size - 64, 150):  # 64: of the last bytes a process of its own has to find out
         with (
             altered(small, place, 0x20),
             pytest.raises(SoftprintError, match=r"small\.h5.*damaged.*make it again"),
@@ -100,7 +100,7 @@ def test_two_thousand_bytes_of_every_kind_of_file(finished_run: Path, tmp_path: 
         for place, mask in [*header, *everywhere]:
             with altered(path, place, mask):
                 assert not is_whole(path), place
-        everywhere = [(place, mask) for place, mask in everywhere if place < size - 64][:40]
+        everywhere = [(place, mask) for place, mask in everywhere if place < size - 64][:15]
     for place, mask in everywhere:
         with altered(path, place, mask), pytest.raises(SoftprintError, match=path.name):
             read(path)
