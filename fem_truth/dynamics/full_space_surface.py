@@ -46,6 +46,11 @@ class _SurfaceNodesAt:
     facets: IntArray
     approximate: Array
 
+    @property
+    def known(self) -> Array:
+        """See `DeformedSurface`: none, as all are looked at without delay."""
+        return self.approximate[:0]
+
     def positions(self, index: IntArray) -> Array:
         """See `DeformedSurface`."""
         return np.asarray(self.approximate[index])

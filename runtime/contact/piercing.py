@@ -21,7 +21,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
-from softprint.runtime.contact.piercing_kernels import bounds, in_box, nearest_depths
+from softprint.runtime.contact.piercing_kernels import bounds, in_box, nearest_depths, nearest_distances
 from softprint.runtime.mesh.nearest_facets import nearest_of
 
 # A collider pierces the body from this depth on, in distances between contact points. Where a dent stretches the
@@ -41,6 +41,11 @@ _UNDER_FACETS = 16
 
 class DeformedSurface(Protocol):
     """The contact points of a body at a state."""
+
+    @property
+    def known(self) -> Array:
+        """Positions (k, dim) [m] of those that are known already, like those that bear force."""
+        ...
 
     @property
     def approximate(self) -> Array:
@@ -137,6 +142,10 @@ class PiercingSearch:
         around = around[in_box(around, lower, upper)]
         # No point is deeper in the body than in the box about it.
         z = around[in_box(around, lower + limit, upper - limit)]
+        if not len(z):
+            return None
+        # Nor deeper than it is far from any point of the surface: in ordinary contact that says enough.
+        z = z[nearest_distances(z, surface.known) > limit]
         if not len(z):
             return None
         # Contact may have moved nodes of the surface from anywhere along the collider to a point of it.

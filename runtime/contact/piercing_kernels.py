@@ -31,6 +31,25 @@ def in_box(x: Array, lower: Array, upper: Array) -> IntArray:
     return inside[:count]
 
 
+def _nearest_distances(z: Array, y: Array) -> Array:
+    apart = np.sqrt(((z[:, None] - y[None]) ** 2).sum(axis=2))
+    return np.asarray(apart.min(axis=1, initial=np.inf))
+
+
+@compiled(reference=_nearest_distances)
+def nearest_distances(z: Array, y: Array) -> Array:
+    """Distance (m,) of points z (m, dim) from the nearest of others y (n, dim), infinite without any."""
+    distance = np.full(len(z), np.inf)
+    for i in range(len(z)):
+        for j in range(len(y)):
+            square = 0.0
+            for a in range(z.shape[1]):
+                square += (z[i, a] - y[j, a]) ** 2
+            distance[i] = min(distance[i], square)
+        distance[i] = np.sqrt(distance[i])
+    return distance
+
+
 def _nearest_depths(z: Array, y: Array, normal: Array) -> tuple[Array, Array]:
     """|z - y| and whether (z - y) . n < 0, with the nearest y of each z."""
     squared = ((z[:, None] - y[None]) ** 2).sum(axis=2)

@@ -99,6 +99,11 @@ class _SampledAt:
     rows: Array
     approximate: Array
 
+    @property
+    def known(self) -> Array:
+        """See `DeformedSurface`: none, as all are looked at without delay."""
+        return self.approximate[:0]
+
     def positions(self, index: IntArray) -> Array:
         """See `DeformedSurface`."""
         return np.asarray(self.approximate[index])
@@ -145,6 +150,14 @@ class _CondensedAt:
     surface: CondensedSurface
     contact: ContactEvaluation
     approximate: Array
+
+    @property
+    def known(self) -> Array:
+        """See `DeformedSurface`: those on facets that took part in the contact solve."""
+        solved = self.contact.solved
+        if solved is None:
+            return self.approximate[:0]
+        return np.asarray(solved.deformed_position[solved.index < self.surface.n_contact])
 
     def positions(self, index: IntArray) -> Array:
         """See `DeformedSurface`."""

@@ -159,9 +159,10 @@ class Gaps(NamedTuple):
     radius: float
 
     @classmethod
-    def between(cls, body: ReducedBody, points: LoadedPoints, n_nodes: int, bearing: IntArray) -> Gaps:
-        """Of the points between so many of the nodes of the surface that bear forces (b,)."""
-        mesh, share = body.mesh, max(1.0, len(bearing) / n_nodes)
+    def of(cls, body: ReducedBody, points: LoadedPoints, compliance: SurfaceCompliance) -> Gaps:
+        """Of the points that the body has compliance at."""
+        mesh, bearing = body.mesh, outside_frames(body)[0]
+        share = max(1.0, len(bearing) / len(compliance.nodes))
         around = cKDTree(points.mean(mesh.points)).query(mesh.points[bearing])[0]
         return cls(mesh.surface_spacing * float(share) ** (1.0 / (mesh.dim - 1)), float(around.max()))
 

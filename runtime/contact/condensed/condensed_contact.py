@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.candidate_search import CandidateSearch
 from softprint.runtime.contact.solver.candidates import Candidates, PointDistance, PosedCollider, merge
+from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
 from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints, PressedPoints
@@ -37,7 +39,6 @@ from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
 from softprint.runtime.mechanics.loaded_points import Gaps, LoadedPoints, owners
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
-from softprint.runtime.mechanics.surface_compliance import outside_frames
 
 # The dent can push more points into a collider, and these again others: at most so many searches for such points.
 _SEARCHES = 3
@@ -97,8 +98,7 @@ class CondensedContact:
         loaded = LoadedPoints.of_compliance(body, compliance, law.reduced_points)
         of_nodes = LocalCompliance(compliance.among_nodes())
         stiffness, sharp = law.stiffness * loaded.areas, None
-        gaps = Gaps.between(body, loaded, len(compliance.nodes), outside_frames(body)[0])
-        known = sharp_colliders(colliders, law, body.mesh, gaps)
+        known = sharp_colliders(colliders, law, body.mesh, partial(Gaps.of, body, loaded, compliance))
         if known:
             owner = owners(body, compliance.nodes)
             corners = np.unique(bearing_facets(body.mesh.facets, owner))
@@ -258,9 +258,10 @@ class CondensedContact:
             return None
         if warm_start is None:
             return self.sharp.find(points, rows, poses, x, None)
-        if warm_start.frame is points and warm_start.solved.pressed is not None:
+        if warm_start.frame is points:
             return warm_start.solved.pressed
-        dent = Dent(*self.drawn_forces(warm_start.solved), warm_start.solved.solution.largest_displacement)
+        last = warm_start.solved
+        dent = Dent(*self.drawn_forces(last), last.solution.largest_displacement)
         return self.sharp.find(points, rows, poses, x, dent)
 
     def _candidates(
@@ -278,8 +279,8 @@ class CondensedContact:
             every, names = self._with(pressed).in_frame(points), list(self.searches)
             x = every.positions(rows, pressed.index)
             at = [poses[name] for name in names]
-            distance = pressed.planes(slice(None)).distance(x, pressed.collider, at).value
-            for number in np.unique(pressed.collider[distance < 0.0]):
+            distance = pressed.planes(slice(None)).placed(pressed.collider, at).value(x)
+            for number in sorted(set(pressed.collider[distance < 0.0].tolist())):
                 near.setdefault(names[number], Candidates.none(x.shape[1]))
         if not near:
             return None
@@ -291,7 +292,7 @@ class CondensedContact:
         mine = np.flatnonzero(number[pressed.collider] >= 0)
         was_active = np.zeros(len(mine), dtype=bool)
         if warm_start is not None:
-            was_active = np.isin(pressed.index[mine], warm_start.solved.active)
+            was_active = are_among(pressed.index[mine], warm_start.solved.active)
         candidates = candidates.followed_by(pressed.index[mine], distance[mine], x[mine], was_active)
         owner = np.concatenate([owner, number[pressed.collider[mine]]])
         if not candidates.may_be_active.any():

@@ -49,8 +49,7 @@ class PointDistance:
         """The signed distances (m,) [m] at x (m, dim), without derivatives."""
         if self.planes is not None:
             first = self._first
-            value = self._facets.value(x[:first])
-            return np.concatenate([value, self._distance_of_planes(x[first:]).value])
+            return np.concatenate([self._facets.value(x[:first]), self._placed.value(x[first:])])
         if len(self.colliders) == 1:
             return self.colliders[0].value(x)
         found = np.empty(len(x))
@@ -84,7 +83,7 @@ class PointDistance:
     def __call__(self, x: Array) -> SdfDerivatives:
         if self.planes is not None:
             first = self._first
-            parts = self._facets(x[:first]), self._distance_of_planes(x[first:])
+            parts = self._facets(x[:first]), self._placed.distance(x[first:])
             return SdfDerivatives(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
         if len(self.colliders) == 1:
             return self.colliders[0](x)
@@ -110,9 +109,11 @@ class PointDistance:
         """Of the points before these."""
         return PointDistance(self.names, self.colliders, self.owner[: self._first])
 
-    def _distance_of_planes(self, x: Array) -> SdfDerivatives:
+    @lazy
+    def _placed(self) -> Planes:
+        """The planes in the world."""
         assert self.planes is not None
-        return self.planes.distance(x, self.owner[self._first :], self.poses)
+        return self.planes.placed(self.owner[self._first :], self.poses)
 
 
 def carried(

@@ -12,7 +12,7 @@ An internal correction of the body moves the points, too (`internal_points.py`);
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -98,6 +98,7 @@ class CorotatedPoints:
     points: ContactPoints
     frame_rows: Array
     condensation: CorotatedPointCondensation | None
+    _last: list[tuple[Array, Array, Array]] = field(default_factory=list, repr=False, kw_only=True)
 
     def positions(self, rows: Array, index: IntArray | None = None) -> Array:
         """x (m, dim) [m] of some of the points (all by default), static condensation and internal correction
@@ -140,13 +141,18 @@ class CorotatedPoints:
         return np.asarray(self.points.material.rest[index])
 
     def bounded_positions(self, rows: Array) -> tuple[Array, Array]:
-        """Approximate positions (n, dim) [m] of all points, and bounds on their error (n,) [m]."""
-        basis, internal = self.points.material.basis, self.points.internal
-        if self._bounded is None:
-            x, reach = placed(basis, rows), np.zeros(len(basis))
-        else:
-            x, reach = self._bounded(rows)
-        return (x if internal is None else x + internal.displacement(rows)), reach
+        """Approximate positions (n, dim) [m] of all points, and bounds on their error (n,) [m]. The last are kept; this
+        affects the cost and never the result."""
+        last = self._last[0] if self._last else None  # read once, as another thread may replace it
+        if last is None or last[0] is not rows:
+            basis, internal = self.points.material.basis, self.points.internal
+            if self._bounded is None:
+                x, reach = placed(basis, rows), np.zeros(len(basis))
+            else:
+                x, reach = self._bounded(rows)
+            last = rows, x if internal is None else x + internal.displacement(rows), reach
+            self._last[:] = [last]
+        return last[1:]
 
     @lazy
     def _bounded(self) -> BoundedPoints | None:

@@ -14,7 +14,8 @@ from softprint.runtime.colliders.pose import RigidPose
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """k planes, each fixed to a collider: through place (k, dim) [m], with normals direction (k, dim)."""
+    """k planes, each fixed to a collider: through place (k, dim) [m], with normals direction (k, dim), in the
+    coordinates of that collider, or in the world."""
 
     place: Array
     direction: Array
@@ -23,14 +24,20 @@ class Planes:
         """Some of them."""
         return Planes(self.place[which], self.direction[which])
 
-    def distance(self, x: Array, owner: IntArray, poses: Sequence[RigidPose]) -> SdfDerivatives:
-        """The signed distances of points x (k, dim), each from its plane, on colliders at poses with numbers owner
-        (k,)."""
-        p, g = np.empty_like(x), np.empty_like(x)
+    def placed(self, owner: IntArray, poses: Sequence[RigidPose]) -> Planes:
+        """In the world, on colliders at poses with numbers owner (k,)."""
+        if len(poses) == 1:
+            return Planes(poses[0].apply(self.place), poses[0].rotate(self.direction))
+        p, g = np.empty_like(self.place), np.empty_like(self.direction)
         for number in np.unique(owner):
-            mine = owner == number
-            p[mine], g[mine] = (
-                poses[number].apply(self.place[mine]),
-                poses[number].rotate(self.direction[mine]),
-            )
-        return SdfDerivatives(((x - p) * g).sum(axis=1), g, np.zeros((*x.shape, x.shape[1])))
+            mine, pose = owner == number, poses[number]
+            p[mine], g[mine] = pose.apply(self.place[mine]), pose.rotate(self.direction[mine])
+        return Planes(p, g)
+
+    def value(self, x: Array) -> Array:
+        """The signed distances (k,) [m] of points x (k, dim), each from its plane, in the same coordinates."""
+        return np.asarray(((x - self.place) * self.direction).sum(axis=1))
+
+    def distance(self, x: Array) -> SdfDerivatives:
+        """The same with derivatives."""
+        return SdfDerivatives(self.value(x), self.direction, np.zeros((*x.shape, x.shape[1])))

@@ -7,7 +7,7 @@ are looked at, whatever the size of the mesh.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -34,7 +34,10 @@ from softprint.runtime.mesh.nearest_facets import nearest_of
 
 # Facets are looked at around the sharp points as far as the surface may be displaced: this multiple of the last
 # displacement by contact, and so many distances between surface nodes.
-_DISPLACED, _AROUND = 1.5, 3.0
+_DISPLACED, _AROUND = 1.2, 2.0
+# A sharp point is pressed, or soon may be, from so many distances between surface nodes above the surface on: on tips
+# and edges, and on parts that fit between contact points, which also touch these.
+_SOON = 1.0, 0.25
 # A dent that stretches the surface to twice its area widens the gaps between contact points by this factor.
 _STRETCH = 2.0**0.5
 # Edges and tips take over from contact points on facets within so many of their spacings: there the nearest side of the
@@ -79,13 +82,15 @@ class SharpCollider:
 
 
 def sharp_colliders(
-    colliders: Mapping[str, Collider], law: PenaltyContact, mesh: Mesh, gaps: Gaps
+    colliders: Mapping[str, Collider], law: PenaltyContact, mesh: Mesh, gaps: Callable[[], Gaps]
 ) -> list[SharpCollider]:
-    """Those of the colliders that have sharp points; none where contact is at nodes. gaps: of the contact points."""
+    """Those of the colliders that have sharp points; none where contact is at nodes. gaps: computes those between the
+    contact points."""
     if not law.refinement:
         return []
+    between = gaps()
     found = [
-        SharpCollider.of(number, name, collider, law.sharp_spacing(mesh), gaps)
+        SharpCollider.of(number, name, collider, law.sharp_spacing(mesh), between)
         for number, (name, collider) in enumerate(colliders.items())
     ]
     return [sharp for sharp in found if len(sharp.points)]
@@ -176,7 +181,8 @@ class SharpSearch:
         direction, bearing = bearing_normals(sharp.collider, z, inward, sharp.spacing[which])
         of = self._owner[nodes[corners]]
         shares = np.where(of >= 0, weights, 0.0)
-        kept = np.flatnonzero(bearing & (depth > -self._spacing) & (shares.sum(axis=1) > _LEAST_SHARE))
+        soon = depth > -self._spacing * np.where(which < sharp.n_edges, *_SOON)
+        kept = np.flatnonzero(bearing & soon & (shares.sum(axis=1) > _LEAST_SHARE))
         if not len(kept):
             return None
         return (

@@ -19,10 +19,16 @@ SPACING = 0.01  # m, of the nodes of the block
 
 @dataclass(frozen=True)
 class Undeformed:
-    """The surface of a mesh at rest, with or without a displacement of its nodes by contact."""
+    """The surface of a mesh at rest, with or without a displacement of its nodes by contact; n_known: of how many
+    nodes the exact positions are known before."""
 
     mesh: Mesh
     displacement: Array | float = 0.0
+    n_known: int = 0
+
+    @property
+    def known(self):
+        return (self.approximate + self.displacement)[: self.n_known]
 
     @property
     def approximate(self):
@@ -89,6 +95,29 @@ def test_a_surface_that_gives_way_is_not_pierced(block, dim):
     down = -0.03 * np.eye(dim)[-1]
     top = surface.approximate[:, -1:] > 0.099
     assert not search.found(Undeformed(mesh, top * down), poses)
+
+
+def test_known_positions_spare_the_others(block, dim):
+    """What is found does not depend on how many positions are known; where they say enough, no others are asked for."""
+    surface, mesh = block
+    everywhere = len(surface.approximate)
+    asked = []
+
+    class Asked(Undeformed):
+        def positions(self, index):
+            asked.append(index)
+            return super().positions(index)
+
+    search, depth = PiercingSearch({"ball": Sphere(0.015, dim)}, SPACING), 0.02
+    poses, top = at_depth(dim, depth, 0.015), surface.approximate[:, -1:] > 0.099
+    for displacement, pierced in ((0.0, True), (-depth * top * np.eye(dim)[-1], False)):
+        for n_known, spared in ((0, False), (everywhere, not pierced)):
+            asked.clear()
+            found = search.found(Asked(mesh, displacement, n_known), poses)
+            assert bool(found) == pierced
+            assert bool(asked) != spared
+            if pierced:
+                assert found["ball"].depth == search.found(surface, poses)["ball"].depth
 
 
 def test_colliders_beside_the_body_have_not_pierced_it(block, dim):
