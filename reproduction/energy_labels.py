@@ -60,12 +60,12 @@ def cells(found: Sequence[dict[str, float]]) -> list[str]:
 
 
 class Judge:
-    """Errors on samples of shapes never seen, without those that press a rigid frame."""
+    """Errors on samples of shapes never seen that are comparable, see `Sampled`."""
 
     def __init__(self, contacts: SampledContacts, samples: IntArray) -> None:
         self._contacts, self._samples = contacts, samples
         mechanics = contacts.at(samples, MECHANICS, ignore)
-        self._compared = mechanics.free_of_frames
+        self._compared = mechanics.comparable
         self.of_mechanics = mechanics.errors(self._compared)
 
     def errors(self, learned: LearnedEnergy | None) -> dict[str, float]:

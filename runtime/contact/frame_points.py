@@ -3,6 +3,8 @@
 A frame is the nodes of its region, and with them every edge, facet and cell of the mesh between them. Its outside is
 what belongs to a cell that can deform, or to the surface of the body. Points are spread over all of that, about as far
 apart as is asked for: a bone of a few nodes is a chain of edges, and a thin wall would slip between the nodes alone.
+Together they stand for the area of the frame's facets, so that a frame bears as much as in the truth. Points of edges
+and nodes that are part of no facet stand for a square of the spacing each.
 """
 
 from __future__ import annotations
@@ -14,28 +16,31 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray, scatter_sum
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.mesh.facet_lattice import edge_parts, lattice
-from softprint.runtime.mesh.mesh import Mesh
+from softprint.runtime.mesh.mesh import Mesh, facet_vectors
+from softprint.runtime.mesh.midpoints import midpoints
 
 # Points that are looked at together.
 _TOGETHER = 64
+# The area of a facet is given to the points nearest to so many parts of it along an edge.
+_PARTS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class FramePoints:
     """n points of the frames of a body, in b balls of some tens of points that are near each other. rest: (n, dim+1)
     rest positions followed by ones; columns: (n, dim+1) the handle rows that place each, so that positions are sum_k
-    rest_k rows[columns_k]; area: that each stands for [m^(dim-1)]; surface: (n,) the nearest node of the surface of
-    each, its place among them; first: (b+1,) where the points of each ball begin; centres: (b, dim+1) of the balls,
+    rest_k rows[columns_k]; areas: (n,) that they stand for [m^(dim-1)]; surface: (n,) the nearest node of the surface
+    of each, its place among them; first: (b+1,) where the points of each ball begin; centres: (b, dim+1) of the balls,
     like rest, and radii: (b,) [m]."""
 
     rest: Array
     columns: IntArray
-    area: float
+    areas: Array
     surface: IntArray
     first: IntArray
     centres: Array
@@ -44,11 +49,13 @@ class FramePoints:
     @classmethod
     def of(cls, body: ReducedBody, spacing: float) -> FramePoints:
         """spacing: [m], the largest distance between points along an edge."""
-        mesh, rest, rows, counts = body.mesh, [], [], []
+        mesh, rest, areas, rows, counts = body.mesh, [], [], [], []
         for frame in body.handles.frames:
-            tree = cKDTree(outside_points(mesh, frame.nodes, spacing), leafsize=_TOGETHER)
+            points, area = outside_points(mesh, frame.nodes, spacing)
+            tree = cKDTree(points, leafsize=_TOGETHER)
             own = body.handles.rows_of(frame.name)
-            rest.append(tree.data[tree.indices])
+            rest.append(points[tree.indices])
+            areas.append(area[tree.indices])
             rows.append(np.tile(np.arange(own.start, own.stop), (tree.n, 1)))
             counts.append(np.diff([*_leaves(tree.tree), tree.n]))
         every, sizes = np.concatenate(rest), np.concatenate(counts)
@@ -58,7 +65,7 @@ class FramePoints:
         return cls(
             _affine(every),
             np.concatenate(rows),
-            spacing ** (mesh.dim - 1),
+            np.concatenate(areas),
             cKDTree(mesh.points[mesh.surface_nodes]).query(every)[1],
             first,
             _affine(centres),
@@ -100,22 +107,47 @@ def _affine(points: Array) -> Array:
     return np.column_stack([points, np.ones(len(points))])
 
 
-def outside_points(mesh: Mesh, nodes: IntArray, spacing: float) -> Array:
-    """(n, dim) [m] on the outside of the rigid region of some nodes, these among them."""
+def outside_points(mesh: Mesh, nodes: IntArray, spacing: float) -> tuple[Array, Array]:
+    """Points (n, dim) [m] on the outside of the rigid region of some nodes, these among them, and the areas (n,) that
+    they stand for [m^(dim-1)]."""
+    facets, found, stand_for = _outside(mesh, nodes, mesh.dim), [], []
+    for corners in range(1, mesh.dim + 1):
+        simplices = _outside(mesh, nodes, corners)
+        of_facets = _are_parts(simplices, facets)
+        for some, area in ((simplices[of_facets], 0.0), (simplices[~of_facets], spacing ** (mesh.dim - 1))):
+            found.append(_spread(mesh.points[some], spacing))
+            stand_for.append(np.full(len(found[-1]), area))
+    points, areas = np.concatenate(found), np.concatenate(stand_for)
+    if len(facets):
+        weights = midpoints(_PARTS, mesh.dim)
+        parts = np.einsum("kc,mcd->mkd", weights, mesh.points[facets]).reshape(-1, mesh.dim)
+        size = np.linalg.norm(facet_vectors(mesh.points, facets), axis=1) / len(weights)
+        nearest = cKDTree(points).query(parts)[1]
+        areas += scatter_sum(nearest, size.repeat(len(weights)), len(points))
+    return points, areas
+
+
+def _outside(mesh: Mesh, nodes: IntArray, corners: int) -> IntArray:
+    """The nodes, edges or facets (m, corners), by the number of their corners, on the outside of a rigid region."""
     inside = np.zeros(mesh.n_nodes, dtype=bool)
     inside[nodes] = True
     cells = mesh.cells[~inside[mesh.cells].all(axis=1)]
-    found = []
-    for corners in range(1, mesh.dim + 1):
-        every = [
-            simplices[:, list(which)]
-            for simplices in (cells, mesh.facets)
-            for which in combinations(range(simplices.shape[1]), corners)
-        ]
-        rigid = np.concatenate(every)
-        rigid = np.unique(np.sort(rigid[inside[rigid].all(axis=1)], axis=1), axis=0)
-        found.append(_spread(mesh.points[rigid], spacing))
-    return np.concatenate(found)
+    every = [
+        simplices[:, list(which)]
+        for simplices in (cells, mesh.facets)
+        for which in combinations(range(simplices.shape[1]), corners)
+    ]
+    rigid = np.concatenate(every)
+    return np.unique(np.sort(rigid[inside[rigid].all(axis=1)], axis=1), axis=0)
+
+
+def _are_parts(simplices: IntArray, facets: IntArray) -> BoolArray:
+    """Which of simplices (m, c), with ascending corners, are parts of facets (f, dim), alike."""
+    c = simplices.shape[1]
+    parts = {
+        tuple(facet[list(which)]) for facet in facets for which in combinations(range(facets.shape[1]), c)
+    }
+    return np.array([tuple(simplex) in parts for simplex in simplices], dtype=bool)
 
 
 def _spread(simplices: Array, spacing: float) -> Array:

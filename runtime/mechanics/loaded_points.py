@@ -9,6 +9,11 @@ contact nodes of its facet with the shares N, and the displacement of the point 
 so that the compliance among points is N G N^T, symmetric like G. Nodes of rigid frames have no compliance: the shares
 of a facet at the edge of a frame sum to less than one.
 
+The points and their areas are a rule that integrates pressure over the surface, which is what the forces are right by.
+Simpson's, with the middle and the corners of every facet, is exact for what is quadratic on it, with half as many
+points again as facets. With the middles alone, forces of a small tip depend on where between the points it presses: on
+the small Jelly by 3.6 %, where four points on a facet leave 1.6.
+
 Where the contact nodes are fewer than the nodes of the surface, each node of the surface belongs to the nearest contact
 node. The facets are then those whose nodes belong to different contact nodes: one for each triangle of the
 triangulation that is dual to the regions of the contact nodes.
@@ -22,14 +27,20 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from softprint.runtime.arrays import Array, IntArray, scatter_sum
+from softprint.runtime.arrays import Array, BoolArray, IntArray, scatter_sum
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.means import means, numbered
 from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance, outside_frames
+from softprint.runtime.mesh.facet_lattice import lattice
 from softprint.runtime.mesh.mesh import facet_vectors
 from softprint.runtime.mesh.midpoints import midpoints
+
+# Simpson's rule: the share of a facet's area at each of its corners; the middle has the rest.
+_CORNER = {2: 1.0 / 6.0, 3: 1.0 / 12.0}
+# Where points of a facet are farthest from middles and corners: at so many parts of its edges.
+_PARTS = {2: 4, 3: 3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +79,8 @@ class LoadedPoints:
 
     @classmethod
     def between(cls, body: ReducedBody, nodes: IntArray, bearing: IntArray, points: int) -> LoadedPoints:
-        """Points on the facets between nodes (n,), so many along an edge; on all facets where these are the nodes of
-        the surface that bear forces."""
+        """Points on the facets between nodes (n,): middles and corners by Simpson's rule for 1, otherwise so many along
+        an edge; on all facets where these are the nodes of the surface that bear forces."""
         mesh, owner = body.mesh, _owners(body, nodes, bearing)
         facets = mesh.facets[(owner[mesh.facets] >= 0).any(axis=1)]
         centres = mesh.points[facets].mean(axis=1)
@@ -77,23 +88,49 @@ class LoadedPoints:
         size = np.linalg.norm(vectors, axis=1)
         chosen = _between_different(facets, owner)
         nearest = cKDTree(centres[chosen]).query(centres)[1]
-        weights = midpoints(points, mesh.dim)
-        of_facet = np.repeat(np.arange(len(chosen)), len(weights))
-        corners, weights = facets[chosen][of_facet], np.tile(weights, (len(chosen), 1))
-        of = owner[corners]
+        area = scatter_sum(nearest, size, len(chosen))
+        normals, of = vectors[chosen] / size[chosen, None], owner[facets[chosen]]
+        if points > 1:
+            return cls._inside(facets[chosen], of, area, normals, midpoints(points, mesh.dim))
+        corner = area[:, None] * _CORNER[mesh.dim] * (of >= 0)
+        middles = cls._inside(facets[chosen], of, area - corner.sum(axis=1), normals, midpoints(1, mesh.dim))
+        at_nodes = scatter_sum(of[of >= 0], corner[of >= 0], len(nodes))
+        return middles._and_nodes(cls.at_nodes(body, nodes, at_nodes).take(at_nodes > 0.0))
+
+    @classmethod
+    def _inside(
+        cls, facets: IntArray, owner: IntArray, areas: Array, normals: Array, weights: Array
+    ) -> LoadedPoints:
+        """The points of facets (f, dim) with the same weights (k, dim) on each. owner: (f, dim) contact nodes of the
+        corners, -1 for none; areas: (f,), in equal parts."""
+        of_facet = np.repeat(np.arange(len(facets)), len(weights))
+        every, of = np.tile(weights, (len(facets), 1)), owner[of_facet]
         return cls(
-            corners,
-            weights,
+            facets[of_facet],
+            every,
             np.maximum(of, 0),
-            np.where(of >= 0, weights, 0.0),
-            scatter_sum(nearest, size, len(chosen))[of_facet] * len(chosen) / len(of_facet),
-            (vectors[chosen] / size[chosen, None])[of_facet],
+            np.where(of >= 0, every, 0.0),
+            areas[of_facet] / len(weights),
+            normals[of_facet],
+        )
+
+    def _and_nodes(self, nodes: LoadedPoints) -> LoadedPoints:
+        """Followed by points that are contact nodes (m,)."""
+        c = self.corners.shape[1]
+        first = np.eye(1, c)
+        return LoadedPoints(
+            np.concatenate([self.corners, nodes.corners.repeat(c, axis=1)]),
+            np.concatenate([self.weights, nodes.weights * first]),
+            np.concatenate([self.nodes, nodes.nodes.repeat(c, axis=1)]),
+            np.concatenate([self.shares, nodes.shares * first]),
+            np.concatenate([self.areas, nodes.areas]),
+            np.concatenate([self.normals, nodes.normals]),
         )
 
     def __len__(self) -> int:
         return len(self.areas)
 
-    def take(self, which: slice) -> LoadedPoints:
+    def take(self, which: slice | BoolArray) -> LoadedPoints:
         """Some of the points."""
         return LoadedPoints(*(getattr(self, field.name)[which] for field in fields(self)))
 
@@ -152,8 +189,8 @@ class LoadedPoints:
 
 
 class Gaps(NamedTuple):
-    """What contact points let through. spacing: the distance between the nodes that they are between [m]; radius: that
-    of the largest ball at a node of the surface between them [m]."""
+    """What contact points let through. spacing: the distance between the nodes that they are between [m]; radius: of
+    the largest circle on the surface that has none inside [m]."""
 
     spacing: float
     radius: float
@@ -163,8 +200,12 @@ class Gaps(NamedTuple):
         """Of the points that the body has compliance at."""
         mesh, bearing = body.mesh, outside_frames(body)[0]
         share = max(1.0, len(bearing) / len(compliance.nodes))
-        around = cKDTree(points.mean(mesh.points)).query(mesh.points[bearing])[0]
-        return cls(mesh.surface_spacing * float(share) ** (1.0 / (mesh.dim - 1)), float(around.max()))
+        corners = mesh.points[mesh.facets[np.isin(mesh.facets, bearing).all(axis=1)]]
+        between = np.einsum("kc,fcd->fkd", lattice(_PARTS[mesh.dim], mesh.dim), corners).reshape(-1, mesh.dim)
+        around = cKDTree(points.mean(mesh.points)).query(between)[0]
+        return cls(
+            mesh.surface_spacing * float(share) ** (1.0 / (mesh.dim - 1)), float(around.max(initial=0.0))
+        )
 
 
 def owners(body: ReducedBody, nodes: IntArray) -> IntArray:

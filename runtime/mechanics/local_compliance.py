@@ -17,7 +17,7 @@ from softprint.runtime.arrays import Array, IntArray, same
 from softprint.runtime.mechanics.surface_compliance_kernels import displacement, gathered
 
 # Nodes whose rows and columns are cached. The cache grows where a single request needs more.
-_ROOM = 384
+_ROOM = 768
 
 
 class LocalCompliance:

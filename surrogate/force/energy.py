@@ -8,11 +8,12 @@ Gauss-Newton iterations on
     sum_i sum_k w_ik |r_ik|^2 / (s_ik + kappa <s_k>)
 
 over samples i and three kinds of residual k: h~ - h_true along the coordinates of the handles, its sum, which is the
-force on the collider, and W~ - W_true; s_ik is the square of what is true. w_ik takes weight from what no p fits (Huber
-1964): where the collider presses a rigid frame as well, or where the truth is on another branch. Of p, as much is kept
-as validation samples bear out: a part t p, with t from 0, which is linear mechanics, to 1. The network of the energy is
-learned after that (`dent_network.py`), and a part of it kept in the same way. The reach within which forces are of one
-dent is a multiple of the spread of those of the samples, in which a collider presses one place.
+force on the collider, and W~ - W_true; s_ik is the square of what is true. Samples in which the collider presses a
+rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
+from what no p fits (Huber 1964), as where the truth is in another equilibrium. Of p, as much is kept as validation
+samples bear out: a part t p, with t from 0, which is linear mechanics, to 1. The network of the energy is learned after
+that (`dent_network.py`), and a part of it kept in the same way. The reach within which forces are of one dent is a
+multiple of the spread of those of the samples, in which a collider presses one place.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
@@ -59,9 +61,9 @@ ContactMaker = Callable[[Collider, LearnedEnergy], ContactStateProbe]
 
 
 class EnergyErrors(NamedTuple):
-    """Errors of W and h by kind, sqrt(sum |r_k|^2 / sum s_k) over samples without those in which the force on the
-    collider is off by more than half: there it presses a rigid frame. mechanics: of linear mechanics; learned; samples:
-    their number; part: t, how much of what was learned is kept; network: of the network."""
+    """Errors of W and h by kind, sqrt(sum |r_k|^2 / sum s_k) over the samples that are `comparable`. mechanics: of
+    linear mechanics; learned; samples: their number; part: t, how much of what was learned is kept; network: of the
+    network."""
 
     mechanics: dict[str, float]
     learned: dict[str, float]
@@ -82,13 +84,14 @@ def learn_energy(
     the kinds of residuals to learn from; seed: of the weights that the network starts with."""
     mechanics = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0, 1.0)
     alone = contacts.at(train, mechanics, progress)
+    train = alone.samples[~alone.on_frames]
     size = _SIZE * float(np.quantile(np.cbrt(alone.measures[:, 0]), 0.95))
     reach = max(_REACH * float(np.median(alone.spreads)), _LEAST_REACH)
     learned = replace(mechanics, size=size, reach=reach)
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels))
     before = contacts.at(held_out, mechanics, progress)
-    compared = before.free_of_frames
+    compared = before.comparable
     of_mechanics = best = before.errors(compared)
     kept, part, judged = None, 0.0, before
     for share in _PARTS:
@@ -140,7 +143,10 @@ def contacts_of(data: TrainingData, contact_of: ContactMaker) -> SampledContacts
     """The contacts of the samples of training data."""
     body = data.body
     handles = HandleCoordinates(body, held_frames(data.context.experiment))
-    return SampledContacts(data.truth, data.by_collider, contact_of, handles, body.handles.affine_part)
+    frames = FramePoints.of(body, body.mesh.surface_spacing) if body.handles.frames else None
+    return SampledContacts(
+        data.truth, data.by_collider, contact_of, handles, body.handles.affine_part, frames
+    )
 
 
 def energy_of(

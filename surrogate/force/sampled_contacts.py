@@ -22,9 +22,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.dent_shape import DentShape, spread
 from softprint.runtime.contact.learned_energy.hardened_contact import dent_slopes, measure_response
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
@@ -44,7 +46,8 @@ N_PARAMETERS = N_COEFFICIENTS + 2
 class Sampled:
     """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
     N_PARAMETERS), of an energy without a network. measures: (W, psi, rho, nu) (s, 4), and by kind but the energy the
-    derivatives of (log W, psi, rho, nu) (s, n_k, 4); spreads: of the contact forces (s,) [m]."""
+    derivatives of (log W, psi, rho, nu) (s, n_k, 4); spreads: of the contact forces (s,) [m]; on_frames: (s,) whether
+    the collider presses a rigid frame, whose force no energy of a dent has."""
 
     samples: IntArray
     truth: Mapping[str, Array]
@@ -53,6 +56,7 @@ class Sampled:
     measures: Array
     measure_slopes: Mapping[str, Array]
     spreads: Array
+    on_frames: BoolArray
 
     def errors(self, samples: IntArray) -> dict[str, float]:
         """See `EnergyErrors`, over some of the samples."""
@@ -63,17 +67,19 @@ class Sampled:
         }
 
     @property
-    def free_of_frames(self) -> IntArray:
-        """The samples that do not press a rigid frame."""
+    def comparable(self) -> IntArray:
+        """The samples that press no rigid frame, and in which the force on the collider is not off by more than half:
+        there the truth is in another equilibrium."""
         true = self.truth["collider"]
         miss = np.linalg.norm(self.found["collider"] - true, axis=1)
-        return self.samples[miss <= 0.5 * np.linalg.norm(true, axis=1)]
+        return self.samples[~self.on_frames & (miss <= 0.5 * np.linalg.norm(true, axis=1))]
 
 
 class SampledContacts:
     """The contacts of samples of a truth, followed along their approach once and then from the last ones found.
     by_collider: the colliders of some samples, each with its own; contact_of: makes the contact of the body with a
-    collider; handles: along which coordinates forces are compared; origins: (n_rows,) 1 for rows that are positions."""
+    collider; handles: along which coordinates forces are compared; origins: (n_rows,) 1 for rows that are positions;
+    frames: points of the rigid frames, None for a body without any."""
 
     def __init__(
         self,
@@ -82,16 +88,17 @@ class SampledContacts:
         contact_of: Callable[[Collider, LearnedEnergy], ContactStateProbe],
         handles: HandleCoordinates,
         origins: Array,
+        frames: FramePoints | None,
     ) -> None:
         self._truth, self._by_collider, self._contact_of = truth, by_collider, contact_of
-        self._handles, self._origins = handles, origins
+        self._handles, self._origins, self._frames = handles, origins, frames
         self._last: dict[int, SolvedContact] = {}
 
     def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled:
         """Those of the samples in which the reduced body touches the collider."""
         truth, columns = self._truth, list[dict[str, tuple[Array, Array, Array]]]()
         taken, measures, by_measure = list[int](), list[Array](), list[dict[str, Array]]()
-        spreads = list[float]()
+        spreads, on_frames = list[float](), list[bool]()
         for collider, part in self._by_collider(samples):
             probe = self._contact_of(collider, learned)
             for sample in map(int, part):
@@ -125,6 +132,7 @@ class SampledContacts:
                     }
                 )
                 taken.append(sample)
+                on_frames.append(self._presses_frame(collider, rows, truth.approach_path(sample)[-1]))
                 solution = solved.solution
                 measures.append(np.array([solution.energy, *shape.values]))
                 spreads.append(spread(solution.pressure[solution.active], contact.points.rest(solved.active)))
@@ -144,7 +152,15 @@ class SampledContacts:
             np.array(measures),
             of_measures,
             np.array(spreads),
+            np.array(on_frames),
         )
+
+    def _presses_frame(self, collider: Collider, rows: Array, pose: RigidPose) -> bool:
+        """Whether a point of a rigid frame is inside the collider."""
+        if self._frames is None:
+            return False
+        x = self._frames.positions(rows, self._frames.near(rows, collider, pose))
+        return bool((collider.sdf(pose.apply_inverse(x)) < 0.0).any())
 
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""

@@ -6,6 +6,7 @@ import pytest
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS
+from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.dent_shape import DentShape
 from softprint.runtime.contact.learned_energy.hardened_contact import dent_slopes, measure_response
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
@@ -150,6 +151,7 @@ def contacts(pressed, tmp_path_factory):
             contact_of,
             HandleCoordinates(body, {frame.name for frame in body.handles.frames}),
             body.handles.affine_part,
+            FramePoints.of(body, body.mesh.surface_spacing),
         )
 
 
@@ -160,8 +162,8 @@ def test_an_energy_is_found_again_from_its_forces(contacts, labels):
     learned, errors = learn_energy(contacts, samples, samples, lambda count: None, labels)
     assert learned is not None
     assert errors.part == 1.0  # the whole of what was learned is best
-    # The spoilt contact counts as one that presses a frame. What is left is the ridge of a thousandth, and another size
-    # x_0 than the teacher's.
+    # The spoilt contact counts as one in another equilibrium. What is left is the ridge of a thousandth, and another
+    # size x_0 than the teacher's.
     assert errors.samples <= n * each - each
     for kind in LABELS:
         assert errors.mechanics[kind] > 0.05
@@ -178,3 +180,13 @@ def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts):
     assert errors.learned == errors.mechanics
     # They are those that the samples were made with: what is left is their compliance in single precision.
     assert max(errors.mechanics.values()) < 1e-4
+
+
+def test_samples_that_press_a_frame_are_told_apart(contacts, pressed):
+    """Where the collider reaches the frame at the base, its force is not that of a dent: nothing is learned from it."""
+    body, ball, _, states, _ = pressed
+    base = body.mesh.points[body.handles.frame_nodes]
+    corner = base[np.argmax(base.sum(axis=1))]
+    for aside, on_frame in ((-0.5, True), (1.5, False)):
+        pose = RigidPose(np.eye(body.dim), corner + aside * ball.radius * np.eye(body.dim)[0])
+        assert contacts._presses_frame(ball, states[0], pose) == on_frame

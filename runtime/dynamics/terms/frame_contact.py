@@ -70,7 +70,7 @@ class FrameContactEvaluation:
         if not len(near):
             return None
         x = points.positions(self.rows, near)
-        terms = self.contact.law.terms(x, np.full(len(x), points.area), collider, pose)
+        terms = self.contact.law.terms(x, points.areas[near], collider, pose)
         at = terms.index
         return _Touched(near[at], x[at], terms) if len(at) else None
 

@@ -51,7 +51,7 @@ def bent_rows(body):
 def test_points_cover_the_outside_of_a_bone(body):
     mesh, frame = body.mesh, body.handles.frames[0]
     spacing = CELL / 3.0
-    points = outside_points(mesh, frame.nodes, spacing)
+    points, areas = outside_points(mesh, frame.nodes, spacing)
     assert len(np.unique(points.round(9), axis=0)) == len(points)
     # A box of two cells across and two high.
     high, wide = points[:, -1], np.abs(points[:, :-1]).max(axis=1)
@@ -63,15 +63,20 @@ def test_points_cover_the_outside_of_a_bone(body):
     places = np.column_stack([rng.uniform(-CELL, CELL, (200, mesh.dim - 1)), np.full(200, BONE)])
     nearest = np.linalg.norm(places[:, None] - top[None], axis=2).min(axis=1)
     assert nearest.max() < np.sqrt(mesh.dim) / 2.0 * spacing * 1.01
+    # They stand for its area: two ends, and sides that are as high as they are wide.
+    across = (2.0 * CELL) ** (mesh.dim - 1)
+    assert areas.sum() == pytest.approx(2 * mesh.dim * across, rel=1e-12)
+    assert areas[np.isclose(high, BONE) & (wide < 0.9 * CELL)].sum() == pytest.approx(across, rel=0.35)
 
 
 def test_a_bone_of_single_nodes_is_a_chain():
     mesh = box_mesh([0.0, 0.0, 0.0], [4 * CELL] * 3, [4, 4, 4])
     line = np.flatnonzero(np.isclose(mesh.points[:, :2], 2 * CELL).all(axis=1))
-    points = outside_points(mesh, line, 0.26 * CELL)
+    points, areas = outside_points(mesh, line, 0.26 * CELL)
     # Four edges of four parts each.
     np.testing.assert_allclose(np.sort(points[:, 2]), CELL / 4.0 * np.arange(17), atol=1e-12)
     np.testing.assert_allclose(points[:, :2], 2 * CELL, atol=1e-12)
+    np.testing.assert_array_equal(areas, (0.26 * CELL) ** 2)  # no facet
 
 
 def test_derivatives(body):

@@ -39,16 +39,51 @@ def test_points_tile_the_surface_outside_rigid_frames(jelly_body, points):
     np.testing.assert_allclose(np.linalg.norm(points.normals, axis=1), 1.0, rtol=1e-12)
 
 
-def test_where_every_node_is_a_contact_node_every_facet_has_a_point(jelly_body, dim):
+def test_where_every_node_is_a_contact_node_points_are_middles_and_corners(jelly_body, dim):
     compliance = compute_mechanics(jelly_body, EVERY_NODE, condensation=False).surface_compliance
     points, facets = (
         LoadedPoints.of_compliance(jelly_body, compliance, points=1),
         outside_frames(jelly_body),
     )
-    np.testing.assert_array_equal(points.corners, facets)
+    middles, corners = points.take(slice(len(facets))), points.take(slice(len(facets), None))
+    np.testing.assert_array_equal(middles.corners, facets)
     rigid = np.isin(facets, jelly_body.handles.frame_nodes)
-    np.testing.assert_allclose(points.shares, np.where(rigid, 0.0, 1.0 / dim), rtol=1e-15)
-    np.testing.assert_array_equal(compliance.nodes[points.nodes][~rigid], facets[~rigid])
+    np.testing.assert_allclose(middles.shares, np.where(rigid, 0.0, 1.0 / dim), rtol=1e-15)
+    np.testing.assert_array_equal(compliance.nodes[middles.nodes][~rigid], facets[~rigid])
+    np.testing.assert_array_equal(corners.corners[:, 0], compliance.nodes)
+    np.testing.assert_array_equal(corners.shares, np.tile(np.eye(1, dim), (len(corners), 1)))
+
+
+def test_middles_and_corners_integrate_what_is_quadratic_on_a_facet(jelly_body, dim):
+    """Simpson's rule, against a rule of three points in a line, or at the middles of edges: exact for it, too."""
+    body = jelly_body
+    compliance = compute_mechanics(body, EVERY_NODE, condensation=False).surface_compliance
+    points, rng = LoadedPoints.of_compliance(body, compliance, points=1), np.random.default_rng(0)
+    facets = body.mesh.facets[~np.isin(body.mesh.facets, body.handles.frame_nodes).any(axis=1)]
+    inside = np.isin(np.arange(body.n_nodes), facets)  # a part of the surface that ends far from the others
+    size = np.linalg.norm(facet_vectors(body.mesh.points, facets), axis=1)
+    values = np.where(
+        inside, rng.normal(size=body.n_nodes), 0.0
+    )  # linear on each facet; its square is quadratic
+
+    def squared(corners, weights):
+        return np.square((values[corners] * weights).sum(axis=1))
+
+    if dim == 3:
+        rule = [np.array(weights) / 2.0 for weights in ([1, 1, 0], [1, 0, 1], [0, 1, 1])]
+    else:
+        rule = [np.array([0.5 + along, 0.5 - along]) for along in (-0.5 / 3**0.5, 0.5 / 3**0.5)]
+    expected = sum((size * squared(facets, weights)).sum() for weights in rule) / len(rule)
+    own = inside[points.corners].all(axis=1)
+    touching = np.isin(body.mesh.facets, np.flatnonzero(inside)).any(axis=1)
+    whole = touching.sum() == len(facets)
+    found = (points.areas[own] * squared(points.corners[own], points.weights[own])).sum()
+    if whole:
+        assert found == pytest.approx(expected, rel=1e-12)
+    else:  # facets at the edge of the frame have values at some corners, too
+        beside = body.mesh.facets[touching & np.isin(body.mesh.facets, body.handles.frame_nodes).any(axis=1)]
+        assert len(beside)
+        assert found == pytest.approx(expected, rel=0.2)
 
 
 def test_of_few_contact_nodes_points_lie_between_different_ones(jelly_body, dim):
@@ -56,14 +91,17 @@ def test_of_few_contact_nodes_points_lie_between_different_ones(jelly_body, dim)
     compliance = compute_mechanics(jelly_body, count, condensation=False).surface_compliance
     points = LoadedPoints.of_compliance(jelly_body, compliance, points=1)
     assert set(points.nodes[points.shares > 0.0]) == set(range(count))
-    for nodes, shares in zip(points.nodes, points.shares, strict=True):
-        assert len(set(nodes[shares > 0.0])) == (shares > 0.0).sum() > 0
+    corners = points.take(points.weights[:, 0] == 1.0)
+    assert (corners.shares[:, 0] == 1.0).all()
+    assert set(corners.nodes[:, 0]) == set(range(count))
+    np.testing.assert_array_equal(compliance.nodes[corners.nodes[:, 0]], corners.corners[:, 0])
+    middles = points.take(points.weights[:, 0] < 1.0)
     between = [
-        frozenset(nodes[shares > 0.0]) for nodes, shares in zip(points.nodes, points.shares, strict=True)
+        frozenset(nodes[shares > 0.0]) for nodes, shares in zip(middles.nodes, middles.shares, strict=True)
     ]
     assert len(set(between)) == len(between)
     # A closed triangulation has twice as many triangles as nodes, a polygon as many edges; this one has an edge.
-    assert 0.6 < len(points) / ((dim - 1) * count) < 1.4
+    assert 0.6 < len(middles) / ((dim - 1) * count) < 1.4
 
 
 def test_points_move_with_their_facets(jelly_body, points):
