@@ -78,8 +78,8 @@ class PenaltyContact:
 
     refinement: 0 for contact at nodes. Otherwise contact is evaluated on facets: in full space at refinement^(dim-1)
     points of every facet of the surface (`surface_quadrature.py`), in reduced models at reduced_refinement^(dim-1)
-    points (`runtime/mechanics/loaded_points.py`), and in both at tips, edges and thin limbs of colliders
-    (`sharp_contact.py`).
+    points, for 1 at the middle and the corners (`runtime/mechanics/loaded_points.py`), and in both at tips, edges and
+    thin limbs of colliders (`sharp_contact.py`).
     """
 
     stiffness: float
@@ -105,7 +105,7 @@ class PenaltyContact:
 
     @property
     def reduced_points(self) -> int:
-        """The contact points of reduced models along an edge of a facet; 0: at nodes."""
+        """The contact points of reduced models along an edge of a facet; 1: middles and corners, 0: at nodes."""
         return self.reduced_refinement if self.refinement else 0
 
     def sharp_spacing(self, mesh: Mesh) -> float:

@@ -38,7 +38,7 @@ _DISPLACED, _AROUND = 1.1, 1.5
 # A sharp point is pressed, or soon may be, from so many distances between surface nodes above the surface on: on tips
 # and edges, and on parts that fit between contact points, which also touch these.
 _SOON = 1.0, 0.25
-# A dent that stretches the surface to twice its area widens the gaps between contact points by this factor.
+# A dent that stretches the surface to twice its length widens the gaps between contact points by this factor.
 _STRETCH = 2.0
 # Edges and tips take over from contact points on facets within so many of their spacings: there the nearest side of the
 # collider changes from its edge to its flanks within a penetration.

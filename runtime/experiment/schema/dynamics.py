@@ -29,7 +29,10 @@ class ContactSpec(Section):
         "of colliders; 0: at nodes",
     )
     reduced_refinement: int = Field(
-        1, ge=1, le=8, description="points along an edge of a facet in reduced models, with contact on facets"
+        1,
+        ge=1,
+        le=8,
+        description="contact on facets in reduced models: points along an edge of each; 1: its middle and corners",
     )
     friction: NotNegative = Field(0.3, description="Coulomb coefficient; 0: frictionless")
     slip_velocity: Positive = Field(1e-3, description="below this speed friction sticks smoothly [m/s]")
