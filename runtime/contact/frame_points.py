@@ -85,6 +85,11 @@ class FramePoints:
         """x (m, dim) [m] of some points (m,) at handle rows (n_rows, dim)."""
         return _placed(self.rest[index], self.columns[index], rows)
 
+    def any_inside(self, rows: Array, collider: Collider, pose: RigidPose) -> bool:
+        """Whether a collider presses a frame at handle rows (n_rows, dim)."""
+        x = self.positions(rows, self.near(rows, collider, pose))
+        return bool((collider.sdf(pose.apply_inverse(x)) < 0.0).any())
+
     def basis(self, index: IntArray, n_rows: int) -> Array:
         """(m, n_rows) of some points (m,)."""
         basis = np.zeros((len(index), n_rows))

@@ -24,7 +24,6 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.dent_shape import DentShape, spread
@@ -132,7 +131,8 @@ class SampledContacts:
                     }
                 )
                 taken.append(sample)
-                on_frames.append(self._presses_frame(collider, rows, truth.approach_path(sample)[-1]))
+                at = rows, collider, truth.approach_path(sample)[-1]
+                on_frames.append(self._frames is not None and self._frames.any_inside(*at))
                 solution = solved.solution
                 measures.append(np.array([solution.energy, *shape.values]))
                 spreads.append(spread(solution.pressure[solution.active], contact.points.rest(solved.active)))
@@ -154,13 +154,6 @@ class SampledContacts:
             np.array(spreads),
             np.array(on_frames),
         )
-
-    def _presses_frame(self, collider: Collider, rows: Array, pose: RigidPose) -> bool:
-        """Whether a point of a rigid frame is inside the collider."""
-        if self._frames is None:
-            return False
-        x = self._frames.positions(rows, self._frames.near(rows, collider, pose))
-        return bool((collider.sdf(pose.apply_inverse(x)) < 0.0).any())
 
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""

@@ -180,13 +180,3 @@ def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts):
     assert errors.learned == errors.mechanics
     # They are those that the samples were made with: what is left is their compliance in single precision.
     assert max(errors.mechanics.values()) < 1e-4
-
-
-def test_samples_that_press_a_frame_are_told_apart(contacts, pressed):
-    """Where the collider reaches the frame at the base, its force is not that of a dent: nothing is learned from it."""
-    body, ball, _, states, _ = pressed
-    base = body.mesh.points[body.handles.frame_nodes]
-    corner = base[np.argmax(base.sum(axis=1))]
-    for aside, on_frame in ((-0.5, True), (1.5, False)):
-        pose = RigidPose(np.eye(body.dim), corner + aside * ball.radius * np.eye(body.dim)[0])
-        assert contacts._presses_frame(ball, states[0], pose) == on_frame

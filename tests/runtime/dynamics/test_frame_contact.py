@@ -8,7 +8,7 @@ from softprint.runtime.colliders import KeyframedPath, RigidPose, Sphere
 from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.contact_force import ContactForce
-from softprint.runtime.contact.frame_points import outside_points
+from softprint.runtime.contact.frame_points import FramePoints, outside_points
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.dynamics.terms.frame_contact import FrameContact
 from softprint.runtime.elasticity.materials import make_material
@@ -67,6 +67,12 @@ def test_points_cover_the_outside_of_a_bone(body):
     across = (2.0 * CELL) ** (mesh.dim - 1)
     assert areas.sum() == pytest.approx(2 * mesh.dim * across, rel=1e-12)
     assert areas[np.isclose(high, BONE) & (wide < 0.9 * CELL)].sum() == pytest.approx(across, rel=0.35)
+
+
+def test_which_colliders_press_a_bone(body):
+    points, (sphere,) = FramePoints.of(body, CELL / 3.0), ball(body).values()
+    for depth, presses in ((0.002, True), (-0.0005, False)):
+        assert points.any_inside(body.rest_rows, sphere, pose(body, depth)) == presses
 
 
 def test_a_bone_of_single_nodes_is_a_chain():
