@@ -320,6 +320,9 @@ FIGURES: Mapping[str, Figure] = {
         ("jelly_library_small",),
         ("docs/peers.png",),
     ),
+    "energy_labels": Figure(
+        (f"python -m reproduction.energy_labels {_SMALL} --seeds 1",), (RESULTS,), ("jelly_library_small",)
+    ),
     "handle_forces": Figure(
         (f"python -m benchmarks.handle_forces {_SMALL}",), (RESULTS,), ("jelly_library_small",)
     ),

@@ -34,11 +34,14 @@ from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.means import means, numbered
 from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance, outside_frames
 from softprint.runtime.mesh.facet_lattice import lattice
-from softprint.runtime.mesh.mesh import facet_vectors
+from softprint.runtime.mesh.mesh import Mesh, facet_vectors
 from softprint.runtime.mesh.midpoints import midpoints
 
 # Simpson's rule: the share of a facet's area at each of its corners; the middle has the rest.
 _CORNER = {2: 1.0 / 6.0, 3: 1.0 / 12.0}
+# On an edge of the body, where a facet is turned from the mean normal of a node by more than 30 degrees, its sides
+# would bear on what presses its top: facets there have a point in the middle alone, and so have those at rigid frames.
+_EVEN = 0.866
 # Where points of a facet are farthest from middles and corners: at so many parts of its edges.
 _PARTS = {2: 4, 3: 3}
 
@@ -92,7 +95,8 @@ class LoadedPoints:
         normals, of = vectors[chosen] / size[chosen, None], owner[facets[chosen]]
         if points > 1:
             return cls._inside(facets[chosen], of, area, normals, midpoints(points, mesh.dim))
-        corner = area[:, None] * _CORNER[mesh.dim] * (of >= 0)
+        bears = (of >= 0) & ~_on_sharp_edges(mesh)[nodes[of]]
+        corner = (area * _CORNER[mesh.dim] * bears.all(axis=1))[:, None].repeat(mesh.dim, axis=1)
         middles = cls._inside(facets[chosen], of, area - corner.sum(axis=1), normals, midpoints(1, mesh.dim))
         at_nodes = scatter_sum(of[of >= 0], corner[of >= 0], len(nodes))
         return middles._and_nodes(cls.at_nodes(body, nodes, at_nodes).take(at_nodes > 0.0))
@@ -190,7 +194,8 @@ class LoadedPoints:
 
 class Gaps(NamedTuple):
     """What contact points let through. spacing: the distance between the nodes that they are between [m]; radius: of
-    the largest circle on the surface that has none inside [m]."""
+    the largest circle on the surface that has none inside [m], beside edges of the body only where it has no other
+    surface."""
 
     spacing: float
     radius: float
@@ -200,12 +205,22 @@ class Gaps(NamedTuple):
         """Of the points that the body has compliance at."""
         mesh, bearing = body.mesh, outside_frames(body)[0]
         share = max(1.0, len(bearing) / len(compliance.nodes))
-        corners = mesh.points[mesh.facets[np.isin(mesh.facets, bearing).all(axis=1)]]
+        even = np.setdiff1d(bearing, np.flatnonzero(_on_sharp_edges(mesh)))
+        inside = np.isin(mesh.facets, even).all(axis=1)
+        corners = mesh.points[mesh.facets[inside if inside.any() else slice(None)]]
         between = np.einsum("kc,fcd->fkd", lattice(_PARTS[mesh.dim], mesh.dim), corners).reshape(-1, mesh.dim)
         around = cKDTree(points.mean(mesh.points)).query(between)[0]
-        return cls(
-            mesh.surface_spacing * float(share) ** (1.0 / (mesh.dim - 1)), float(around.max(initial=0.0))
-        )
+        return cls(mesh.surface_spacing * float(share) ** (1.0 / (mesh.dim - 1)), float(around.max()))
+
+
+def _on_sharp_edges(mesh: Mesh) -> BoolArray:
+    """(n_nodes,) which nodes are on sharp edges of the surface."""
+    normals = mesh.facet_vectors / np.linalg.norm(mesh.facet_vectors, axis=1, keepdims=True)
+    of_nodes = mesh.surface_normals[np.searchsorted(mesh.surface_nodes, mesh.facets)]
+    turned = (normals[:, None] * of_nodes).sum(axis=2) < _EVEN
+    sharp = np.zeros(mesh.n_nodes, dtype=bool)
+    sharp[mesh.facets[turned]] = True
+    return sharp
 
 
 def owners(body: ReducedBody, nodes: IntArray) -> IntArray:

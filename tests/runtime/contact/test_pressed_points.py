@@ -126,12 +126,12 @@ def test_the_edge_does_not_go_into_the_body(bodies, dim):
 @pytest.mark.parametrize("radius", [0.0036, 0.0045, 0.006])
 @pytest.mark.parametrize("at", [0.0, 0.0023])
 def test_a_ball_that_fits_between_contact_points_does_not_go_into_the_body(bodies, dim, radius, at):
-    """Where all nodes are contact nodes, some 6 mm apart, with one point on each facet: without sharp points on the
-    ball it goes in by more than it is pressed, with steps that converge."""
+    """Where all nodes are contact nodes, some 6 mm apart, with the middles of facets alone and without sharp points on
+    the ball it goes in by more than it is pressed, with steps that converge."""
     path = lowered(dim, radius, at)
     deepest, unconverged = deepest_of(*bodies[dim], Sphere(radius, dim), path, PenaltyContact(STIFFNESS, 2))
     assert unconverged == 0
-    assert deepest < 0.2 * DEPTH
+    assert deepest < 0.25 * DEPTH  # a third of the radius, between points of a surface that is stretched
 
 
 def test_what_fits_between_few_contact_nodes_does_not_go_into_the_body(bodies, dim):

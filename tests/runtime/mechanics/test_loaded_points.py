@@ -50,40 +50,43 @@ def test_where_every_node_is_a_contact_node_points_are_middles_and_corners(jelly
     rigid = np.isin(facets, jelly_body.handles.frame_nodes)
     np.testing.assert_allclose(middles.shares, np.where(rigid, 0.0, 1.0 / dim), rtol=1e-15)
     np.testing.assert_array_equal(compliance.nodes[middles.nodes][~rigid], facets[~rigid])
-    np.testing.assert_array_equal(corners.corners[:, 0], compliance.nodes)
+    # Without nodes on edges of the body, whose facets are turned from their mean normal.
+    mesh = jelly_body.mesh
+    normals = mesh.facet_vectors / np.linalg.norm(mesh.facet_vectors, axis=1, keepdims=True)
+    smooth = []
+    for node in compliance.nodes:
+        mean = mesh.surface_normals[mesh.surface_nodes == node][0]
+        smooth.append((normals[(mesh.facets == node).any(axis=1)] @ mean > 0.866).all())
+    assert 0.3 < np.mean(smooth) < 1.0
+    even = facets[np.isin(facets, compliance.nodes[smooth]).all(axis=1)]
+    np.testing.assert_array_equal(corners.corners[:, 0], np.unique(even))
     np.testing.assert_array_equal(corners.shares, np.tile(np.eye(1, dim), (len(corners), 1)))
 
 
 def test_middles_and_corners_integrate_what_is_quadratic_on_a_facet(jelly_body, dim):
-    """Simpson's rule, against a rule of three points in a line, or at the middles of edges: exact for it, too."""
-    body = jelly_body
+    """Simpson's rule, against one of two points in a line, or of the middles of the edges of a triangle."""
+    body, facets = jelly_body, jelly_body.mesh.facets
     compliance = compute_mechanics(body, EVERY_NODE, condensation=False).surface_compliance
     points, rng = LoadedPoints.of_compliance(body, compliance, points=1), np.random.default_rng(0)
-    facets = body.mesh.facets[~np.isin(body.mesh.facets, body.handles.frame_nodes).any(axis=1)]
-    inside = np.isin(np.arange(body.n_nodes), facets)  # a part of the surface that ends far from the others
-    size = np.linalg.norm(facet_vectors(body.mesh.points, facets), axis=1)
-    values = np.where(
-        inside, rng.normal(size=body.n_nodes), 0.0
-    )  # linear on each facet; its square is quadratic
+    corners = points.corners[points.weights[:, 0] == 1.0, 0]
+    uneven = facets[~np.isin(facets, corners).all(axis=1)]
+    inside = np.setdiff1d(corners, uneven)  # beside facets with corners alone
+    assert len(inside) > 2
+    values = np.zeros(body.n_nodes)  # linear on each facet, so that the square is quadratic
+    values[inside] = rng.normal(size=len(inside))
 
-    def squared(corners, weights):
-        return np.square((values[corners] * weights).sum(axis=1))
+    def squared(nodes, weights):
+        return np.square((values[nodes] * weights).sum(axis=1))
 
     if dim == 3:
         rule = [np.array(weights) / 2.0 for weights in ([1, 1, 0], [1, 0, 1], [0, 1, 1])]
     else:
         rule = [np.array([0.5 + along, 0.5 - along]) for along in (-0.5 / 3**0.5, 0.5 / 3**0.5)]
+    size = np.linalg.norm(facet_vectors(body.mesh.points, facets), axis=1)
     expected = sum((size * squared(facets, weights)).sum() for weights in rule) / len(rule)
-    own = inside[points.corners].all(axis=1)
-    touching = np.isin(body.mesh.facets, np.flatnonzero(inside)).any(axis=1)
-    whole = touching.sum() == len(facets)
-    found = (points.areas[own] * squared(points.corners[own], points.weights[own])).sum()
-    if whole:
-        assert found == pytest.approx(expected, rel=1e-12)
-    else:  # facets at the edge of the frame have values at some corners, too
-        beside = body.mesh.facets[touching & np.isin(body.mesh.facets, body.handles.frame_nodes).any(axis=1)]
-        assert len(beside)
-        assert found == pytest.approx(expected, rel=0.2)
+    assert (points.areas * squared(points.corners, points.weights)).sum() == pytest.approx(
+        expected, rel=1e-12
+    )
 
 
 def test_of_few_contact_nodes_points_lie_between_different_ones(jelly_body, dim):
@@ -93,7 +96,7 @@ def test_of_few_contact_nodes_points_lie_between_different_ones(jelly_body, dim)
     assert set(points.nodes[points.shares > 0.0]) == set(range(count))
     corners = points.take(points.weights[:, 0] == 1.0)
     assert (corners.shares[:, 0] == 1.0).all()
-    assert set(corners.nodes[:, 0]) == set(range(count))
+    assert 0 < len(corners) <= count
     np.testing.assert_array_equal(compliance.nodes[corners.nodes[:, 0]], corners.corners[:, 0])
     middles = points.take(points.weights[:, 0] < 1.0)
     between = [
