@@ -134,11 +134,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("| model | samples of | force on | RMS | squared | median | 95 % | samples |")
     print("| --- " * 8 + "|")
     with load_truth(run / "truth.h5", body) as truth:
+        drawn = {
+            side: np.random.default_rng(0).permutation(np.flatnonzero(mask))[: options.most]
+            for side, mask in sides(truth, experiment).items()
+        }
+        free = {side: ~on_frames(truth, body, experiment, samples) for side, samples in drawn.items()}
         for name in options.models:
             trained = None if name == BARE else read_correction(run / f"corrections/{name}.safetensors", body)
             model = Model(body, experiment, trained)
-            for side, mask in sides(truth, experiment).items():
-                samples = np.random.default_rng(0).permutation(np.flatnonzero(mask))[: options.most]
+            for side, samples in drawn.items():
                 found = handle_forces(truth, experiment, model, samples, context)
                 true = np.array([truth.contact_handle_force(int(sample)) for sample in samples])
                 rows = truth.states["rows"][truth.sample_state[samples]]
@@ -148,10 +152,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 ]
                 print(line(name, side, "handles", *along))
                 summed = [np.einsum("r,nra->na", body.handles.affine_part, of) for of in (found, true)]
-                print(line(name, side, "collider", *summed))
-                free = ~on_frames(truth, body, experiment, samples)
-                if not free.all():
-                    print(line(name, side, "collider, off frames", *(of[free] for of in summed)), flush=True)
+                print(line(name, side, "collider", *summed), flush=True)
+                if not free[side].all():
+                    print(line(name, side, "collider, off frames", *(of[free[side]] for of in summed)))
 
 
 if __name__ == "__main__":

@@ -80,19 +80,21 @@ def learn_energy(
     labels: tuple[str, ...] = LABELS,
     seed: int = 0,
 ) -> tuple[LearnedEnergy | None, EnergyErrors]:
-    """The energy from samples (n,), and its errors on others; None where linear mechanics is better on these. labels:
-    the kinds of residuals to learn from; seed: of the weights that the network starts with."""
+    """The energy from samples (n,), and its errors on others; None where linear mechanics is better on these, or where
+    all samples press a rigid frame. labels: the kinds of residuals to learn from; seed: of the weights that the network
+    starts with."""
     mechanics = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0, 1.0)
     alone = contacts.at(train, mechanics, progress)
-    train = alone.samples[~alone.on_frames]
+    before = contacts.at(held_out, mechanics, progress)
+    compared, train = before.comparable, alone.samples[~alone.on_frames]
+    of_mechanics = best = before.errors(compared)
+    if not len(train) or not len(compared):
+        return None, EnergyErrors(of_mechanics, best, len(compared), 0.0, 0.0)
     size = _SIZE * float(np.quantile(np.cbrt(alone.measures[:, 0]), 0.95))
     reach = max(_REACH * float(np.median(alone.spreads)), _LEAST_REACH)
     learned = replace(mechanics, size=size, reach=reach)
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels))
-    before = contacts.at(held_out, mechanics, progress)
-    compared = before.comparable
-    of_mechanics = best = before.errors(compared)
     kept, part, judged = None, 0.0, before
     for share in _PARTS:
         tried = _with_parameters(learned, share * _parameters(learned))

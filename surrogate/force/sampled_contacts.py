@@ -58,10 +58,13 @@ class Sampled:
     on_frames: BoolArray
 
     def errors(self, samples: IntArray) -> dict[str, float]:
-        """See `EnergyErrors`, over some of the samples."""
-        which = np.isin(self.samples, samples)
+        """See `EnergyErrors`, over some of the samples; 0 over none."""
+        which, least = np.isin(self.samples, samples), np.finfo(np.float64).tiny
         return {
-            kind: float(np.linalg.norm(self.found[kind][which] - true[which]) / np.linalg.norm(true[which]))
+            kind: float(
+                np.linalg.norm(self.found[kind][which] - true[which])
+                / max(np.linalg.norm(true[which]), least)
+            )
             for kind, true in self.truth.items()
         }
 

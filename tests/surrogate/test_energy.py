@@ -180,3 +180,10 @@ def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts):
     assert errors.learned == errors.mechanics
     # They are those that the samples were made with: what is left is their compliance in single precision.
     assert max(errors.mechanics.values()) < 1e-4
+
+
+def test_nothing_is_learned_where_all_samples_press_a_frame(contacts, monkeypatch):
+    monkeypatch.setattr(FramePoints, "any_inside", lambda *at: True)
+    learned, errors = learn_energy(contacts, np.arange(6), np.arange(6, 9), lambda count: None)
+    assert learned is None
+    assert errors.samples == 0
