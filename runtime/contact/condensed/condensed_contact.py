@@ -44,6 +44,8 @@ from softprint.runtime.mechanics.local_compliance import LocalCompliance
 _SEARCHES = 3
 # The way from a warm start is cut in half at most so often: finer parts cost more and hardly ever end elsewhere.
 _HALVINGS = 1
+# A prediction with so many times the energy of the last contact is one of another contact.
+_GROWN = 4.0
 
 
 class _AllPoints(NamedTuple):
@@ -211,13 +213,15 @@ class CondensedContact:
             start = warm_start.predict(index, problem, poses, own, together.compliance)
             if start is None:  # the warm start is from a state too far away to be useful
                 return self._solve(points, rows, poses, None)
-            followed = problem.follow(start)
+            last = warm_start.solved
+            followed = problem.follow(start, _GROWN * last.solution.energy)
             if followed is None and halvings:
-                last = warm_start.solved
                 half = {name: last.poses.get(name, pose).towards(pose, 0.5) for name, pose in poses.items()}
                 middle = self._solve(points, 0.5 * (last.rows + rows), half, warm_start, halvings - 1)
                 return self._solve(points, rows, poses, self.resume(middle, points), halvings - 1)
-            solution = problem.descend(start) if followed is None else followed
+            if followed is None:
+                followed = problem.descend(problem.lowest(start, warm_start.held(index, problem, poses)))
+            solution = followed
         for _ in range(_SEARCHES):
             pushed = self._pushed_in(
                 every, together.compliance, rows, candidates, problem, solution, distance

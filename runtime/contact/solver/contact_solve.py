@@ -130,12 +130,21 @@ class ContactProblem:
         found = self.follow(start)
         return self.descend(start) if found is None else found
 
-    def follow(self, start: StartingPoint | None) -> ContactSolution | None:
+    def follow(self, start: StartingPoint | None, most: float = np.inf) -> ContactSolution | None:
         """The equilibrium by Newton's method alone; None where it does not converge, or to one farther off than the
-        next to the warm start."""
+        next to the warm start, or where that has more energy than `most` [J]."""
         found, began = self._newton(start)
         farther = start is not None and found.energy > _HIGHER * began
-        return found if found.converged and not farther else None
+        return found if found.converged and not farther and began <= most else None
+
+    def lowest(self, *starts: StartingPoint) -> StartingPoint:
+        """Of starting points that with the least E."""
+        return min(starts, key=self._energy_from)
+
+    def _energy_from(self, start: StartingPoint) -> float:
+        phi = self._forces(*start)
+        v = self._apply(phi)
+        return self._energy(phi, v, -self._distance(v).value)
 
     def _newton(self, near: StartingPoint | None) -> tuple[ContactSolution, float]:
         """The solution by Newton's method, and E at its starting point. A solution with a higher E is not the minimum

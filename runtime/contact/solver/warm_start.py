@@ -125,6 +125,19 @@ class WarmStart:
             state = _Earlier(*map(np.concatenate, zip(state, beside, strict=True)))
         return _start(at, *state, problem.carriers, problem.stiffness, problem.compliance)
 
+    def held(self, index: IntArray, problem: ContactProblem, poses: Poses) -> StartingPoint:
+        """The starting point with the earlier forces, which turn with their colliders, and nothing predicted: where the
+        surface is about to slide off a tip, a prediction can be far off."""
+        near, solution = self.solved, self.solved.solution
+        before, now = ([at[name] for name in near.names] for at in (near.poses, poses))
+        _, rotations = carried(near.deformed_position, near.owner, before, now)
+        normal, curvature = solution.normal, solution.curvature
+        state = _Earlier(
+            solution.penetration, solution.pressure, normal, curvature, np.zeros_like(normal), rotations
+        )
+        at = places(near.index, index)
+        return _start(at, *state, problem.carriers, problem.stiffness, problem.compliance)
+
     def _beside(self, v: Array, at: IntArray, problem: ContactProblem, after: PointDistance) -> _Earlier:
         """Points that were not in the earlier contact, numbers `at` (n,) of the problem: at their present positions,
         displaced by v (n, dim) [m] in rest coordinates, that of the earlier forces, and with the colliders where they

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from softprint.runtime.colliders import Capsule, KeyframedPath, RigidPose, Sphere
+from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
@@ -133,13 +135,13 @@ def test_a_contact_that_is_lost_on_the_way_is_followed_in_parts(jelly2d_body, me
     expected = contact.evaluate(points, rows, end, before.warm_start)
     places = []
 
-    def follow(problem, start, found=ContactProblem.follow):
+    def follow(problem, start, most=np.inf, found=ContactProblem.follow):
         (collider,) = problem.distance.colliders
         there = collider.pose.translation[0]
         if start is None or there - places[-1] > 0.0021:
             return None
         places.append(there)
-        return found(problem, start)
+        return found(problem, start, most)
 
     places.append(down[0]["rod"].translation[0])
     monkeypatch.setattr(ContactProblem, "follow", follow)
@@ -149,6 +151,55 @@ def test_a_contact_that_is_lost_on_the_way_is_followed_in_parts(jelly2d_body, me
     assert len(ways) == 2
     # Both are balanced to 1e-5 of the depth.
     assert found.energy == pytest.approx(expected.energy, rel=1e-8)
+
+
+def test_a_prediction_far_off_is_not_followed(jelly2d_body, mechanics, monkeypatch):
+    """Ten times as deep as the solution, whose forces would throw the surface through the rod."""
+    rod, rows = Capsule([-0.012, 0.0], [0.012, 0.0], RADIUS, "rod"), jelly2d_body.rest_rows
+    contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, PenaltyContact(STIFFNESS, 4, 2))
+    down, moved = dragged(rod, 0.001)
+    points, before = contact.in_frame(rows), followed(contact, rows, down)[-1]
+    expected = contact.evaluate(points, rows, moved, before.warm_start)
+
+    def predict(*given, found=WarmStart.predict):
+        penetration, normal = found(*given)
+        return 10.0 * penetration, normal
+
+    monkeypatch.setattr(WarmStart, "predict", predict)
+    found = contact.evaluate(points, rows, moved, before.warm_start)
+    # Both are balanced to 1e-5 of the depth.
+    assert found.energy == pytest.approx(expected.energy, rel=1e-8)
+    np.testing.assert_array_equal(found.solved.active, expected.solved.active)
+
+
+def test_forces_that_are_held_turn_with_body_and_collider(jelly2d_body, rod, mechanics):
+    contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, PenaltyContact(STIFFNESS))
+    rows, pose = jelly2d_body.rest_rows, lying(0.5 * RADIUS)
+    start = followed(contact, rows, [{"rod": pose}])[-1].warm_start
+    solved, turn = start.solved, rotation_matrix([0.7], 2)
+    turned = contact.evaluate(
+        contact.in_frame(rows @ turn.T),
+        rows @ turn.T,
+        {"rod": RigidPose(turn @ pose.rotation, turn @ pose.translation)},
+        None,
+    ).solved
+    distance = PointDistance(("rod",), (PosedCollider(rod, turned.poses["rod"]),), solved.owner)
+    problem = ContactProblem(
+        contact.compliance.among(solved.index),
+        turned.carriers,
+        contact.stiffness[solved.index],
+        turned.position,
+        solved.depth,
+        distance,
+    )
+    penetration, normal = start.held(solved.index, problem, turned.poses)
+    b, solution = solved.solution.active, solved.solution
+    # Round-off.
+    np.testing.assert_allclose(penetration[b], solution.penetration[b], rtol=1e-12)
+    np.testing.assert_allclose(normal[b], solution.normal[b] @ turn.T, atol=1e-12)
+    assert (penetration[np.setdiff1d(np.arange(len(penetration)), b)] == -np.inf).all()
+    # That is the solution, but for the rounding of single precision.
+    assert problem.lowest((10.0 * penetration, normal), (penetration, normal))[0] is penetration
 
 
 def test_beside_another_collider_it_is_not_let_go_either(jelly2d_body, rod, mechanics):
