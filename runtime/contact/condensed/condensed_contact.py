@@ -105,7 +105,7 @@ class CondensedContact:
             owner = owners(body, compliance.nodes)
             corners = np.unique(bearing_facets(body.mesh.facets, owner))
             points = ContactPoints.of(body, loaded, mechanics.condensation, corners, scale, internal)
-            sharp = SharpSearch(body, known, law, owner, of_nodes, loaded, points, corners)
+            sharp = SharpSearch(body, known, law, owner, of_nodes, points, corners)
             stiffness = np.concatenate([stiffness, law.stiffness * sharp.areas])
         else:
             points = ContactPoints.of(body, loaded, mechanics.condensation, None, scale, internal)
@@ -196,8 +196,6 @@ class CondensedContact:
         bounded = points.bounded_positions(rows)
         near = self._near(points, rows, poses, warm_start, bounded)
         pressed = self._pressed(points, rows, poses, warm_start, bounded[0])
-        if pressed is not None:
-            near = {name: own.without(pressed.replaced) for name, own in near.items()}
         found = self._candidates(near, pressed, points, rows, poses, warm_start)
         if found is None:
             return None

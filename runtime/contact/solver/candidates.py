@@ -10,7 +10,6 @@ import numpy as np
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider, SdfDerivatives
 from softprint.runtime.colliders.pose import Poses, RigidPose
-from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.planes import Planes
 from softprint.runtime.lazy import lazy
 
@@ -192,14 +191,6 @@ class Candidates:
             depth,
             np.concatenate([self.may_be_active, active | (distance < MARGIN * depth)]),
         )
-
-    def without(self, others: IntArray) -> Candidates:
-        """Without those among other points (k,), ascending."""
-        if not len(others):
-            return self
-        kept, depth = ~are_among(self.index, others), self.depth
-        columns = self.index[kept], self.distance[kept], self.position[kept]
-        return Candidates(*columns, depth, self.may_be_active[kept])
 
     @property
     def any_inside(self) -> bool:

@@ -32,8 +32,7 @@ class PressedPoints:
     """j points of the surface. first: the number of contact points on the facets; index: (j,) ascending, from there on,
     their numbers among the contact points of the body; collider: (j,) number of the collider that presses each;
     corners: (j, c) nodes of the mesh, and weights: (j, c); nodes: (j, c) contact nodes, and shares: (j, c), see
-    `LoadedPoints`; place: p (j, dim) [m] and direction: g (j, dim), in the collider's coordinates. replaced: (k,)
-    ascending, contact points on the facets that these take over from."""
+    `LoadedPoints`; place: p (j, dim) [m] and direction: g (j, dim), in the collider's coordinates."""
 
     first: int
     index: IntArray
@@ -44,7 +43,6 @@ class PressedPoints:
     shares: Array
     place: Array
     direction: Array
-    replaced: IntArray
 
     def planes(self, which: IntArray | slice) -> Planes:
         """The planes of some of the points (k,)."""

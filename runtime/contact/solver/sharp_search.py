@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.rotations import nearest_rotations
 from softprint.runtime.colliders.collider import Collider
@@ -27,7 +27,7 @@ from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.linalg.row_products import deformed_some, placed_some
-from softprint.runtime.mechanics.loaded_points import Gaps, LoadedPoints
+from softprint.runtime.mechanics.loaded_points import Gaps
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
 from softprint.runtime.mesh.mesh import Mesh
 from softprint.runtime.mesh.nearest_facets import nearest_of
@@ -40,9 +40,6 @@ _DISPLACED, _AROUND = 1.1, 1.5
 _SOON = 1.0, 0.25
 # A dent that stretches the surface to twice its length widens the gaps between contact points by this factor.
 _STRETCH = 2.0
-# Edges and tips take over from contact points on facets within so many of their spacings: there the nearest side of the
-# collider changes from its edge to its flanks within a penetration.
-_BESIDE = 0.7
 # A point on a facet at the edge of a rigid frame needs this share of the facet's weights on nodes that can move.
 _LEAST_SHARE = 0.05
 
@@ -107,12 +104,11 @@ class SharpSearch:
         law: PenaltyContact,
         owner: IntArray,
         compliance: LocalCompliance,
-        loaded: LoadedPoints,
         points: ContactPoints,
         nodes: IntArray,
     ) -> None:
         """owner: (n_nodes,) contact node of every node of the mesh, -1 for none; compliance: of the contact nodes;
-        loaded, points: the contact points on the facets; nodes: (k,) those of the facets, ascending."""
+        points: the contact points on the facets; nodes: (k,) those of the facets, ascending."""
         mesh = body.mesh
         self.areas = np.concatenate([sharp.spacing for sharp in colliders]) ** (mesh.dim - 1)
         self.surface = SurfaceNodes(
@@ -122,13 +118,11 @@ class SharpSearch:
         self._owner, self._compliance, self._spacing = owner[nodes], compliance, mesh.surface_spacing
         facets = bearing_facets(mesh.facets, owner)
         self._facets = np.searchsorted(nodes, facets)
-        self._corners, self._weights = np.searchsorted(nodes, loaded.corners), loaded.weights
         # The contact point that is nearest at rest: whether a facet is near is decided by its position.
         self._beside = cKDTree(points.material.rest).query(mesh.points[facets].mean(axis=1))[1]
         self._first = len(points.material)
         counts = np.cumsum([self._first, *(len(sharp.points) for sharp in colliders)])
         self._sharp = list(zip(counts[:-1].tolist(), colliders, strict=True))
-        self._apart = law.sharp_spacing(mesh)
 
     def find(
         self, points: CorotatedPoints, rows: Array, poses: Poses, x: Array, dent: Dent | None
@@ -145,9 +139,7 @@ class SharpSearch:
                 parts.append((first + part[0], *part[1:]))
         if not parts:
             return None
-        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        columns[-1] = np.unique(columns[-1])
-        return PressedPoints(self._first, *columns)
+        return PressedPoints(self._first, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def _pressed_by(
         self,
@@ -194,20 +186,7 @@ class SharpSearch:
             shares[kept],
             z[kept],
             direction[kept],
-            self._replaced(p[kept[which[kept] < sharp.n_edges]], near, nodes, y),
         )
-
-    def _replaced(self, p: Array, near: BoolArray, nodes: IntArray, y: Array) -> IntArray:
-        """Which of the contact points near (n,) are close to tips and edges p (j, dim) that bear. y: (k, dim) positions
-        of the nodes (k,) of their facets."""
-        if not len(p):
-            return np.empty(0, dtype=np.int64)
-        index = np.flatnonzero(near)
-        corners = np.minimum(np.searchsorted(nodes, self._corners[index]), len(nodes) - 1)
-        known = (nodes[corners] == self._corners[index]).all(axis=1)
-        x = (self._weights[index[known]][..., None] * y[corners[known]]).sum(axis=1)
-        apart = np.square(x[:, None] - p[None]).sum(axis=2).min(axis=1)
-        return index[known][apart < (_BESIDE * self._apart) ** 2]
 
     def _positions(
         self, points: CorotatedPoints, rows: Array, nodes: IntArray, F: Array, dent: Dent | None
