@@ -30,7 +30,7 @@ from softprint.runtime.mechanics.mechanics_file import mechanics_hash, read_mech
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 19
+KIND, VERSION = "correction", 20
 REMEDY = "train it again"
 
 

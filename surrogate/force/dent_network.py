@@ -1,7 +1,7 @@
 """Trains the network in the learned energy (`runtime/contact/learned_energy/dent_network.py`) on solved contacts.
 
 The network changes no contact solve, so that all it needs are the number of dents n = exp nu of each sample, the
-measures l = (log W_1, psi, rho) of one, with W_1 = W / n, and their derivatives: with g(W_1) from `energy.py`,
+measures l = (log W_1, omega) of one, with W_1 = W / n, and their derivatives: with g(W_1) from `energy.py`,
 
     W~ = n g e^eta,    h~ = W~ [ dnu + (dg/dl / g + d eta/dl) . dl ],
 
@@ -29,14 +29,14 @@ _ITERATIONS = 300
 _DECAY = 1e-5
 # The least width of a range of training.
 _NARROWEST = 0.1
-# log W_1 = log W - nu, the first of three.
+# log W_1 = log W - nu, the first of two.
 _SIZE = np.eye(N_MEASURES)[0]
 
 
 @dataclass(frozen=True, eq=False)
 class Dents:
-    """s samples under g alone. measures: (W_1, psi, rho) (s, 3); energy: n g (s,); by_energy: dlog g/dlog W_1 (s,);
-    slopes: dl by kind of force (s, n_k, 3); by_number: dnu by kind (s, n_k); truth: by kind (s, n_k), the energy among
+    """s samples under g alone. measures: (W_1, omega) (s, 2); energy: n g (s,); by_energy: dlog g/dlog W_1 (s,);
+    slopes: dl by kind of force (s, n_k, 2); by_number: dnu by kind (s, n_k); truth: by kind (s, n_k), the energy among
     them; weights: by kind (s,), of squared residuals; threshold: by kind, of the weighted residual from which on a
     sample counts less."""
 
@@ -59,17 +59,17 @@ class Dents:
         weights: Mapping[str, Array],
         threshold: Mapping[str, float],
     ) -> Dents:
-        """measures: (W, psi, rho, nu) (s, 4); slopes: of (log W, psi, rho, nu) by kind (s, n_k, 4)."""
-        number = np.exp(measures[:, 3])
+        """measures: (W, omega, nu) (s, 3); slopes: of (log W, omega, nu) by kind (s, n_k, 3)."""
+        number = np.exp(measures[:, 2])
         W = measures[:, 0] / number
         g = np.array([learned.energy(one) for one in W])
         slope = np.array([learned.slope(one) for one in W])
-        by_number = {kind: of[..., 3] for kind, of in slopes.items()}
+        by_number = {kind: of[..., 2] for kind, of in slopes.items()}
         return cls(
-            np.column_stack([W, measures[:, 1:3]]),
+            np.column_stack([W, measures[:, 1]]),
             torch.from_numpy(number * g),
             torch.from_numpy(W * slope / g),
-            _tensors({kind: of[..., :3] - of[..., 3:] * _SIZE for kind, of in slopes.items()}),
+            _tensors({kind: of[..., :2] - of[..., 2:] * _SIZE for kind, of in slopes.items()}),
             _tensors(by_number),
             _tensors(truth),
             _tensors(weights),
@@ -77,7 +77,7 @@ class Dents:
         )
 
     def found(self, eta: Tensor, slope: Tensor) -> dict[str, Tensor]:
-        """W~ and forces by kind, for eta (s,) and its derivatives by l (s, 3)."""
+        """W~ and forces by kind, for eta (s,) and its derivatives by l (s, 2)."""
         energy = self.energy * torch.exp(eta)
         slope = slope + torch.nn.functional.pad(self.by_energy[:, None], (0, slope.shape[1] - 1))
         forces = {

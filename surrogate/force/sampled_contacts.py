@@ -44,8 +44,8 @@ N_PARAMETERS = N_COEFFICIENTS + 2
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
-    N_PARAMETERS), of an energy without a network. measures: (W, psi, rho, nu) (s, 4), and by kind but the energy the
-    derivatives of (log W, psi, rho, nu) (s, n_k, 4); spreads: of the contact forces (s,) [m]; on_frames: (s,) whether
+    N_PARAMETERS), of an energy without a network. measures: (W, omega, nu) (s, 3), and by kind but the energy the
+    derivatives of (log W, omega, nu) (s, n_k, 3); spreads: of the contact forces (s,) [m]; on_frames: (s,) whether
     the collider presses a rigid frame, whose force no energy of a dent has."""
 
     samples: IntArray
@@ -114,7 +114,7 @@ class SampledContacts:
                 assert contact is not None  # some points are active
                 shape = DentShape.of(contact, learned.reach)
                 logs = dent_slopes(contact, measure_response(contact, shape))
-                by_energy, by_force = by_parameters(contact, learned, shape.values[2], logs[:, 3])
+                by_energy, by_force = by_parameters(contact, learned, shape.values[1], logs[:, 2])
                 h, true = found.gradient, truth.contact_handle_force(sample)
                 by_measure.append(
                     {

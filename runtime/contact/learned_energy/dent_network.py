@@ -1,10 +1,10 @@
-"""A small network in the learned energy of contact: how a dent hardens by its size, its shape, and what bears it.
+"""A small network in the learned energy of contact: how a dent hardens by its size and its width.
 
-The energy of n dents with energy W [J] together, borne and shaped as psi and rho say (`dent_shape.py`), is multiplied
-by exp eta of one of them, with W_1 = W / n,
+The energy of n dents with energy W [J] together, as wide as omega says (`dent_shape.py`), is multiplied by exp eta of
+one of them, with W_1 = W / n,
 
     eta = t R tanh(o / R),    o = v . tanh(V y + b),
-    z = (log W_1^(1/3), psi, rho),    y = (sigma(z_1 - c), psi, rho),
+    z = (log W_1^(1/3), omega),    y = (sigma(z_1 - c), omega),
 
 sigma(z) = 1 / (1 + exp -z), with c the median of training. The confidence
 
@@ -24,8 +24,8 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.compiled import compiled
 
-#: The number of measures of a dent, W_1, psi and rho, and of inputs.
-N_MEASURES = 3
+#: The number of measures of a dent, W_1 and omega, and of inputs.
+N_MEASURES = 2
 #: R.
 BOUND = 0.7
 # n_0, in widths of the range. The energy changes with the confidence, and so do forces: where it falls within half a
@@ -80,7 +80,7 @@ class DentNetwork:
         return (self.centre, *map(float, np.concatenate(parts)))
 
     def factor(self, measures: Array) -> Factor:
-        """eta at (W_1, psi, rho), W_1 positive, with derivatives by (log W_1, psi, rho)."""
+        """eta at (W_1, omega), W_1 positive, with derivatives by (log W_1, omega)."""
         z = np.array([np.log(measures[0]) / 3.0, *measures[1:]])
         own = Factor(*network_output(z, self.centre, self.hidden, self.bias, self.output))
         if ((self.lowest <= z) & (z <= self.highest)).all():
@@ -105,7 +105,7 @@ def _network_output(
     z: Array, centre: float, hidden: Array, bias: Array, output: Array
 ) -> tuple[float, Array, Array]:
     size = 1.0 / (1.0 + np.exp(centre - z[0]))
-    rise = np.array([size * (1.0 - size), 1.0, 1.0])
+    rise = np.array([size * (1.0 - size), 1.0])
     s = np.tanh(hidden @ np.array([size, *z[1:]]) + bias)
     bounded = np.tanh(output @ s / BOUND)
     rate = output * (1.0 - s * s)
@@ -147,6 +147,6 @@ def network_output(
     return BOUND * bounded, left * along * rise, bend
 
 
-# d z / d(log W_1, psi, rho).
-_BY_LOG = np.array([1.0 / 3.0, 1.0, 1.0])
+# d z / d(log W_1, omega).
+_BY_LOG = np.array([1.0 / 3.0, 1.0])
 _BY_LOG_TWICE = np.outer(_BY_LOG, _BY_LOG)

@@ -1,17 +1,17 @@
-"""A contact under the learned energy: the exact gradient of W~(W, psi, rho, nu), forces at points, and the Hessian.
+"""A contact under the learned energy: the exact gradient of W~(W, omega, nu), forces at points, and the Hessian.
 
-W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the measures psi, rho and nu of
-the contact forces (`dent_shape.py`). Where a measure changes by -omega . dy with the deformed
+W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the measures omega and nu of the
+contact forces (`dent_shape.py`). Where a measure changes by -a . dy with the deformed
 positions, and as dy = (I + G_w D)^-1 c in the symbols of `linearised_contact.py`, it changes by
 
-    -lambda . dxi - mu . dphi,    lambda = omega - D (I + G_w D)^-1 G_w omega,    mu = G A^T lambda,
+    -lambda . dxi - mu . dphi,    lambda = a - D (I + G_w D)^-1 G_w a,    mu = G A^T lambda,
 
 with dphi the change of rest forces. So W~ pushes the body with the forces W~_W f_j + lambda_j where W pushes it with
-f_j, and by moments A mu x f: forces and moments on body and collider balance. In l = (log W, psi, rho, nu),
+f_j, and by moments A mu x f: forces and moments on body and collider balance. In l = (log W, omega, nu),
 
     dW~ = W~_l . dl,    d2W~ = dl . W~_ll dl + W~_l . d2l,
 
-with d2l of psi, rho and nu in `measure_curvature.py`.
+with d2l of omega and nu in `measure_curvature.py`.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class HardenedContact:
 
     @lazy
     def _response(self) -> tuple[Array, Array]:
-        """lambda and mu (k*dim, 3) of psi, rho and nu."""
+        """lambda and mu (k*dim, 2) of omega and nu."""
         return measure_response(self._contact, self._shape)
 
     @lazy
@@ -123,17 +123,17 @@ class HardenedContact:
 
     @lazy
     def _row_slopes(self) -> Array:
-        """dl (R, 4) by the rows."""
+        """dl (R, 3) by the rows."""
         return dent_slopes(self._contact, self._response)
 
     def _twist_slopes(self, own: ColliderSensitivity) -> Array:
-        """dl (n_twist, 4) by the motion of a collider."""
+        """dl (n_twist, 3) by the motion of a collider."""
         by_energy = own.gradient[:, None] / self._mechanics
         return np.hstack([by_energy, -_work(own.motions, self._response)])
 
     @lazy
     def _curvature(self) -> MeasureCurvature:
-        """d2l of psi, rho and nu, times W~_l."""
+        """d2l of omega and nu, times W~_l."""
         return MeasureCurvature(self._contact, self._weighted_response, self._terms.slope[1:], self._shape)
 
     @property
@@ -150,16 +150,16 @@ class HardenedContact:
 
 
 def measure_response(contact: LinearisedContact, shape: DentShape) -> tuple[Array, Array]:
-    """lambda and mu (k*dim, 3) of psi, rho and nu of a contact with active points."""
-    factor, omega = contact.factor, shape.slopes
-    omega = omega.reshape(-1, omega.shape[2])
-    given_way = factor.to_world(factor.rest_displacement(factor.to_rest(omega)))
-    forces = omega - factor.effective_stiffness(given_way)
+    """lambda and mu (k*dim, 2) of omega and nu of a contact with active points."""
+    factor, slopes = contact.factor, shape.slopes
+    slopes = slopes.reshape(-1, slopes.shape[2])
+    given_way = factor.to_world(factor.rest_displacement(factor.to_rest(slopes)))
+    forces = slopes - factor.effective_stiffness(given_way)
     return forces, np.asarray(factor.rest_displacement(factor.to_rest(forces)), dtype=np.float64)
 
 
 def dent_slopes(contact: LinearisedContact, response: tuple[Array, Array]) -> Array:
-    """dl/drows (R, 4) of a contact with active points."""
+    """dl/drows (R, 3) of a contact with active points."""
     by_energy = contact.gradient.reshape(-1, 1) / contact.solved.solution.energy
     return np.hstack([by_energy, -_work(contact.motions, response)])
 

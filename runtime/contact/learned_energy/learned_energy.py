@@ -9,12 +9,12 @@ which W itself is the measure:
 
 x / (x + x_0) is between 0 and 1: beyond the dents of training, and for any coefficients with a > 0 and b > -1, g grows,
 and forces stay within a and a (1 + b) of those of mechanics. A small network (`dent_network.py`) multiplies g by exp
-eta, of the shape of the dent and what bears it. Contacts that lie apart are dents of their own, and each hardens by
+eta, of its width. Contacts that lie apart are dents of their own, and each hardens by
 itself: where there are n of them,
 
-    W~ = n g(W / n) exp eta(W / n, psi, rho),    n = exp nu.
+    W~ = n g(W / n) exp eta(W / n, omega),    n = exp nu.
 
-psi, rho and nu (`dent_shape.py`) are functions of the contact forces. Derivatives of W~ by all four are in closed form,
+omega and nu (`dent_shape.py`) are functions of the contact forces. Derivatives of W~ by all three are in closed form,
 so that forces are exact, whatever the solve depends on (`hardened_contact.py`).
 """
 
@@ -31,13 +31,13 @@ from softprint.runtime.contact.learned_energy.dent_network import N_MEASURES, De
 
 #: The number of values of `LearnedEnergy.values` without a network.
 N_VALUES = N_COEFFICIENTS + 4
-# d(log W_1, psi, rho) / d(log W, psi, rho, nu).
+# d(log W_1, omega) / d(log W, omega, nu).
 _OF_ONE = np.hstack([np.eye(N_MEASURES), -np.eye(N_MEASURES)[:, :1]])
 _NUMBER = np.eye(N_MEASURES + 1)[-1]
 
 
 class EnergyTerms(NamedTuple):
-    """W~ [J], and its derivatives by the measures (log W, psi, rho, nu) (4,), (4, 4) [J]."""
+    """W~ [J], and its derivatives by the measures (log W, omega, nu) (3,), (3, 3) [J]."""
 
     value: float
     slope: Array
@@ -79,9 +79,9 @@ class LearnedEnergy:
         return own if self.network is None else (*own, *self.network.values)
 
     def terms(self, measures: Array) -> EnergyTerms:
-        """W~ at measures (W, psi, rho, nu) (4,), W positive."""
-        number = float(np.exp(measures[3]))
-        one = self._of_one_dent(np.array([measures[0] / number, *measures[1:3]]))
+        """W~ at measures (W, omega, nu) (3,), W positive."""
+        number = float(np.exp(measures[2]))
+        one = self._of_one_dent(np.array([measures[0] / number, measures[1]]))
         slope = one.slope @ _OF_ONE
         crossed = np.outer(slope, _NUMBER)
         curvature = _OF_ONE.T @ one.curvature @ _OF_ONE + crossed + crossed.T
@@ -89,7 +89,7 @@ class LearnedEnergy:
         return EnergyTerms(number * one.value, number * (slope + one.value * _NUMBER), number * curvature)
 
     def _of_one_dent(self, measures: Array) -> Factor:
-        """g exp eta at (W_1, psi, rho), with its derivatives by (log W_1, psi, rho)."""
+        """g exp eta at (W_1, omega), with its derivatives by (log W_1, omega)."""
         W, own = measures[0], np.eye(N_MEASURES)[0]
         g, slope = self.energy(W), self.slope(W) * W
         second = (slope + self.curvature(W) * W**2) * np.outer(own, own)

@@ -1,21 +1,18 @@
-"""Second derivatives of the measures psi, rho and nu of a solved contact (`dent_shape.py`).
+"""Second derivatives of the measures omega and nu of a solved contact (`dent_shape.py`).
 
-With weights held, m = w_psi psi + w_rho rho + w_nu nu is a function of the deformed positions y. With lambda and mu as
-in `hardened_contact.py`, weighted in the same manner, and in the symbols of
+With weights held, m = w_omega omega + w_nu nu is a function of the pressures. With lambda and mu as in
+`hardened_contact.py`, weighted in the same manner, and in the symbols of
 `runtime/contact/linearised/contact_motions.py`, for two motions
 
-    d2m = dy . C dy' + M(dp, df; dp', df')
+    d2m = dy . C dy' + dp . m_pp dp'
           - [dA^T lambda . dv' + dA mu . df' + the same with the motions exchanged] - lambda . d2A v - f . d2A mu.
 
 At every point
 
-    C = share Hess p + Hess(f . t),    share = dm/dp with forces held,    t = (2 w_rho / Q) K f - A mu,
+    C = dm/dp Hess p + Hess(f . t),    t = -A mu,
     Hess p = p'' g g^T - p' H,    Hess(f . t) = p'' (t . g) g g^T - p' ((t . g) H + g (H t)^T + (H t) g^T) + p t . d3s,
 
-for a fixed vector t, p' = 2 p / e and p'' = 2 p / e^2; and the second derivative of m by pressures and forces is
-
-    M = (2 / Q) [w_rho df . K df' - (w_rho rho + w_nu) dp . K dp'] + w_nu (dQ dQ' / Q^2 - 2 dP dP' / P^2)
-        - w_psi (dpsi dP' + dP dpsi') / P - w_rho (drho dQ' + dQ drho') / Q,    dQ = 2 K p . dp.
+for a fixed vector t, p' = 2 p / e and p'' = 2 p / e^2.
 """
 
 from __future__ import annotations
@@ -45,23 +42,19 @@ class MeasuredMotions(NamedTuple):
 
 
 class MeasureCurvature:
-    """d2m of a contact with active points. response: lambda and mu (k, dim), weighted by weights (w_psi, w_rho,
-    w_nu)."""
+    """d2m of a contact with active points. response: lambda and mu (k, dim), weighted by weights (w_omega, w_nu)."""
 
     def __init__(
         self, contact: LinearisedContact, response: tuple[Array, Array], weights: Array, shape: DentShape
     ) -> None:
-        solved, factor = contact.solved, contact.factor
-        solution, b = solved.solution, solved.solution.active
+        factor, solution = contact.factor, contact.solved.solution
+        b = solution.active
         p, e, g, H = solution.pressure[b], solution.penetration[b], solution.normal[b], solution.curvature[b]
-        self._contact, self._weights, self._shape, self._pressed = contact, weights, shape, solved.is_pressed
+        self._contact, self._weights, self._shape = contact, weights, shape
         self._forces, self._at_rest = response
         self._moved = factor.to_world(self._at_rest.reshape(-1, 1)).reshape(g.shape)
-        self._slope = (2.0 * p / e)[:, None] * g
-        share = shape.by_pressure(weights) + weights[0] / shape.total * self._pressed
-        t = 2.0 * weights[1] / shape.paired * shape.force_near - self._moved
-        self._curvature = _force_curvature(p, e, g, _symmetric(H), share, t)
-        self._curvature += p[:, None, None] * _symmetric(contact.curvature_change(t))
+        self._curvature = _force_curvature(p, e, g, _symmetric(H), shape.by_pressure @ weights, -self._moved)
+        self._curvature -= p[:, None, None] * _symmetric(contact.curvature_change(self._moved))
 
     @property
     def moments(self) -> Array:
@@ -85,9 +78,10 @@ class MeasureCurvature:
         return self._measured(own.motions, -own.rotated(self._moved), pulled_back)
 
     def _measured(self, motions: ContactMotions, carried: Array, pulled_back: Array) -> MeasuredMotions:
-        k, dim = self._slope.shape
+        steepness = self._shape.steepness
+        k, dim = steepness.shape
         by_point = motions.deformed.reshape(k, dim, -1)
-        pressures = -np.matmul(self._slope[:, None].astype(by_point.dtype), by_point)[:, 0]
+        pressures = -np.matmul(steepness[:, None].astype(by_point.dtype), by_point)[:, 0]
         return MeasuredMotions(motions, carried, pulled_back, pressures, -motions.reaction)
 
     def mixed(self, rows: MeasuredMotions, own: ColliderSensitivity, twist: MeasuredMotions) -> Array:
@@ -103,49 +97,19 @@ class MeasureCurvature:
     def between(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
         """(n, n'), without the second derivatives of A."""
         bent = blocks_to_world(self._curvature, other.motions.deformed)
-        crossed = self._crossed(one, other)
-        crossed += crossed.T if one is other else self._crossed(other, one).T
-        return np.asarray(one.motions.deformed.T @ bent + crossed + self._by_forces(one, other))
+        crossed = _crossed(one, other)
+        crossed = crossed + (crossed.T if one is other else _crossed(other, one).T)
+        by_pressures = self._shape.curvature(self._weights, one.pressures, other.pressures)
+        return np.asarray(one.motions.deformed.T @ bent + crossed + by_pressures)
 
-    def _crossed(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
-        """-dA^T lambda . dv' - dA mu . df' - w_psi dpsi dP' / P - w_rho drho dQ' / Q (n, n')."""
-        shape, (by_psi, by_rho, _) = self._shape, self._weights
-        found = -one.carried.T @ other.forces - one.pulled_back.T @ other.motions.displaced
-        total, pairs = other.pressures.sum(axis=0), self._pairs(other)
-        psi, rho = by_psi / shape.total * self._borne(one), by_rho / shape.paired * self._turned(one)
-        return np.asarray(found - np.outer(psi, total) - np.outer(rho, pairs))
 
-    def _by_forces(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
-        """The other terms of M (n, n')."""
-        shape, (_, by_rho, by_nu) = self._shape, self._weights
-        near = shape.near.astype(other.pressures.dtype)
-        k, n = other.pressures.shape
-        beside = (near @ other.forces.reshape(k, -1)).reshape(-1, n)
-        found = 2.0 * by_rho / shape.paired * (one.forces.T @ beside)
-        of_pressures = 2.0 * (by_rho * shape.values[1] + by_nu) / shape.paired
-        found -= of_pressures * (one.pressures.T @ (near @ other.pressures))
-        found += by_nu / shape.paired**2 * np.outer(self._pairs(one), self._pairs(other))
-        totals = np.outer(one.pressures.sum(axis=0), other.pressures.sum(axis=0))
-        return np.asarray(found - 2.0 * by_nu / shape.total**2 * totals)
-
-    def _pairs(self, of: MeasuredMotions) -> Array:
-        """dQ (n,)."""
-        return np.asarray(2.0 * self._shape.pressure_near @ of.pressures)
-
-    def _borne(self, of: MeasuredMotions) -> Array:
-        """dpsi (n,)."""
-        return np.asarray((self._pressed - self._shape.values[0]) @ of.pressures / self._shape.total)
-
-    def _turned(self, of: MeasuredMotions) -> Array:
-        """drho (n,)."""
-        shape = self._shape
-        by_force = shape.force_near.ravel() @ of.forces
-        by_pressure = shape.values[1] * (shape.pressure_near @ of.pressures)
-        return np.asarray(2.0 / shape.paired * (by_force - by_pressure))
+def _crossed(one: MeasuredMotions, other: MeasuredMotions) -> Array:
+    """-dA^T lambda . dv' - dA mu . df' (n, n')."""
+    return np.asarray(-one.carried.T @ other.forces - one.pulled_back.T @ other.motions.displaced)
 
 
 def _force_curvature(p: Array, e: Array, g: Array, H: Array, share: Array, t: Array) -> Array:
-    """C (k, dim, dim), see the module."""
+    """C (k, dim, dim) but its last term, see the module; share: dm/dp (k,)."""
     along, turned = (g * t).sum(axis=1), np.matmul(H, t[..., None])[..., 0]
     first, second = 2.0 * p / e, 2.0 * p / e**2
     crossed = g[:, :, None] * turned[:, None, :]

@@ -10,9 +10,9 @@ from softprint.runtime.contact.learned_energy.learned_energy import N_VALUES, Le
 
 CENTRE = -2.5
 # Two of the dents are outside of it.
-RANGE = np.array([-3.5, 0.0, 0.8]), np.array([-1.5, 0.6, 1.0])
-# W [J], psi, rho and nu of a dent 5 mm deep, of a shallow one, and of three that sharp points alone bear.
-MEASURES = np.array([[1e-3, 0.3, 0.9, 0.0], [1e-5, 0.02, 0.99, 0.01], [5e-3, 1.0, 0.7, np.log(3.0)]])
+RANGE = np.array([-3.5, 0.0]), np.array([-1.5, 0.6])
+# W [J], omega and nu of a dent 5 mm deep, of a shallow one, and of three that are wide.
+MEASURES = np.array([[1e-3, 0.3, 0.0], [1e-5, 0.02, 0.01], [5e-3, 1.0, np.log(3.0)]])
 
 
 def network(scale, neurons=5):
@@ -37,7 +37,7 @@ def test_derivatives():
         def at(change, measures=measures):
             return learned.terms(np.array([measures[0] * np.exp(change[0]), *(measures + change)[1:]]))
 
-        here, steps = at(np.zeros(4)), h * np.eye(4)
+        here, steps = at(np.zeros(3)), h * np.eye(3)
         slope = [(at(step).value - at(-step).value) / (2 * h) for step in steps]
         # Central differences over 1e-5 of inputs that range over tenths: to the square of it, and round-off.
         np.testing.assert_allclose(here.slope, slope, atol=1e-6 * here.value)
@@ -50,7 +50,7 @@ def test_absurd_weights_change_an_energy_by_a_bounded_factor(scale):
     learned = energy(scale)
     for measures in MEASURES:
         for grown in np.logspace(-30, 30, 13):
-            measured, number = measures * [grown, 1.0, 1.0, 1.0], np.exp(measures[3])
+            measured, number = measures * [grown, 1.0, 1.0], np.exp(measures[2])
             plain, terms = number * learned.energy(measured[0] / number), learned.terms(measured)
             assert plain * np.exp(-BOUND) <= terms.value * (1 + 1e-12)  # round-off
             assert terms.value <= plain * np.exp(BOUND) * (1 + 1e-12)
@@ -63,11 +63,11 @@ def test_no_output_is_no_network():
     silent = replace(learned, network=replace(learned.network, output=np.zeros(5)))
     for measures in MEASURES:
         terms = silent.terms(measures)
-        number = np.exp(measures[3])
+        number = np.exp(measures[2])
         W = measures[0] / number
         assert terms.value == pytest.approx(number * learned.energy(W), rel=1e-14)
         assert terms.slope[0] == pytest.approx(number * learned.slope(W) * W, rel=1e-14)
-        assert not terms.slope[1:3].any()
+        assert not terms.slope[1]
 
 
 def test_values_are_those_given():
@@ -92,10 +92,10 @@ def test_confidence_fades_continuously_outside_of_training():
     learned, (low, high) = network(1.0), RANGE
     assert learned.confidence(0.5 * (low + high)).value == 1.0
     z = np.linspace(high[0] - 0.1, high[0] + 20.0, 200)
-    t = np.array([learned.confidence(np.array([one, 0.3, 0.9])).value for one in z])
+    t = np.array([learned.confidence(np.array([one, 0.3])).value for one in z])
     assert (np.diff(t) <= 0.0).all()
     # Four widths of the range beyond its end are two of n_0.
-    beyond = np.array([high[0] + 4.0 * (high[0] - low[0]), 0.3, 0.9])
+    beyond = np.array([high[0] + 4.0 * (high[0] - low[0]), 0.3])
     assert learned.confidence(beyond).value == pytest.approx(1.0 / 5.0)
     assert t[-1] < 0.05
     # No jump: the steepest fall, at n / sqrt(3), times the distance of two points.

@@ -265,20 +265,17 @@ INPUTS = {
     },
     "contact.learned_energy.dent_network": {
         "network_output": lambda rng, dim: (
-            rng.normal(size=3),
+            rng.normal(size=2),
             rng.normal(),
-            rng.normal(size=(M, 3)),
+            rng.normal(size=(M, 2)),
             *rng.normal(size=(2, M)),
         ),
     },
     "contact.learned_energy.dent_shape": {
-        "dent_shape": lambda rng, dim: (
-            *rng.uniform(0.5, 1.0, size=(2, M)),
-            normals(rng, dim),
-            symmetric(rng, dim),
+        "pairs": lambda rng, dim: (
+            rng.uniform(0.5, 1.0, size=M),
             rng.normal(size=(M, dim)),
             rng.integers(0, 2, M),
-            rng.uniform(size=M) < 0.5,
             0.8,
         ),
     },
