@@ -44,7 +44,7 @@ from softprint.runtime.mechanics.local_compliance import LocalCompliance
 _SEARCHES = 3
 # The way from a warm start is cut in half at most so often: finer parts cost more and hardly ever end elsewhere.
 _HALVINGS = 1
-# A prediction with so many times the energy of the last contact is one of another contact.
+# A prediction with so many times the energy of the last contact, if that had any, is one of another contact.
 _GROWN = 4.0
 
 
@@ -212,7 +212,7 @@ class CondensedContact:
             if start is None:  # the warm start is from a state too far away to be useful
                 return self._solve(points, rows, poses, None)
             last = warm_start.solved
-            followed = problem.follow(start, _GROWN * last.solution.energy)
+            followed = problem.follow(start, _GROWN * last.solution.energy or np.inf)
             if followed is None and halvings:
                 half = {name: last.poses.get(name, pose).towards(pose, 0.5) for name, pose in poses.items()}
                 middle = self._solve(points, 0.5 * (last.rows + rows), half, warm_start, halvings - 1)

@@ -16,8 +16,8 @@ logarithm of the number of dents: 0 for one that is much smaller than the reach,
 
 No direction is in these, so that rotating the body with all colliders changes nothing, and rotating one with its forces
 changes nothing of its own. They are smooth functions of the pressures. That matters as much as what they tell: the
-energy pushes with their derivatives, too. How far the forces turn away from each other, or which share sharp points of
-the collider bear, tell a little more of a still contact, and change by half as an edge passes a contact point.
+energy pushes with their derivatives, too. How far the forces turn away from each other, and which share sharp points of
+the collider bear, tell a little more of a still contact, and leap as an edge passes a contact point.
 """
 
 from __future__ import annotations
