@@ -323,6 +323,11 @@ FIGURES: Mapping[str, Figure] = {
     "energy_labels": Figure(
         (f"python -m reproduction.energy_labels {_SMALL} --seeds 1",), (RESULTS,), ("jelly_library_small",)
     ),
+    "force_floor": Figure(
+        (f"python -m benchmarks.force_floor {_SMALL} --samples 10 --models ours",),
+        (RESULTS,),
+        ("jelly_library_small",),
+    ),
     "handle_forces": Figure(
         (f"python -m benchmarks.handle_forces {_SMALL}",), (RESULTS,), ("jelly_library_small",)
     ),

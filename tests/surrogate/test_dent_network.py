@@ -10,15 +10,14 @@ from softprint.surrogate.force.sampled_contacts import LABELS
 
 PLAIN = LearnedEnergy.of((0.0, 0.0, 0.0, 0.9, 0.6, 0.3, 0.01))
 CENTRE = -2.5
-WIDE = np.full(3, -9.0), np.full(3, 9.0)
+WIDE = np.full(2, -9.0), np.full(2, 9.0)
 
 
 def dents(n, teacher, seed):
     """n contacts of random measures and slopes, whose truth is what a teacher makes of them, one in ten spoilt."""
     rng = np.random.default_rng(seed)
-    sizes, shares = CENTRE + rng.normal(size=n), np.maximum(rng.uniform(-0.5, 1.0, size=n), 0.0)
-    shapes, numbers = rng.uniform(0.5, 1.0, size=n), rng.exponential(0.1, size=n)
-    measures = np.stack([np.exp(3.0 * sizes), shares, shapes, numbers], axis=1)
+    sizes, widths, numbers = CENTRE + rng.normal(size=n), rng.uniform(size=n), rng.exponential(0.1, size=n)
+    measures = np.stack([np.exp(3.0 * sizes), widths, numbers], axis=1)
     slopes = {kind: rng.normal(size=(n, k, N_MEASURES + 1)) for kind, k in (("handles", 12), ("collider", 3))}
     ones = {kind: np.ones(n) for kind in LABELS}
     nothing = {kind: np.zeros((n, 1)) for kind in LABELS}
@@ -33,12 +32,12 @@ def dents(n, teacher, seed):
 def test_a_teacher_is_found_again(labels):
     rng = np.random.default_rng(0)
     teacher = DentNetwork(
-        CENTRE, *WIDE, 2.0 * rng.normal(size=(2, 3)), rng.normal(size=2), np.array([0.3, -0.2])
+        CENTRE, *WIDE, 2.0 * rng.normal(size=(2, 2)), rng.normal(size=2), np.array([0.3, -0.2])
     )
     given, _ = dents(300, teacher, 1)
     network = train_network(given, labels, seed=0)
     judged, truth = dents(100, teacher, 2)
-    silent = DentNetwork(CENTRE, *WIDE, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    silent = DentNetwork(CENTRE, *WIDE, np.zeros((1, 2)), np.zeros(1), np.zeros(1))
     found, without = judged.under(network), judged.under(silent)
     for kind in labels:
         missed, before = (np.linalg.norm(one[kind] - truth[kind]) for one in (found, without))
@@ -47,7 +46,7 @@ def test_a_teacher_is_found_again(labels):
 
 
 def test_the_seed_decides():
-    teacher = DentNetwork(CENTRE, *WIDE, np.ones((1, 3)), np.zeros(1), np.array([0.3]))
+    teacher = DentNetwork(CENTRE, *WIDE, np.ones((1, 2)), np.zeros(1), np.array([0.3]))
     given, _ = dents(40, teacher, 1)
     one, same, other = (train_network(given, LABELS, seed) for seed in (4, 4, 5))
     assert one.values == same.values != other.values

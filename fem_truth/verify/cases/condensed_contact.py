@@ -30,7 +30,7 @@ RADIUS, DEPTH, TOP = 0.015, 0.005, 0.05  # m
 # As on the small Jelly, rounded.
 LEARNED = LearnedEnergy.of((0.5, -0.8, -0.4, 0.94, 0.45, 0.45, 0.01))
 # And a network of the size of what is learned, centred where the ball of this case is.
-_WEIGHTS = (-1.0, -3.0, 0.0, 0.6, 0.0, 1.0, 1.0, *np.random.default_rng(5).normal(size=30))
+_WEIGHTS = (-1.0, -3.0, 0.0, 0.0, 1.0, *np.random.default_rng(5).normal(size=24))
 NETWORK = LearnedEnergy.of((*LEARNED.values, *_WEIGHTS))
 # Second derivatives of what the network is told are estimated, which costs steps and no accuracy.
 _ESTIMATED = 0.3

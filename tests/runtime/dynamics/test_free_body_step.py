@@ -51,7 +51,7 @@ def posed(dim, rotation, *position):
 
 ENERGY = (0.5, -0.8, -0.4, 0.9, 0.6, 0.3, 0.01)
 # A network of random weights, centred where these contacts are.
-WEIGHTS = (-1.5, -2.0, 0.0, 0.7, -1.0, 0.5, 1.0, *np.random.default_rng(6).normal(size=5 * 4))
+WEIGHTS = (-1.5, -2.0, 0.0, -1.0, 0.5, *np.random.default_rng(6).normal(size=5 * 4))
 
 
 def learned_on(shape, body, mechanics, refinement, energy):
