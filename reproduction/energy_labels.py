@@ -24,7 +24,6 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.contact import PenaltyContact
-from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.entry import options as force_options
@@ -35,7 +34,7 @@ from softprint.surrogate.force.energy import contacts_of, learn_energy, with_for
 from softprint.surrogate.force.entry import contact_maker
 from softprint.surrogate.force.sampled_contacts import LABELS, SampledContacts
 
-MECHANICS = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0, 1.0)
+MECHANICS = LearnedEnergy.of_mechanics()
 HEADS = {"handles": "force on the handles", "collider": "force on the collider", "energy": "energy"}
 ROWS: dict[str, tuple[str, ...]] = {
     "and the force on the handles": ("handles",),

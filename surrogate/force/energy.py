@@ -26,7 +26,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
@@ -83,7 +83,7 @@ def learn_energy(
     """The energy from samples (n,), and its errors on others; None where linear mechanics is better on these, or where
     all samples press a rigid frame. labels: the kinds of residuals to learn from; seed: of the weights that the network
     starts with."""
-    mechanics = LearnedEnergy(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0, 1.0)
+    mechanics = LearnedEnergy.of_mechanics()
     alone = contacts.at(train, mechanics, progress)
     before = contacts.at(held_out, mechanics, progress)
     compared, train = before.comparable, alone.samples[~alone.on_frames]

@@ -57,6 +57,11 @@ class LearnedEnergy:
     network: DentNetwork | None = None
 
     @classmethod
+    def of_mechanics(cls) -> LearnedEnergy:
+        """W~ = W: that of linear mechanics."""
+        return cls(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0, 1.0)
+
+    @classmethod
     def of(cls, values: tuple[float, ...]) -> LearnedEnergy:
         """From `values`. Raises ValueError where they are not of an energy that grows with that of mechanics."""
         if len(values) < N_VALUES or not np.isfinite(values).all():
