@@ -35,7 +35,7 @@ from softprint.runtime.colliders.library import library_surface
 from softprint.runtime.colliders.surface_mesh.mesh_collider import mesh_collider
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.intrusion import intrusion
-from softprint.runtime.contact.sharp_contact import SharpContact
+from softprint.runtime.contact.sharp_planes import SharpPlanes, SharpSurface
 from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
@@ -145,11 +145,13 @@ class Block:
         mesh = self.mesh
         collider, points = solid.collider(), SurfaceQuadrature.of(mesh, refinement)
         law = PenaltyContact(stiffness, refinement)
-        sharp = SharpContact.of(collider, law, mesh)
+        sharp, normals = SharpSurface.of(collider, law, mesh), np.zeros_like(mesh.points)
+        normals[mesh.surface_nodes] = mesh.surface_normals  # of a block that is held, and whose top is flat
         x, held, before = mesh.points.copy(), np.repeat(self.held[:, None], 3, axis=1), 0.0
         for depth in depths:
             for part in np.linspace(before, depth, 1 + max(1, round((depth - before) / STEP)))[1:]:
-                contact = SurfaceContact(law, points, collider, _at(SIZE[2] - part), sharp)
+                planes = None if sharp is None else SharpPlanes(sharp, normals)
+                contact = SurfaceContact(law, points, collider, _at(SIZE[2] - part), planes)
                 x = equilibrium(self.elasticity, held, x, (contact,), tolerance=1e-6)
             before = depth
             yield Pressed(x, float(contact.gradient(x)[:, 2].sum()), -contact.max_depth(x))

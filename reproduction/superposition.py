@@ -78,9 +78,7 @@ class FullSpace:
         return x - self.internal
 
     def _contact(self, pose: RigidPose) -> SurfaceContact:
-        problem = self._problem
-        sharp = problem.sharp_contact(self._collider)
-        return SurfaceContact(self._law, problem.contact_points, self._collider, pose, sharp)
+        return self._problem.surface_contact(self._rows, self._collider, pose)
 
 
 def together(body: ReducedBody, correction: ContactCorrection, paths: Sequence[Sequence[RigidPose]]) -> Array:

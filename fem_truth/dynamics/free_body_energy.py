@@ -104,16 +104,26 @@ class FreeBodyEnergy:
 
     def start(self, candidates: Sequence[Array], end: Configuration) -> Configuration:
         """Where the minimisation begins: of the given positions of the nodes those with the least energy, and the free
-        colliders moved by their momenta until they meet an obstacle; or with all where they are at poses."""
+        colliders moved by their momenta until they meet an obstacle; or with all where they are at poses. Sharp points
+        press what they are nearest to there."""
         self._body.lag_friction(end.rows)
         begin = self._free.carried_on(end.poses, 0.0)
         found = [self._free.start(x, end.poses, self._energy_of_poses) for x in candidates]
         allowed = [at for at in found if self.allows(at)] or [Configuration(end.rows, begin)]
-        energies = [self._body.evaluate(at.rows)[0] + self._energy_of_poses(at) for at in allowed]
-        return allowed[int(np.argmin(energies))]
+        energies = [self._energy(at) for at in allowed]
+        start = allowed[int(np.argmin(energies))]
+        self._energy(start)  # holds the sharp points there
+        return start
+
+    def _energy(self, at: Configuration) -> float:
+        """All of it, without friction between colliders [J], with the sharp points held there."""
+        self._body.hold(at.rows)
+        return self._body.evaluate(at.rows)[0] + self._energy_of_poses(at)
 
     def _energy_of_poses(self, at: Configuration) -> float:
-        """What depends on the poses, without friction [J]."""
+        """What depends on the poses, without friction [J], with the sharp points held there."""
+        for contact in self._contacts:
+            contact.at(at.poses[contact.name]).hold(at.rows)
         touching = sum(c.at(at.poses[c.name]).energy(at.rows) for c in self._contacts)
         return touching + self._free.energy(at.poses, None)
 
@@ -233,9 +243,10 @@ class FreeBodyEnergy:
     ) -> bool:
         """See `TotalEnergy.stepped`. Normal forces between rigid surfaces change by multiples of themselves before
         forces balance: friction is updated where they nearly do."""
-        self._body.stepped(at.rows, step.nodes, length, before.body, after.body)
+        changed = [self._body.stepped(at.rows, step.nodes, length, before.body, after.body)]
+        changed += [c.at(at.poses[c.name]).accepted(at.rows) for c in self._contacts]
         if self._updates_left == 0 or after.norm > NEARLY_BALANCED * self.force_scale(at, after):
-            return False
+            return any(changed)
         self._updates_left -= 1
         self.lag_friction(at)
         return True

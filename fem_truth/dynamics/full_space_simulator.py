@@ -37,7 +37,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.contact.lagged_friction import LaggedFriction as LaggedPairs
-from softprint.runtime.contact.sharp_contact import SharpContact
+from softprint.runtime.contact.sharp_planes import SharpPlanes, SharpSurface, undented_normals
 from softprint.runtime.dynamics import (
     ContactForce,
     DynamicsSettings,
@@ -108,7 +108,7 @@ class FullSpaceSimulator:
         self._surfaces = {} if barrier is None else surfaces_of(body, self.colliders, barrier, friction)
         self._contact_points = whole_body(body).contact_points(contact.refinement)
         self._sharp = [
-            None if self._surfaces else SharpContact.of(placed.collider, contact, body.mesh)
+            None if self._surfaces else SharpSurface.of(placed.collider, contact, body.mesh)
             for placed in self.colliders
         ]
         self._friction = friction if friction is not None and friction.coefficient > 0 else None
@@ -195,10 +195,14 @@ class FullSpaceSimulator:
         energy.lag_friction(x0)
         if inertia is not None:
             # Starting from free motion saves a third of the iterations, except where it runs into a collider.
+            least = energy.evaluate(x0)[0]
             moved = self._handles.place(inertia.predicted, end)
-            if energy.evaluate(moved)[0] < energy.evaluate(x0)[0]:
+            energy.hold(moved)
+            if energy.evaluate(moved)[0] < least:
                 x0 = moved
                 energy.lag_friction(x0)
+            else:
+                energy.hold(x0)
         result = minimise(energy, x0, settings)
         h = self.settings.time_step
         velocity = np.zeros_like(x0) if inertia is None else (result.x - state.x) / h
@@ -230,7 +234,7 @@ class FullSpaceSimulator:
                 sharp,
                 parts.friction.get(placed.name),
             )
-            for placed, sharp in zip(self.colliders, self._sharp, strict=True)
+            for placed, sharp in zip(self.colliders, self._sharp_planes(state.x), strict=True)
             if placed.free is not None
         }
         led = StepParts(
@@ -304,8 +308,15 @@ class FullSpaceSimulator:
             self._force_floor,
         )
 
+    def _sharp_planes(self, x: Array) -> list[SharpPlanes | None]:
+        """Those of all colliders for a solve that starts at positions x."""
+        if not any(self._sharp):
+            return [None] * len(self._sharp)
+        normals = undented_normals(self.body, self.body.project(x))
+        return [None if sharp is None else SharpPlanes(sharp, normals) for sharp in self._sharp]
+
     def _contacts(self, poses: Poses, x: Array) -> dict[str, Contact]:
-        """Contact with every collider; with a barrier, from positions x."""
+        """Contact with every collider, from positions x."""
         if self._surfaces:
             from softprint.fem_truth.energy.barrier_contact import BarrierContact
 
@@ -314,7 +325,7 @@ class FullSpaceSimulator:
             placed.name: SurfaceContact(
                 self._contact, self._contact_points, placed.collider, poses[placed.name], sharp
             )
-            for placed, sharp in zip(self.colliders, self._sharp, strict=True)
+            for placed, sharp in zip(self.colliders, self._sharp_planes(x), strict=True)
         }
 
     def _parts(

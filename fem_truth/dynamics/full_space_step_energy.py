@@ -27,10 +27,6 @@ class Contact(Potential, Protocol):
         """The nodes that contact may act on."""
         ...
 
-    def accepted(self, x: Array) -> None:
-        """Called with the positions after every step of Newton's method."""
-        ...
-
     def touched(self, x: Array) -> IntArray: ...
     def max_depth(self, x: Array) -> float: ...
 
@@ -73,6 +69,12 @@ class StepEnergy(TotalEnergy):
     def moved(self, x: Array, step: Array, length: float) -> Array:
         return self._handles.moved(x, length * step)
 
+    def hold(self, x: Array) -> None:
+        """Sharp points press the places that are nearest to them at x."""
+        for contact in self._contacts.values():
+            if isinstance(contact, SurfaceContact):  # a barrier has no sharp points
+                contact.hold(x)
+
     def lag_friction(self, x: Array) -> None:
         """Update the normal forces of friction to those at x."""
         for name, friction in self._friction.items():
@@ -81,11 +83,9 @@ class StepEnergy(TotalEnergy):
             friction.lag(contact.bearing(x))
 
     def stepped(self, x: Array, step: Array, length: float, before: Gradient, after: Gradient) -> bool:
-        super().stepped(x, step, length, before, after)
-        for contact in self._contacts.values():
-            contact.accepted(x)
+        changed = super().stepped(x, step, length, before, after)
         if self._updates_left == 0:
-            return False
+            return changed
         self._updates_left -= 1
         self.lag_friction(x)
         return True

@@ -13,7 +13,7 @@ from softprint.runtime.contact.piercing import DeformedSurface, depths_below, fa
 from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, SearchedSurface
 from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.lazy import lazy
-from softprint.runtime.mesh.mesh import Mesh, facet_vectors
+from softprint.runtime.mesh.mesh import Mesh, node_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,4 @@ class _SurfaceNodesAt:
 
     @lazy
     def _normals(self) -> Array:
-        """The sum of those of all facets of a node, by area."""
-        sums, vectors = np.zeros_like(self.approximate), facet_vectors(self.approximate, self.facets)
-        for corner in self.facets.T:
-            np.add.at(sums, corner, vectors)
-        return sums
+        return node_normals(self.approximate, self.facets)

@@ -116,9 +116,10 @@ class BarrierContact:
         """The surface nodes, on which contact may act."""
         return self._surfaces.nodes
 
-    def accepted(self, x: Array) -> None:
-        """From here on steps start at x."""
+    def accepted(self, x: Array) -> bool:
+        """From here on steps start at x, with the same energy."""
         self._accepted = self._surfaces.vertices(x, self.pose)
+        return False
 
     def energy(self, x: Array) -> float:
         """[J]"""

@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from softprint.fem_truth.energy.surface_contact import LaggedFriction, SharpSurface, SurfaceContact
+from softprint.fem_truth.energy.surface_contact import LaggedFriction, SurfaceContact
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.collider_coupling import Coupling, node_coupling, twist_gradient
+from softprint.runtime.contact.sharp_planes import SharpPlanes
 from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 
 #: The nodes (t, c) of t facets, and blocks (t, c, c, dim, dim) by pairs of them.
@@ -36,7 +37,8 @@ class CoupledContact(NamedTuple):
 
 
 class MovingContact:
-    """Contact with one collider, by name; friction: that of the step, None without."""
+    """Contact with one collider, by name, during one step; sharp: the planes of its sharp points, which move with it;
+    friction: that of the step, None without."""
 
     def __init__(
         self,
@@ -44,7 +46,7 @@ class MovingContact:
         law: PenaltyContact,
         points: SurfaceQuadrature,
         collider: Collider,
-        sharp: SharpSurface | None,
+        sharp: SharpPlanes | None,
         friction: LaggedFriction | None,
     ) -> None:
         self.name, self.friction = name, friction

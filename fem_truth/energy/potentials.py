@@ -24,9 +24,13 @@ class Potential(Protocol):
     def gradient(self, x: Array) -> Array: ...
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None: ...
 
+    def accepted(self, x: Array) -> bool:
+        """Called with the positions after every step of Newton's method; whether the energy is another one now."""
+        return False
+
 
 @dataclass(frozen=True, eq=False)
-class Gravity:
+class Gravity(Potential):
     """W = - sum_i m_i g . (x_i - X_i). mass: (n_nodes,) [kg]; acceleration: g (dim,) [m/s^2]; rest: X
     (n_nodes, dim)."""
 
@@ -50,7 +54,7 @@ class Gravity:
 
 
 @dataclass(frozen=True, eq=False)
-class Inertia:
+class Inertia(Potential):
     """W = 1/(2 h^2) sum_i m_i |x_i - x*_i|^2, thesis eq. 5.5. predicted: x* = x_old + h v_old; time_step: h
     [s]."""
 
@@ -69,7 +73,7 @@ class Inertia:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearSpring:
+class LinearSpring(Potential):
     """W = k/2 |w^T x - target|^2: a spring [N/m] on a weighted sum of nodes. weights: w (n_nodes,); target:
     (dim,) [m].
 

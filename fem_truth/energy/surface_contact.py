@@ -1,17 +1,17 @@
 """Contact and friction of the surface of a body in full space, with value, gradient and Hessian contribution.
 
 Both are summed over points of the surface (`runtime/contact/surface_quadrature.py`), and over its points that a
-collider's tips and edges press (`runtime/contact/sharp_contact.py`); their potentials are those of the runtime. As the
+collider's tips and edges press (`runtime/contact/sharp_planes.py`); their potentials are those of the runtime. As the
 others (`potentials.py`), they act on node positions x (n_nodes, dim) in the mesh's order and return this rank's shares.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
+from softprint.fem_truth.energy.potentials import Potential
 from softprint.fem_truth.linalg.block_matrix import BlockMatrix
 from softprint.fem_truth.linalg.small_blocks import positive_part
 from softprint.runtime.arrays import Array, IntArray
@@ -24,17 +24,11 @@ from softprint.runtime.contact import (
     LaggedContact,
     PenaltyContact,
 )
-from softprint.runtime.contact.sharp_contact import SharpTerms
+from softprint.runtime.contact.sharp_planes import PlaneTerms, SharpPlanes
 from softprint.runtime.contact.surface_quadrature import FacetPoints, SurfaceQuadrature
 
 # A slip has converged if its relative change in a Newton iteration is below this.
 _SETTLED = 0.3
-
-
-class SharpSurface(Protocol):
-    """Contact of a collider's sharp points with the surface: `SharpContact`, or of a part of a body (`BodyPart`)."""
-
-    def terms(self, x: Array, pose: RigidPose, /) -> SharpTerms: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +47,10 @@ class BearingPoints:
         return np.arange(len(self.depth))
 
 
-class SurfaceContact:
+class SurfaceContact(Potential):
     """Penalty contact of the surface with one collider at one pose, including the curvature of the signed distance.
-    points: of the surface, at which contact is evaluated; sharp: contact of the collider's sharp points.
+    points: of the surface, at which contact is evaluated; sharp: the planes of the collider's sharp points during one
+    solve, held where the first terms are evaluated.
 
     The terms of the last x are cached, because energy, gradient and Hessian are evaluated at the same x.
     """
@@ -66,15 +61,15 @@ class SurfaceContact:
         points: SurfaceQuadrature,
         collider: Collider,
         pose: RigidPose,
-        sharp: SharpSurface | None = None,
+        sharp: SharpPlanes | None = None,
     ) -> None:
         self.contact, self.points, self.sharp = contact, points, sharp
         self.collider, self.pose = collider, pose
         self._at: Array | None = None
         self._terms: ContactTerms
-        self._sharp_terms: SharpTerms | None
+        self._sharp_terms: PlaneTerms | None
 
-    def terms(self, x: Array) -> tuple[ContactTerms, SharpTerms | None]:
+    def terms(self, x: Array) -> tuple[ContactTerms, PlaneTerms | None]:
         """Contact terms at x; the index of the former counts the points of the surface."""
         if self._at is not x:
             near = self.points.near(x, self.collider, self.pose)
@@ -110,8 +105,7 @@ class SurfaceContact:
         by_point = positive_part(terms.hessian) if convex else terms.hessian
         blocks = [self.points.points(terms.index).hessian(by_point)]
         if sharp is not None and len(sharp.points):
-            by_nodes = sharp.hessian(x)
-            blocks.append((sharp.points.nodes, _convex(by_nodes) if convex else by_nodes))
+            blocks.append(sharp.points.hessian(sharp.hessian))
         return blocks
 
     def add_hessian(self, x: Array, matrix: BlockMatrix, convex: bool) -> None:
@@ -123,8 +117,18 @@ class SurfaceContact:
         """The nodes that contact may act on."""
         return self.points.nodes
 
-    def accepted(self, x: Array) -> None:
-        """Nothing: a penalty does not depend on where a step starts."""
+    def hold(self, x: Array) -> None:
+        """The planes of sharp points are those at x."""
+        if self.sharp is not None:
+            self.sharp.hold(x, self.pose)
+            self._at = None
+
+    def accepted(self, x: Array) -> bool:
+        """The planes of sharp points are found again."""
+        changed = self.sharp is not None and self.sharp.renew(x, self.pose)
+        if changed:
+            self._at = None
+        return changed
 
     def touched(self, x: Array) -> IntArray:
         """(k,) nodes that contact acts on, ascending."""
@@ -135,14 +139,7 @@ class SurfaceContact:
         return float(self.bearing(x).depth.max(initial=0.0))
 
 
-def _convex(blocks: Array) -> Array:
-    """The positive parts of Hessians (m, c, c, dim, dim) by the nodes of facets."""
-    m, c, _, dim, _ = blocks.shape
-    flat = blocks.transpose(0, 1, 3, 2, 4).reshape(m, c * dim, c * dim)
-    return positive_part(flat).reshape(m, c, dim, c, dim).transpose(0, 1, 3, 2, 4)
-
-
-class LaggedFriction:
+class LaggedFriction(Potential):
     """Regularised Coulomb friction over one step; normals and normal forces are lagged: those of the last call of
     `lag`.
 

@@ -167,12 +167,13 @@ class TotalEnergy:
     def stepped(self, x: Array, step: Array, length: float, before: Gradient, after: Gradient) -> bool:
         """Called after every accepted step of this length, to x: decides whether to keep the elastic Hessian.
 
-        Returns True if the energy itself has changed (friction has new normal forces).
+        Returns True if the energy itself has changed (sharp points press other places, friction has new normal forces).
         """
         self._tangent.judge(
             length * step, after.elastic - before.elastic, self.null_space_at(x), before.norm, after.norm
         )
-        return False
+        changed = [term.accepted(x) for term in self.terms]
+        return any(changed)
 
     def force_scale(self, x: Array, gradient: Gradient) -> float:
         raise NotImplementedError

@@ -17,10 +17,7 @@ from softprint.fem_truth.parts.group import GroupShare, nodes_of_parts
 from softprint.fem_truth.parts.partition import partition
 from softprint.fem_truth.parts.share import WHOLE, Share
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.colliders.pose import RigidPose
-from softprint.runtime.contact.penalty import PenaltyContact
-from softprint.runtime.contact.sharp_contact import SharpContact, SharpTerms
+from softprint.runtime.contact.sharp_planes import SharpPlanes, SharpSurface
 from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.errors import SoftprintError
@@ -105,12 +102,20 @@ class BodyPart:
             return SurfaceQuadrature.at_nodes(self.surface_nodes, self.surface_areas)
         return SurfaceQuadrature.on_facets(self.mesh.points, self.surface_facets, refinement)
 
-    def sharp_contact(
-        self, collider: Collider, law: PenaltyContact
-    ) -> SharpContact | PartSharpContact | None:
-        """Contact of a collider's sharp points with the facets of this rank's cells; None where contact is at nodes."""
-        sharp = SharpContact.of(collider, law, self.body.mesh)
-        return sharp if sharp is None or self.mesh is self.body.mesh else PartSharpContact(sharp, self)
+    def sharp_planes(self, surface: SharpSurface, normals: Array) -> SharpPlanes:
+        """The planes of a collider's sharp points during one solve, of which this rank counts those on facets of its
+        cells; normals: (n_nodes, dim) of the body's surface without dents."""
+        if self.mesh is self.body.mesh:
+            return SharpPlanes(surface, normals)
+        return SharpPlanes(surface, normals, self._facet_nodes, self.whole)
+
+    @cached_property
+    def _facet_nodes(self) -> IntArray:
+        """(f, dim) nodes in the part by the number of the facet in the body, -1 for facets of other ranks' cells."""
+        in_body, nodes = self._own_facets
+        local = np.full((len(self.body.mesh.facets), self.body.dim), -1)
+        local[in_body] = nodes
+        return local
 
     @cached_property
     def surface_facets(self) -> IntArray:
@@ -138,24 +143,6 @@ class BodyPart:
         among = np.zeros(self.body.n_nodes, dtype=bool)
         among[nodes] = True
         return np.flatnonzero(self.take(among))
-
-
-class PartSharpContact:
-    """Contact of a collider's sharp points with a body that is shared by ranks: every rank finds the nearest points of
-    the whole surface, and counts those on its own facets."""
-
-    def __init__(self, sharp: SharpContact, part: BodyPart) -> None:
-        self._sharp, self._part = sharp, part
-        self._local = np.full((len(part.body.mesh.facets), part.body.dim), -1)
-        in_body, nodes = part._own_facets
-        self._local[in_body] = nodes
-
-    def terms(self, x: Array, pose: RigidPose) -> SharpTerms:
-        """With this rank's nodes at x (n, dim) [m]. All ranks call it together."""
-        found = self._sharp.terms(self._part.whole(x), pose)
-        nodes = self._local[found.facet]
-        own = np.flatnonzero(nodes[:, 0] >= 0)
-        return found.take(own, nodes[own])
 
 
 def whole_body(body: ReducedBody) -> BodyPart:

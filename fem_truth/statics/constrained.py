@@ -21,7 +21,7 @@ import numpy as np
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.fem_truth.elasticity.linear_response import QuadraticElasticity
 from softprint.fem_truth.energy.potentials import Gravity, Potential
-from softprint.fem_truth.energy.surface_contact import SharpSurface, SurfaceContact
+from softprint.fem_truth.energy.surface_contact import SurfaceContact
 from softprint.fem_truth.energy.total_energy import Elastic, ElasticTangent, Gradient, TotalEnergy
 from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.fem_truth.parts.body_part import whole_body
@@ -31,6 +31,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.sharp_planes import SharpSurface, undented_normals
 from softprint.runtime.optimise import NewtonSettings, Status
 
 if TYPE_CHECKING:
@@ -152,16 +153,25 @@ class ConstrainedProblem:
         self.part = part = elasticity.part or whole_body(body)
         self.contact_points = part.contact_points(contact.refinement)
         self._sharp: dict[Collider, SharpSurface | None] = {}
+        self._normals = np.empty(0), np.empty(0)
         self.null_space = NullSpace(part.constraint_basis, part.frame_nodes, part.share)
         self.terms: tuple[Potential, ...] = ()
         if gravity is not None and np.any(gravity):
             self.terms = (Gravity(part.node_mass, np.asarray(gravity, dtype=float), part.mesh.points),)
 
-    def sharp_contact(self, collider: Collider) -> SharpSurface | None:
-        """Contact of the collider's sharp points."""
+    def surface_contact(self, rows: Array, collider: Collider, pose: RigidPose) -> SurfaceContact:
+        """Contact with the collider at a pose, for one solve at handle rows."""
         if collider not in self._sharp:
-            self._sharp[collider] = self.part.sharp_contact(collider, self.contact)
-        return self._sharp[collider]
+            self._sharp[collider] = SharpSurface.of(collider, self.contact, self.body.mesh)
+        sharp = self._sharp[collider]
+        planes = None if sharp is None else self.part.sharp_planes(sharp, self._normals_at(rows))
+        return SurfaceContact(self.contact, self.contact_points, collider, pose, planes)
+
+    def _normals_at(self, rows: Array) -> Array:
+        """Of the surface without dents, see `undented_normals`; those of the last state are kept."""
+        if not np.array_equal(rows, self._normals[0]):
+            self._normals = rows.copy(), undented_normals(self.body, rows)
+        return self._normals[1]
 
     def constrained(self, rows: Array, x: Array) -> Array:
         """The positions nearest to x (n_nodes, dim) that satisfy the constraint of the state."""
@@ -263,8 +273,7 @@ class Press:
         """The equilibrium with the collider at `pose`; started from x0 (n_nodes, dim), or by default on the secant
         through the last two converged solutions."""
         problem = self._problem
-        points, sharp = problem.contact_points, problem.sharp_contact(self._collider)
-        contact = SurfaceContact(problem.contact, points, self._collider, pose, sharp)
+        contact = problem.surface_contact(self._rows, self._collider, pose)
         depth = self._depth(pose)
         start = self._extrapolated(depth) if x0 is None else problem.constrained_part(self._rows, x0)
         energy = ContactEnergy(

@@ -13,6 +13,7 @@ from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.convert.recorded import Recorded
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.fields.deformed import Deformed, contact_fields
+from softprint.runtime.mesh.mesh import node_normals
 
 NONE, DISPLACEMENT, PRESSURE = "none", "displacement", "pressure"
 COLOURS = (NONE, DISPLACEMENT, PRESSURE)
@@ -40,6 +41,7 @@ def colouring_of(name: str, source: Recorded, colliders: Mapping[str, Collider])
 
     def pressure(x: Array, poses: Mapping[str, RigidPose]) -> Array:
         placed = [(colliders[key], pose) for key, pose in poses.items() if key in colliders]
-        return 1e-3 * contact_fields(rest, contact, Deformed("", 0.0, x, placed))[0]
+        normals = node_normals(x, rest.facets)
+        return 1e-3 * contact_fields(rest, contact, Deformed("", 0.0, x, placed), normals)[0]
 
     return Colouring("contact pressure [kPa]", pressure)

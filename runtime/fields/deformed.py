@@ -13,7 +13,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
-from softprint.runtime.contact.sharp_contact import SharpContact
+from softprint.runtime.contact.sharp_planes import SharpSurface, undented_normals
 from softprint.runtime.contact.surface_quadrature import SurfaceQuadrature
 from softprint.runtime.elasticity.invariants import determinant
 from softprint.runtime.fields.tensors import cauchy_stress, green_strain, in_three_dimensions, von_mises
@@ -55,7 +55,8 @@ def fields_of(body: ReducedBody, contact: PenaltyContact, deformed: Deformed) ->
     x = deformed.positions
     F = in_three_dimensions(body.mesh.deformation_gradients(x))
     stress = cauchy_stress(body.material, F)
-    pressure, force = contact_fields(body.mesh, contact, deformed)
+    normals = undented_normals(body, body.project(x))
+    pressure, force = contact_fields(body.mesh, contact, deformed, normals)
     return FieldSet(
         mesh=body.mesh,
         positions=x,
@@ -75,22 +76,25 @@ def fields_of(body: ReducedBody, contact: PenaltyContact, deformed: Deformed) ->
 
 
 @lru_cache(maxsize=8)
-def _sharp_contact(collider: Collider, contact: PenaltyContact, mesh: Mesh) -> SharpContact | None:
+def _sharp_surface(collider: Collider, contact: PenaltyContact, mesh: Mesh) -> SharpSurface | None:
     """The same for all frames of a series."""
-    return SharpContact.of(collider, contact, mesh)
+    return SharpSurface.of(collider, contact, mesh)
 
 
-def contact_fields(mesh: Mesh, contact: PenaltyContact, deformed: Deformed) -> tuple[Array, Array]:
-    """Pressure (n_nodes,) [Pa] and force (n_nodes, dim) [N] of all colliders on every surface node."""
+def contact_fields(
+    mesh: Mesh, contact: PenaltyContact, deformed: Deformed, normals: Array
+) -> tuple[Array, Array]:
+    """Pressure (n_nodes,) [Pa] and force (n_nodes, dim) [N] of all colliders on every surface node; normals: (n_nodes,
+    dim) outward, along which sharp points of colliders press."""
     normal, force = np.zeros((mesh.n_nodes, 1)), np.zeros((mesh.n_nodes, mesh.dim))
     points, x = SurfaceQuadrature.of(mesh, contact.refinement), deformed.positions
     for collider, pose in deformed.colliders:
         near = points.near(x, collider, pose)
         terms = contact.terms(points.points(near).positions(x), points.area(near), collider, pose)
         touching = [(points.points(near[terms.index]), terms.gradient)]
-        sharp = _sharp_contact(collider, contact, mesh)
+        sharp = _sharp_surface(collider, contact, mesh)
         if sharp is not None:
-            pressed = sharp.terms(x, pose)
+            pressed = sharp.held(x, pose, normals).terms(sharp.weight, x, pose)
             touching.append((pressed.points, pressed.gradient))
         for at, gradient in touching:
             pushed = np.linalg.norm(gradient, axis=1, keepdims=True)

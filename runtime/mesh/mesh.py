@@ -107,10 +107,7 @@ class Mesh:
     @cached_property
     def surface_normals(self) -> Array:
         """(n_surface, dim) unit outward normals at the surface nodes, averaged over facets by area."""
-        sums = np.zeros_like(self.points)
-        for corner in range(self.dim):
-            np.add.at(sums, self.facets[:, corner], self.facet_vectors)
-        normals = sums[self.surface_nodes]
+        normals = node_normals(self.points, self.facets)[self.surface_nodes]
         return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
 
     @cached_property
@@ -159,3 +156,11 @@ def facet_vectors(points: Array, facets: IntArray) -> Array:
     if points.shape[1] == 2:
         return np.column_stack([along[:, 1], -along[:, 0]])
     return 0.5 * np.cross(along, points[facets[:, 2]] - points[facets[:, 0]])
+
+
+def node_normals(points: Array, facets: IntArray) -> Array:
+    """(n_points, dim) sums over the facets around each point of their normals times their length [m] or area [m^2]."""
+    sums, vectors = np.zeros_like(points), facet_vectors(points, facets)
+    for corner in facets.T:
+        np.add.at(sums, corner, vectors)
+    return sums

@@ -17,7 +17,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.optimise.status import Status
 
 KIND = "truth"
-VERSION = 5
+VERSION = 6
 TEXT_BYTES = 1024  # of a text in a table; compression makes unused bytes free
 
 # Status of a sample: how the full-space solve ended (never as only a reduced step can), or 5 if it was skipped because

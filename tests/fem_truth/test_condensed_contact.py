@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
-from softprint.fem_truth.energy.surface_contact import SurfaceContact
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.colliders import RigidPose, Sphere
@@ -37,8 +36,8 @@ def by_linear_response(body, ball, poses):
     press = problem.linear_press(body.rest_rows, ball, body.mesh.points)
     solutions = [press.solve(pose, TIGHT) for pose in poses]
     assert all(solution.converged for solution in solutions)
-    assert problem.sharp_contact(ball) is None
-    contact = SurfaceContact(LAW, problem.contact_points, ball, poses[-1])
+    contact = problem.surface_contact(body.rest_rows, ball, poses[-1])
+    assert contact.sharp is None
     return solutions[-1].energy, -contact.gradient(solutions[-1].x).sum(axis=0)
 
 

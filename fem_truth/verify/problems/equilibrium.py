@@ -29,7 +29,7 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
-class DeadLoad:
+class DeadLoad(Potential):
     """W = - sum_i f_i . (x_i - X_i): constant forces, independent of the deformation. force: f (n_nodes, dim) [N]."""
 
     force: Array

@@ -22,6 +22,7 @@ from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_points
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.piercing_kernels import bounds, in_box
+from softprint.runtime.contact.sharp_planes import inward_normals
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
@@ -168,9 +169,8 @@ class SharpSearch:
         facet, weights, depth = nearest_of(p, y, facets)
         corners = facets[facet]
         normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
-        inward = -(weights[..., None] * normals[corners]).sum(axis=1) @ pose.rotation
-        inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-        direction, bearing = bearing_normals(sharp.collider, z, inward, sharp.spacing[which])
+        against = inward_normals(corners, weights, normals, pose)
+        direction, bearing = bearing_normals(sharp.collider, z, against, sharp.spacing[which])
         of = self._owner[nodes[corners]]
         shares = np.where(of >= 0, weights, 0.0)
         soon = depth > -self._spacing * np.where(which < sharp.n_edges, *_SOON)

@@ -1,0 +1,206 @@
+"""Tips, edges and thin limbs of a collider against a surface that gives way under each of them: full space.
+
+A sharp point p of a collider (`runtime/colliders/sharp_points.py`) presses the nearest point c of the deformed surface.
+As in condensed contact (`solver/pressed_points.py`), c is a material point of the body, and p has a plane through it,
+with the normal g out of the collider, which are held while the energy is minimised:
+
+    W(x) = sum_p a (k/3) d_p^3,     d = g . (p - c) where that is positive,     c = sum_i N_i x_i,
+
+with the stiffness k of the penalty and a the area of a square (in 2D the length) between such points, so that
+
+    dW/dx_i = -a k d^2 N_i g,     d2W/dx_i dx_j = 2 a k d N_i N_j g g^T.
+
+After each step of the minimisation they are found again, until the forces stay.
+
+g is the direction in which the collider can bear: of all its normals at p the nearest to the inward normal of the body
+without its dent, that of a reduced state. Along c - p, the normal of a facet that the point itself tilts, it would be
+held back by its own dent: the edge of a plate on a flat block without friction then has a force along the block that
+depends on where it lies between the nodes. Energy and force along the push are the same. Where the collider has no such
+normal, on the sides of a limb that leans on the wall of a dent, g is the inward normal of the facet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_points
+from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.contact.surface_quadrature import FacetPoints
+from softprint.runtime.elasticity.invariants import cofactor
+from softprint.runtime.mesh.mesh import Mesh, facet_vectors
+from softprint.runtime.mesh.nearest_facets import SurfaceSearch
+
+if TYPE_CHECKING:
+    from softprint.runtime.body import ReducedBody
+
+# The planes of a solve are found again at most so often, and as long as that changes their forces by more than this
+# share.
+_RENEWALS, _SETTLED = 10, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneTerms:
+    """Contact of m sharp points with the surface. points: of the surface; weight: a k [N/m^2]; depth: d (m,) [m];
+    normal: g (m, dim)."""
+
+    points: FacetPoints
+    weight: float
+    depth: Array
+    normal: Array
+
+    @property
+    def energy(self) -> float:
+        """W [J]."""
+        return float(self.weight / 3.0 * (self.depth**3).sum())
+
+    @property
+    def gradient(self) -> Array:
+        """By the points of the surface (m, dim) [N]."""
+        return -self.weight * (self.depth**2)[:, None] * self.normal
+
+    @property
+    def hessian(self) -> Array:
+        """By the points of the surface (m, dim, dim) [N/m]."""
+        return 2.0 * self.weight * self.depth[:, None, None] * self.normal[:, :, None] * self.normal[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPlanes:
+    """k sharp points with their planes. facet: (k,) of the body's surface; points: c; place: p (k, dim) [m] and
+    direction: g (k, dim), in the collider's coordinates."""
+
+    facet: IntArray
+    points: FacetPoints
+    place: Array
+    direction: Array
+
+    def terms(self, weight: float, x: Array, pose: RigidPose) -> PlaneTerms:
+        """With the nodes at x (n_nodes, dim) [m], the collider at a pose, and weight a k [N/m^2]."""
+        normal = pose.rotate(self.direction)
+        depth = (normal * (pose.apply(self.place) - self.points.positions(x))).sum(axis=1)
+        bears = np.flatnonzero(depth > 0.0)
+        points = FacetPoints(self.points.nodes[bears], self.points.shares[bears])
+        return PlaneTerms(points, weight, depth[bears], normal[bears])
+
+    def on_part(self, facets: IntArray) -> HeldPlanes:
+        """Those on some of the facets; facets: (f, c) their nodes by the number of the facet, -1 for others."""
+        nodes = facets[self.facet]
+        own = np.flatnonzero(nodes[:, 0] >= 0)
+        points = FacetPoints(nodes[own], self.points.shares[own])
+        return HeldPlanes(self.facet[own], points, self.place[own], self.direction[own])
+
+
+class SharpSurface:
+    """The sharp points of one collider, and the surface of a body that they press."""
+
+    def __init__(self, collider: Collider, law: PenaltyContact, mesh: Mesh) -> None:
+        """law: with contact on facets."""
+        self._collider, self._facets = collider, mesh.facets
+        self._spacing, self._margin = law.sharp_spacing(mesh), mesh.surface_spacing
+        self._points = sharp_points(collider, self._spacing)
+        self.weight = law.stiffness * self._spacing ** (mesh.dim - 1)
+        self._search = SurfaceSearch(mesh.points, mesh.facets)
+        # Where the search began to find points last time; this changes the cost and never the result.
+        self._near = np.zeros(len(self._points), dtype=np.int64)
+
+    @classmethod
+    def of(cls, collider: Collider, law: PenaltyContact, mesh: Mesh) -> SharpSurface | None:
+        """None where contact is at nodes, or the collider has no sharp points."""
+        found = cls(collider, law, mesh) if law.refinement else None
+        return found if found is not None and len(found._points) else None
+
+    def held(self, x: Array, pose: RigidPose, normals: Array) -> HeldPlanes:
+        """The planes at nodes x (n_nodes, dim) [m] and a pose. normals: see `undented_normals`."""
+        p = pose.apply(self._points)
+        lower, upper = x.min(axis=0) - self._margin, x.max(axis=0) + self._margin
+        about = np.flatnonzero(((p > lower) & (p < upper)).all(axis=1))
+        facet, shares, depth = self._search.nearest(p[about], x, self._near[about])
+        self._near[about] = facet
+        soon = depth > -self._margin
+        about, facet, shares = about[soon], facet[soon], shares[soon]
+        corners, z = self._facets[facet], self._points[about]
+        against = inward_normals(corners, shares, normals, pose)
+        direction, bears = bearing_normals(self._collider, z, against, self._spacing)
+        leaning = -_unit(pose.rotate_inverse(facet_vectors(x, corners)))
+        g = np.where(bears[:, None], direction, leaning)
+        return HeldPlanes(facet, FacetPoints(corners, shares), z, g)
+
+
+class SharpPlanes:
+    """The planes of one collider's sharp points during one solve. normals: see `undented_normals`; facets: (f, dim)
+    nodes of this rank on the facets of the surface, -1 for those of others; whole: gives the positions of all nodes
+    from those on this rank. All ranks call it together."""
+
+    def __init__(
+        self,
+        surface: SharpSurface,
+        normals: Array,
+        facets: IntArray | None = None,
+        whole: Callable[[Array], Array] | None = None,
+    ) -> None:
+        self._surface, self._normals = surface, normals
+        self._facets, self._whole = facets, whole
+        self._held: HeldPlanes | None = None
+        self._own: HeldPlanes
+        self._left = _RENEWALS
+
+    def hold(self, x: Array, pose: RigidPose) -> None:
+        """The planes are those at nodes x (n, dim) [m] and a pose."""
+        self._take(self._surface.held(self._all(x), pose, self._normals))
+
+    def renew(self, x: Array, pose: RigidPose) -> bool:
+        """As `hold`, where this changes the forces and was not done too often; whether it was done."""
+        if self._held is None or not self._left:
+            return False
+        whole, weight = self._all(x), self._surface.weight
+        found = self._surface.held(whole, pose, self._normals)
+        before, after = (
+            terms.points.gradient(terms.gradient, len(whole))
+            for terms in (planes.terms(weight, whole, pose) for planes in (self._held, found))
+        )
+        if np.linalg.norm(after - before) <= _SETTLED * np.linalg.norm(after):
+            return False
+        self._left -= 1
+        self._take(found)
+        return True
+
+    def terms(self, x: Array, pose: RigidPose) -> PlaneTerms:
+        """Contact at nodes x (n, dim) [m] and a pose, of the facets on this rank."""
+        if self._held is None:
+            self.hold(x, pose)
+        return self._own.terms(self._surface.weight, x, pose)
+
+    def _all(self, x: Array) -> Array:
+        return x if self._whole is None else self._whole(x)
+
+    def _take(self, found: HeldPlanes) -> None:
+        self._held = found
+        self._own = found if self._facets is None else found.on_part(self._facets)
+
+
+def undented_normals(body: ReducedBody, rows: Array) -> Array:
+    """(n_nodes, dim) cof(F) n of the reduced body at the nodes of its surface: outward, of any length; 0 inside."""
+    nodes, normals = body.mesh.surface_nodes, np.zeros((body.n_nodes, body.dim))
+    material = body.node_points(nodes)
+    F = rows.T @ material.basis_gradient
+    normals[nodes] = (cofactor(F) @ material.surface_normal[..., None])[..., 0]
+    return normals
+
+
+def inward_normals(corners: IntArray, shares: Array, normals: Array, pose: RigidPose) -> Array:
+    """Unit normals (m, dim) into the body, in the collider's coordinates, at points with corners and shares (m, c);
+    normals: (n_nodes, dim) of the nodes, outward."""
+    inward = -(shares[..., None] * normals[corners]).sum(axis=1) @ pose.rotation
+    return _unit(inward)
+
+
+def _unit(vectors: Array) -> Array:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, np.finfo(np.float64).tiny))
