@@ -9,6 +9,7 @@ over it (sphere tracing); a bracketing root finder does the rest.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
@@ -64,10 +65,9 @@ class Approach:
         Raises OutOfReach if a depth is more than collider and body allow on this line.
         """
         s = self.clear_of_surface
-        deepest = _DeepestPoint(self, s)
         poses = []
         for depth in depths:
-            s = self._march(deepest, s, float(depth))
+            s = self._march(s, float(depth))
             poses.append(self.pose(s))
         return poses
 
@@ -81,7 +81,7 @@ class Approach:
         step = _THICKNESS_STEP * self._length
         s, reached = self.clear_of_surface, -np.inf
         lowest = s - 4.0 * self._radius
-        deepest = _DeepestPoint(self, s)
+        deepest = self._deepest
         while _THICKNESS_SHARE * reached < depth and s > lowest:
             before, s = reached, s - max(-reached if np.isfinite(reached) else 0.0, step)
             reached = deepest.depth(s)
@@ -89,13 +89,13 @@ class Approach:
                 return min(depth, _THICKNESS_SHARE * before)
         return depth
 
-    @property
+    @cached_property
     def _length(self) -> float:
         """A common length of the collider and the surface; half spaces have no size of their own."""
         extent = float(np.ptp(self.surface, axis=0).max())
         return min(self.collider.size, extent)
 
-    @property
+    @cached_property
     def _radius(self) -> float:
         """Radius of a ball about the collider's origin that contains the solid, or of one that reaches past the
         surface."""
@@ -103,7 +103,7 @@ class Approach:
         reach = float(np.linalg.norm(self.surface - self.place, axis=1).max())
         return min(float(np.linalg.norm(corners)), 2.0 * reach)
 
-    @property
+    @cached_property
     def clear_of_surface(self) -> float:
         """The s at which the march begins: every node is outside the collider's ball [m]."""
         return float(((self.surface - self.place) @ self.normal).max()) + self._radius
@@ -125,7 +125,12 @@ class Approach:
             )
         return f"{never} the surface: the depth is more than the collider is thick."
 
-    def _march(self, deepest: _DeepestPoint, s: float, depth: float) -> float:
+    @cached_property
+    def _deepest(self) -> _DeepestPoint:
+        return _DeepestPoint(self, self.clear_of_surface)
+
+    def _march(self, s: float, depth: float) -> float:
+        deepest = self._deepest
         shortest = _SHORTEST_STEP * self._length
         lowest = s - 4.0 * (self._radius + float(np.ptp((self.surface - self.place) @ self.normal)) + depth)
         to_go = depth - deepest.depth(s)

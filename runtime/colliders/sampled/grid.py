@@ -57,8 +57,7 @@ class _Level:
         dim = z.shape[1]
         from_lower, from_upper = z - self.grid.origin, self.grid.upper - z
         towards = np.where(from_lower < from_upper, 1.0, -1.0) / self.band
-        u = np.minimum(np.minimum(from_lower, from_upper) / self.band, 1.0)
-        step = u**3 * (6 * u**2 - 15 * u + 10)
+        u, step = self._steps(z)
         first = 30 * u**2 * (1 - u) ** 2 * towards
         second = 60 * u * (1 - u) * (1 - 2 * u) * towards**2
         factors = np.repeat(step[:, None, :], dim, axis=1)  # row i: the factors of dw/dz_i
@@ -69,6 +68,16 @@ class _Level:
             for j in range(dim):
                 hessian[:, i, j, j] = second[:, i] if i == j else first[:, j]
         return SdfDerivatives(step.prod(axis=1), factors.prod(axis=2), hessian.prod(axis=3))
+
+    def weight_value(self, z: Array) -> Array:
+        """w (n,) alone."""
+        return np.asarray(self._steps(z)[1].prod(axis=1))
+
+    def _steps(self, z: Array) -> tuple[Array, Array]:
+        """How far points are from the border along each axis, in bands, 1 at most, and the factors of w, each (n,
+        dim)."""
+        u = np.minimum(np.minimum(z - self.grid.origin, self.grid.upper - z) / self.band, 1.0)
+        return u, u**3 * (6 * u**2 - 15 * u + 10)
 
 
 class GridCollider(ColliderBase):
@@ -176,7 +185,7 @@ class GridCollider(ColliderBase):
         value: Array = np.linalg.norm(z - self._centre, axis=1) - self._ball_radius
         for level in (self.coarse, self.fine):
             part = level.within(z)
-            w = level.weight(z[part]).value
+            w = level.weight_value(z[part])
             value[part] += w * (level.grid.value(z[part]) - value[part])
         return value
 
