@@ -79,7 +79,7 @@ class PenaltyContact:
     refinement: 0 for contact at nodes. Otherwise contact is evaluated on facets: in full space at refinement^(dim-1)
     points of every facet of the surface (`surface_quadrature.py`), in reduced models at reduced_refinement^(dim-1)
     points, for 1 at the middle and the corners (`runtime/mechanics/loaded_points.py`), and in both at tips, edges and
-    thin limbs of colliders (`sharp_contact.py`).
+    thin limbs of colliders (`sharp_planes.py`).
     """
 
     stiffness: float

@@ -1,6 +1,7 @@
-"""Contact of a collider's tips, edges and thin limbs with the surface of a body.
+"""Contact of a collider's tips, edges and thin limbs with the surface of a reduced body without mechanics.
 
-A point p of the collider (`runtime/colliders/sharp_points.py`) inside the body is at a depth d(x) below the nearest
+Its surface does not give way under a single point, so that no dent tilts the facet under it. Where it does, in full
+space and in condensed contact, points press along a normal of the collider instead (`sharp_planes.py`). A point p of the collider (`runtime/colliders/sharp_points.py`) inside the body is at a depth d(x) below the nearest
 point c of the deformed surface, and
 
     W(x) = sum_p a (k/3) d_p^3,    d = |r|,    r = c - p,    c = sum_i N_i x_i nearest to p,
@@ -32,10 +33,9 @@ from softprint.runtime.mesh.nearest_facets import SurfaceSearch
 
 @dataclass(frozen=True, eq=False)
 class SharpTerms:
-    """Contact of m points of a collider with the surface. facet: (m,) of the surface; points: the nearest points of the
-    surface; weight: a k [N/m^2]; depth: d (m,) [m]; way: r (m, dim) [m], out of the body."""
+    """Contact of m points of a collider with the surface. points: the nearest points of the surface; weight: a k
+    [N/m^2]; depth: d (m,) [m]; way: r (m, dim) [m], out of the body."""
 
-    facet: IntArray
     points: FacetPoints
     weight: float
     depth: Array
@@ -77,11 +77,6 @@ class SharpTerms:
         blocks += np.einsum("mia,mjb->mijab", first, first / self.depth[:, None, None])
         return self.weight * blocks
 
-    def take(self, which: IntArray, nodes: IntArray) -> SharpTerms:
-        """Some of the points (k,), with other numbers (k, c) of the nodes of their facets."""
-        points = FacetPoints(nodes, self.points.shares[which])
-        return SharpTerms(self.facet[which], points, self.weight, self.depth[which], self.way[which])
-
 
 def _edges(corners: Array, active: BoolArray) -> tuple[Array, Array]:
     """E (m, c, dim), edges from the first to each other active corner (m, c), and s (m, c, c), its first axis that of
@@ -122,10 +117,10 @@ class SharpContact:
         about = np.flatnonzero(((p > lower) & (p < upper)).all(axis=1))
         if not len(about):
             nothing = FacetPoints(self._facets[:0], np.empty((0, x.shape[1])))
-            return SharpTerms(about, nothing, self._weight, np.empty(0), np.empty((0, x.shape[1])))
+            return SharpTerms(nothing, self._weight, np.empty(0), np.empty((0, x.shape[1])))
         facet, shares, depth = self._search.nearest(p[about], x, self._near[about])
         self._near[about] = facet
         inside = depth > 0.0
         points = FacetPoints(self._facets[facet[inside]], shares[inside])
         way = points.positions(x) - p[about[inside]]
-        return SharpTerms(facet[inside], points, self._weight, depth[inside], way)
+        return SharpTerms(points, self._weight, depth[inside], way)
