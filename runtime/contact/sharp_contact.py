@@ -1,7 +1,9 @@
 """Contact of a collider's tips, edges and thin limbs with the surface of a reduced body without mechanics.
 
 Its surface does not give way under a single point, so that no dent tilts the facet under it. Where it does, in full
-space and in condensed contact, points press along a normal of the collider instead (`sharp_planes.py`). A point p of the collider (`runtime/colliders/sharp_points.py`) inside the body is at a depth d(x) below the nearest
+space and in condensed contact, points press along a normal of the collider instead (`sharp_planes.py`).
+
+A point p of the collider (`runtime/colliders/sharp_points.py`) inside the body is at a depth d(x) below the nearest
 point c of the deformed surface, and
 
     W(x) = sum_p a (k/3) d_p^3,    d = |r|,    r = c - p,    c = sum_i N_i x_i nearest to p,
