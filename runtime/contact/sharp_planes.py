@@ -40,9 +40,9 @@ from softprint.runtime.mesh.nearest_facets import SurfaceSearch
 if TYPE_CHECKING:
     from softprint.runtime.body import ReducedBody
 
-# The planes of a solve are found again at most so often, and as long as that changes their forces by more than this
-# share.
-_RENEWALS, _SETTLED = 10, 0.01
+# The planes of a solve are found again as long as that changes their forces by more than this share. Where it never
+# ends, Newton's method runs out of iterations, and says so.
+_SETTLED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,15 +149,14 @@ class SharpPlanes:
         self._facets, self._whole = facets, whole
         self._held: HeldPlanes | None = None
         self._own: HeldPlanes
-        self._left = _RENEWALS
 
     def hold(self, x: Array, pose: RigidPose) -> None:
         """The planes are those at nodes x (n, dim) [m] and a pose."""
         self._take(self._surface.held(self._all(x), pose, self._normals))
 
     def renew(self, x: Array, pose: RigidPose) -> bool:
-        """As `hold`, where this changes the forces and was not done too often; whether it was done."""
-        if self._held is None or not self._left:
+        """As `hold`, where this changes the forces; whether it was done."""
+        if self._held is None:
             return False
         whole, weight = self._all(x), self._surface.weight
         found = self._surface.held(whole, pose, self._normals)
@@ -167,7 +166,6 @@ class SharpPlanes:
         )
         if np.linalg.norm(after - before) <= _SETTLED * np.linalg.norm(after):
             return False
-        self._left -= 1
         self._take(found)
         return True
 
