@@ -15,8 +15,8 @@ After each step of the minimisation they are found again, until the forces stay.
 g is the direction in which the collider can bear: of all its normals at p the nearest to the inward normal of the body
 without its dent, that of a reduced state. Along c - p, the normal of a facet that the point itself tilts, it would be
 held back by its own dent: the edge of a plate on a flat block without friction then has a force along the block that
-depends on where it lies between the nodes. Energy and force along the push are the same. Where the collider has no such
-normal, on the sides of a limb that leans on the wall of a dent, g is the inward normal of the facet.
+depends on where it lies between the nodes. Where the collider has no such normal, on the sides of a limb that leans on
+the wall of a dent, g is the inward normal of the facet.
 """
 
 from __future__ import annotations
