@@ -234,7 +234,7 @@ class FullSpaceSimulator:
                 sharp,
                 parts.friction.get(placed.name),
             )
-            for placed, sharp in zip(self.colliders, self._sharp_planes(state.x), strict=True)
+            for placed, sharp in zip(self.colliders, self._sharp_planes(state.x, moving=True), strict=True)
             if placed.free is not None
         }
         led = StepParts(
@@ -308,15 +308,16 @@ class FullSpaceSimulator:
             self._force_floor,
         )
 
-    def _sharp_planes(self, x: Array) -> list[SharpPlanes | None]:
-        """Those of all colliders for a solve that starts at positions x."""
+    def _sharp_planes(self, x: Array, moving: bool) -> list[SharpPlanes | None]:
+        """Those of all colliders for a solve that starts at positions x; moving: a step of time."""
         if not any(self._sharp):
             return [None] * len(self._sharp)
         normals = undented_normals(self.body, self.body.project(x))
-        return [None if sharp is None else SharpPlanes(sharp, normals) for sharp in self._sharp]
+        renewals = SharpPlanes.IN_STEP if moving else np.inf
+        return [own if own is None else SharpPlanes(own, normals, renewals=renewals) for own in self._sharp]
 
-    def _contacts(self, poses: Poses, x: Array) -> dict[str, Contact]:
-        """Contact with every collider, from positions x."""
+    def _contacts(self, poses: Poses, x: Array, moving: bool) -> dict[str, Contact]:
+        """Contact with every collider, from positions x; moving: in a step of time."""
         if self._surfaces:
             from softprint.fem_truth.energy.barrier_contact import BarrierContact
 
@@ -325,7 +326,7 @@ class FullSpaceSimulator:
             placed.name: SurfaceContact(
                 self._contact, self._contact_points, placed.collider, poses[placed.name], sharp
             )
-            for placed, sharp in zip(self.colliders, self._sharp_planes(x), strict=True)
+            for placed, sharp in zip(self.colliders, self._sharp_planes(x, moving), strict=True)
         }
 
     def _parts(
@@ -339,7 +340,7 @@ class FullSpaceSimulator:
         """The potentials of a step from ``state`` to the time ``end`` [s]; a static solve has no inertia and no
         friction. x: where the minimisation starts, by default at the state."""
         mesh = self.body.mesh
-        contacts = self._contacts(poses, state.x if x is None else x)
+        contacts = self._contacts(poses, state.x if x is None else x, inertia is not None)
         friction: dict[str, LaggedFriction] = {}
         if self._friction is not None and inertia is not None:
             h = self.settings.time_step

@@ -160,6 +160,17 @@ def test_planes_are_found_again_until_their_forces_stay(dim):
     np.testing.assert_allclose(there.mean(axis=0)[0], before.points.positions(x).mean(axis=0)[0] - 0.004)
 
 
+def test_planes_are_found_again_no_more_often_than_they_may(dim):
+    mesh, pose = block(dim), pressed_in(dim)
+    surface = SharpSurface(plate(dim), LAW, mesh)
+    planes = SharpPlanes(surface, node_normals(mesh.points, mesh.facets), renewals=2)
+    x = mesh.points
+    planes.hold(x, pose)
+    # each time the surface has moved on under the plate
+    renewed = [planes.renew(x + 0.002 * times * np.eye(dim)[0], pose) for times in (1, 2, 3, 4)]
+    assert renewed == [True, True, False, False]
+
+
 def test_ranks_share_the_facets(dim):
     x, pose = shaken(dim), pressed_in(dim)
     surface, planes = held(dim, x, pose)
