@@ -26,11 +26,10 @@ import numpy as np
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
-from softprint.runtime.colliders.sharp_points import sharp_points
 from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.contact.sharp_point_search import SharpPointSearch
 from softprint.runtime.contact.surface_quadrature import FacetPoints
 from softprint.runtime.mesh.mesh import Mesh
-from softprint.runtime.mesh.nearest_facets import SurfaceSearch
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,31 +97,16 @@ class SharpContact:
 
     def __init__(self, collider: Collider, law: PenaltyContact, mesh: Mesh) -> None:
         """law: with contact on facets."""
-        spacing = law.sharp_spacing(mesh)
-        self._points = sharp_points(collider, spacing)
-        self._weight = law.stiffness * spacing ** (mesh.dim - 1)
-        self._facets = mesh.facets
-        self._search = SurfaceSearch(mesh.points, mesh.facets)
-        # Where the search began to find points last time; this changes the cost and never the result.
-        self._near = np.zeros(len(self._points), dtype=np.int64)
+        self._search = SharpPointSearch(collider, law, mesh)
 
     @classmethod
     def of(cls, collider: Collider, law: PenaltyContact, mesh: Mesh) -> SharpContact | None:
         """None where contact is at nodes, or the collider has no sharp points."""
         found = cls(collider, law, mesh) if law.refinement else None
-        return found if found is not None and len(found._points) else None
+        return found if found is not None and len(found._search) else None
 
     def terms(self, x: Array, pose: RigidPose) -> SharpTerms:
         """With the nodes at x (n_nodes, dim) [m] and the collider at a pose."""
-        p = pose.apply(self._points)
-        lower, upper = x.min(axis=0), x.max(axis=0)
-        about = np.flatnonzero(((p > lower) & (p < upper)).all(axis=1))
-        if not len(about):
-            nothing = FacetPoints(self._facets[:0], np.empty((0, x.shape[1])))
-            return SharpTerms(nothing, self._weight, np.empty(0), np.empty((0, x.shape[1])))
-        facet, shares, depth = self._search.nearest(p[about], x, self._near[about])
-        self._near[about] = facet
-        inside = depth > 0.0
-        points = FacetPoints(self._facets[facet[inside]], shares[inside])
-        way = points.positions(x) - p[about[inside]]
-        return SharpTerms(points, self._weight, depth[inside], way)
+        inside = self._search.met(x, pose, margin=0.0)
+        way = inside.points.positions(x) - inside.world
+        return SharpTerms(inside.points, self._search.weight, inside.depth, way)

@@ -32,12 +32,12 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
-from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_points
+from softprint.runtime.colliders.sharp_points import bearing_normals
 from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.contact.sharp_point_search import SharpPointSearch
 from softprint.runtime.contact.surface_quadrature import FacetPoints
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.mesh.mesh import Mesh, facet_vectors
-from softprint.runtime.mesh.nearest_facets import SurfaceSearch
 
 if TYPE_CHECKING:
     from softprint.runtime.body import ReducedBody
@@ -104,35 +104,29 @@ class SharpSurface:
 
     def __init__(self, collider: Collider, law: PenaltyContact, mesh: Mesh) -> None:
         """law: with contact on facets."""
-        self._collider, self._facets = collider, mesh.facets
-        self._spacing, self._margin = law.sharp_spacing(mesh), mesh.surface_spacing
-        self._points = sharp_points(collider, self._spacing)
-        self.weight = law.stiffness * self._spacing ** (mesh.dim - 1)
-        self._search = SurfaceSearch(mesh.points, mesh.facets)
-        # Where the search began to find points last time; this changes the cost and never the result.
-        self._near = np.zeros(len(self._points), dtype=np.int64)
+        self._collider, self._margin = collider, mesh.surface_spacing
+        self._search = SharpPointSearch(collider, law, mesh)
+
+    @property
+    def weight(self) -> float:
+        """a k [N/m^2]."""
+        return self._search.weight
 
     @classmethod
     def of(cls, collider: Collider, law: PenaltyContact, mesh: Mesh) -> SharpSurface | None:
         """None where contact is at nodes, or the collider has no sharp points."""
         found = cls(collider, law, mesh) if law.refinement else None
-        return found if found is not None and len(found._points) else None
+        return found if found is not None and len(found._search) else None
 
     def held(self, x: Array, pose: RigidPose, normals: Array) -> HeldPlanes:
         """The planes at nodes x (n_nodes, dim) [m] and a pose. normals: see `undented_normals`."""
-        p = pose.apply(self._points)
-        lower, upper = x.min(axis=0) - self._margin, x.max(axis=0) + self._margin
-        about = np.flatnonzero(((p > lower) & (p < upper)).all(axis=1))
-        facet, shares, depth = self._search.nearest(p[about], x, self._near[about])
-        self._near[about] = facet
-        soon = depth > -self._margin
-        about, facet, shares = about[soon], facet[soon], shares[soon]
-        corners, z = self._facets[facet], self._points[about]
+        met = self._search.met(x, pose, self._margin)
+        corners, shares = met.points.nodes, met.points.shares
         against = inward_normals(corners, shares, normals, pose)
-        direction, bears = bearing_normals(self._collider, z, against, self._spacing)
+        direction, bears = bearing_normals(self._collider, met.place, against, self._search.spacing)
         leaning = -_unit(pose.rotate_inverse(facet_vectors(x, corners)))
         g = np.where(bears[:, None], direction, leaning)
-        return HeldPlanes(facet, FacetPoints(corners, shares), z, g)
+        return HeldPlanes(met.facet, met.points, met.place, g)
 
 
 class SharpPlanes:

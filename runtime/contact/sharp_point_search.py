@@ -1,0 +1,67 @@
+"""Where the sharp points of one collider meet the deformed surface of a body: the nearest point of the surface to each.
+
+Both laws of sharp points begin here: that of full space (`sharp_planes.py`), and that of reduced bodies without
+mechanics (`sharp_contact.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softprint.runtime.arrays import Array, BoolArray, IntArray
+from softprint.runtime.colliders.collider import Collider
+from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.colliders.sharp_points import sharp_points
+from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.contact.surface_quadrature import FacetPoints
+from softprint.runtime.mesh.mesh import Mesh
+from softprint.runtime.mesh.nearest_facets import SurfaceSearch
+
+
+@dataclass(frozen=True, eq=False)
+class Met:
+    """k sharp points near the surface. place: p (k, dim) [m], in the collider's coordinates; world: p (k, dim) [m];
+    facet: (k,) of the surface, the nearest; points: c on it, the nearest; depth: of p below the surface (k,) [m],
+    negative outside."""
+
+    place: Array
+    world: Array
+    facet: IntArray
+    points: FacetPoints
+    depth: Array
+
+    def where(self, chosen: BoolArray) -> Met:
+        """Some of them: chosen (k,)."""
+        points = FacetPoints(self.points.nodes[chosen], self.points.shares[chosen])
+        return Met(self.place[chosen], self.world[chosen], self.facet[chosen], points, self.depth[chosen])
+
+
+class SharpPointSearch:
+    """The sharp points of a collider, found once, and the surface that they press. spacing: of the points [m];
+    weight: a k [N/m^2], of a law W = a (k/3) d^3 for each."""
+
+    def __init__(self, collider: Collider, law: PenaltyContact, mesh: Mesh) -> None:
+        """law: with contact on facets."""
+        self.spacing = law.sharp_spacing(mesh)
+        self.weight = law.stiffness * self.spacing ** (mesh.dim - 1)
+        self._points = sharp_points(collider, self.spacing)
+        self._facets = mesh.facets
+        self._search = SurfaceSearch(mesh.points, mesh.facets)
+        # Where the search began to find points last time; this changes the cost and never the result.
+        self._near = np.zeros(len(self._points), dtype=np.int64)
+
+    def __len__(self) -> int:
+        """How many sharp points there are."""
+        return len(self._points)
+
+    def met(self, x: Array, pose: RigidPose, margin: float) -> Met:
+        """Those deeper than -margin [m] under the surface, with nodes at x (n_nodes, dim) [m]."""
+        p = pose.apply(self._points)
+        lower, upper = x.min(axis=0) - margin, x.max(axis=0) + margin
+        about = np.flatnonzero(((p > lower) & (p < upper)).all(axis=1))
+        facet, shares, depth = self._search.nearest(p[about], x, self._near[about])
+        self._near[about] = facet
+        found = Met(self._points[about], p[about], facet, FacetPoints(self._facets[facet], shares), depth)
+        return found.where(depth > -margin)
