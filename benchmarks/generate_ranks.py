@@ -21,7 +21,7 @@ from typing import NamedTuple
 from softprint.runtime.scenes.speed import machine
 
 SUMMARY = re.compile(r"this run: (\d+) contacts in ([\d.]+) s on (\d+) rank\(s\), at most (\d+) MiB a rank")
-COST = re.compile(r"([\d.]+) core-seconds a sample")
+COST = re.compile(r"([\d.]+) core-seconds of solves a sample")
 
 
 class Run(NamedTuple):

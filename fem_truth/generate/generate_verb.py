@@ -114,7 +114,7 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
             f"{np.count_nonzero(truth.inverted)} with inverted cells, {np.count_nonzero(truth.usable)} usable",
             f"  label noise {100 * truth.noise_floor:.2g} % ({len(truth.repeat)} solved twice)",
             f"  {_depths(samples['max_depth'], samples['intrusion'], samples['status'] == CONVERGED)}",
-            f"  {truth.contacts['seconds'].sum() / n:.3f} core-seconds a sample (second paths included)",
+            f"  {truth.contacts['seconds'].sum() / n:.3f} core-seconds of solves a sample (second paths included)",
         ]
     together = f"{ranks_per_solve} to a solve, " if ranks_per_solve > 1 else ""
     lines.append(

@@ -91,7 +91,7 @@ CONTACTS: dict[str, Column] = {
     "rotation_index": Column("i8", "index of the collider's rotation"),
     "rotation": Column("f8", "rotation of the collider", "1", ("dim", "dim")),
     "direction": Column("f8", "direction in which the collider advances", "1", ("dim",)),
-    "seconds": Column("f8", "core-seconds of the whole contact, second path included", "s", measured=True),
+    "seconds": Column("f8", "core-seconds of all solves of the contact, second path included", "s", measured=True),
 }
 
 SAMPLES: dict[str, Column] = {
