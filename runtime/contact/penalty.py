@@ -69,7 +69,7 @@ class ContactTable(Protocol):
 
 
 # The version of contact and friction: motions and solves of another version are made again.
-CONTACT_VERSION = 9
+CONTACT_VERSION = 10
 
 
 @dataclass(frozen=True)

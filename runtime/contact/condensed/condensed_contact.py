@@ -44,6 +44,8 @@ from softprint.runtime.mechanics.local_compliance import LocalCompliance
 _SEARCHES = 3
 # The way from a warm start is cut in half at most so often: finer parts cost more and hardly ever end elsewhere.
 _HALVINGS = 1
+# The points that sharp points press are found again this often at most, at the start of a step.
+_FINDS = 3
 # A prediction with so many times the energy of the last contact, if that had any, is one of another contact.
 _GROWN = 4.0
 
@@ -164,8 +166,15 @@ class CondensedContact:
         self, points: CorotatedPoints, rows: Array, poses: Poses, warm_start: WarmStart | None
     ) -> ContactEvaluation:
         """The contact at handle rows (n_rows, dim) with the colliders at poses, by one contact solve. points: in the
-        frame of the step. There may be several equilibria; the solve converges to the one nearest to the warm start."""
-        return self.evaluation(points, rows, self._solve(points, rows, poses, warm_start))
+        frame of the step; in its first evaluation contact is solved again as long as its dent moves the pressed points.
+        There may be several equilibria; the solve converges to the one nearest to the warm start."""
+        solved = self._solve(points, rows, poses, warm_start)
+        for _ in range(_FINDS if warm_start is None or warm_start.frame is not points else 0):
+            pressed = None if solved is None else self._moved_on(points, solved)
+            if pressed is None:
+                break
+            solved = self._solve(points, rows, poses, self.resume(solved), pressed) or solved
+        return self.evaluation(points, rows, solved)
 
     def evaluation(
         self, points: CorotatedPoints, rows: Array, solved: SolvedContact | None
@@ -189,13 +198,16 @@ class CondensedContact:
         rows: Array,
         poses: Poses,
         warm_start: WarmStart | None,
+        pressed: PressedPoints | None = None,
         halvings: int = _HALVINGS,
     ) -> SolvedContact | None:
-        """halvings: how often the way from the warm start may be cut in half, where Newton's method does not follow the
-        contact along all of it."""
+        """pressed: the points that sharp points of the colliders press, None where these are to be found; halvings: how
+        often the way from the warm start may be cut in half, where Newton's method does not follow the contact along
+        all of it."""
         bounded = points.bounded_positions(rows)
         near = self._near(points, rows, poses, warm_start, bounded)
-        pressed = self._pressed(points, rows, poses, warm_start, bounded[0])
+        if pressed is None:
+            pressed = self._pressed(points, rows, poses, warm_start, bounded[0])
         found = self._candidates(near, pressed, points, rows, poses, warm_start)
         if found is None:
             return None
@@ -215,8 +227,8 @@ class CondensedContact:
             followed = problem.follow(start, _GROWN * last.solution.energy or np.inf)
             if followed is None and halvings:
                 half = {name: last.poses.get(name, pose).towards(pose, 0.5) for name, pose in poses.items()}
-                middle = self._solve(points, 0.5 * (last.rows + rows), half, warm_start, halvings - 1)
-                return self._solve(points, rows, poses, self.resume(middle, points), halvings - 1)
+                middle = self._solve(points, 0.5 * (last.rows + rows), half, warm_start, None, halvings - 1)
+                return self._solve(points, rows, poses, self.resume(middle, points), None, halvings - 1)
             if followed is None:
                 followed = problem.descend(problem.lowest(start, warm_start.held(index, problem, poses)))
             solution = followed
@@ -262,9 +274,21 @@ class CondensedContact:
             return self.sharp.find(points, rows, poses, x, None)
         if warm_start.frame is points:
             return warm_start.solved.pressed
-        last = warm_start.solved
-        dent = Dent(*self.drawn_forces(last), last.solution.largest_displacement)
-        return self.sharp.find(points, rows, poses, x, dent)
+        return self.sharp.find(points, rows, poses, x, self._dent(warm_start.solved))
+
+    def _moved_on(self, points: CorotatedPoints, solved: SolvedContact) -> PressedPoints | None:
+        """The pressed points where the dent of a solved contact is, and not that of before it; None where they are
+        the same, or there are none."""
+        if self.sharp is None or solved.pressed is None:
+            return None
+        x = points.bounded_positions(solved.rows)[0]
+        found = self.sharp.find(points, solved.rows, solved.poses, x, self._dent(solved))
+        if found is None or not self.sharp.apart(solved.pressed, found, solved.active):
+            return None
+        return found
+
+    def _dent(self, solved: SolvedContact) -> Dent:
+        return Dent(*self.drawn_forces(solved), solved.solution.largest_displacement)
 
     def _candidates(
         self,

@@ -27,6 +27,7 @@ from softprint.runtime.contact.solver.contact_points import ContactPoints, Corot
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
 from softprint.runtime.elasticity.invariants import cofactor
+from softprint.runtime.linalg.means import means
 from softprint.runtime.linalg.row_products import deformed_some, placed_some
 from softprint.runtime.mechanics.loaded_points import Gaps
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
@@ -41,6 +42,9 @@ _DISPLACED, _AROUND = 1.1, 1.5
 _SOON = 1.0, 0.25
 # A dent that stretches the surface to twice its length widens the gaps between contact points by this factor.
 _STRETCH = 2.0
+# Places of the surface are not the same if they are this many distances between surface nodes apart. On the demo, a
+# quarter of that changes no result, and makes many more steps solve contact twice.
+_ANOTHER = 0.2
 # A point on a facet at the edge of a rigid frame needs this share of the facet's weights on nodes that can move.
 _LEAST_SHARE = 0.05
 
@@ -141,6 +145,17 @@ class SharpSearch:
         if not parts:
             return None
         return PressedPoints(self._first, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def apart(self, pressed: PressedPoints, other: PressedPoints, bearing: IntArray) -> bool:
+        """Whether a sharp point among the bearing contact points (k,) presses another place of the body in each."""
+        both = np.intersect1d(np.intersect1d(pressed.index, bearing), other.index)
+        one, two = (self._rest(own, np.searchsorted(own.index, both)) for own in (pressed, other))
+        return bool((np.linalg.norm(two - one, axis=1) > _ANOTHER * self._spacing).any())
+
+    def _rest(self, pressed: PressedPoints, which: IntArray) -> Array:
+        """The places at rest (k, dim) [m] of some of the pressed points (k,)."""
+        at = np.searchsorted(self.surface.nodes, pressed.corners[which])
+        return means(self.surface.material.rest, at, pressed.weights[which])
 
     def _pressed_by(
         self,

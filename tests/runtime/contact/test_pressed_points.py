@@ -14,6 +14,7 @@ from softprint.runtime.contact.condensed.condensed_contact import CondensedConta
 from softprint.runtime.contact.condensed.condensed_friction import CondensedFriction
 from softprint.runtime.contact.intrusion import intrusion
 from softprint.runtime.contact.lagged_friction import SlipStart
+from softprint.runtime.contact.solver.sharp_search import Dent
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
@@ -197,6 +198,27 @@ def test_the_points_stay_during_a_step(bodies, dim):
     common, one, other = np.intersect1d(new.index, old.index, return_indices=True)
     assert len(common)
     assert np.abs(new.weights[one] - old.weights[other]).max() > 0.05
+
+
+def test_a_step_presses_where_its_own_dent_is(bodies, dim):
+    """The plate jumps aside by more than a facet: the dent of before says little about where its edge is now."""
+    body, mechanics = bodies[dim]
+    law, rows = PenaltyContact(STIFFNESS, 2), body.rest_rows
+    contact = CondensedContact.of(body, mechanics, {"plate": plate(dim)}, law)
+    moved = {"plate": upright(dim, at=0.0104)}
+
+    def step(poses, warm_start):
+        return contact.evaluate(contact.in_frame(rows), rows, poses, warm_start)
+
+    first = step({"plate": upright(dim)}, None)
+    jumped = step(moved, first.warm_start)
+    stayed = step(moved, jumped.warm_start)
+    points, last = contact.in_frame(rows), first.solved
+    dent = Dent(*contact.drawn_forces(last), last.solution.largest_displacement)
+    by_last = contact.sharp.find(points, rows, moved, points.positions(rows), dent)
+    bearing = stayed.solved.active
+    assert contact.sharp.apart(by_last, stayed.solved.pressed, bearing)
+    assert not contact.sharp.apart(jumped.solved.pressed, stayed.solved.pressed, bearing)
 
 
 def test_how_a_box_bears(dim):
