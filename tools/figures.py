@@ -324,7 +324,7 @@ FIGURES: Mapping[str, Figure] = {
         (f"python -m reproduction.energy_labels {_SMALL} --seeds 1",), (RESULTS,), ("jelly_library_small",)
     ),
     "force_floor": Figure(
-        (f"python -m benchmarks.force_floor {_SMALL} --samples 12 --models ours",),
+        (f"python -m benchmarks.force_floor {_SMALL} --samples 60 --models ours",),
         (RESULTS,),
         ("jelly_library_small",),
     ),
