@@ -170,7 +170,7 @@ class CondensedContact:
         There may be several equilibria; the solve converges to the one nearest to the warm start."""
         solved = self._solve(points, rows, poses, warm_start)
         for _ in range(_FINDS if warm_start is None or warm_start.frame is not points else 0):
-            pressed = None if solved is None else self._moved_on(points, solved)
+            pressed = None if solved is None else self._moved_on(points, poses, solved)
             if pressed is None:
                 break
             solved = self._solve(points, rows, poses, self.resume(solved), pressed) or solved
@@ -276,13 +276,13 @@ class CondensedContact:
             return warm_start.solved.pressed
         return self.sharp.find(points, rows, poses, x, self._dent(warm_start.solved))
 
-    def _moved_on(self, points: CorotatedPoints, solved: SolvedContact) -> PressedPoints | None:
+    def _moved_on(self, points: CorotatedPoints, poses: Poses, solved: SolvedContact) -> PressedPoints | None:
         """The pressed points where the dent of a solved contact is, and not that of before it; None where they are
         the same, or there are none."""
         if self.sharp is None or solved.pressed is None:
             return None
         x = points.bounded_positions(solved.rows)[0]
-        found = self.sharp.find(points, solved.rows, solved.poses, x, self._dent(solved))
+        found = self.sharp.find(points, solved.rows, poses, x, self._dent(solved))
         if found is None or not self.sharp.apart(solved.pressed, found, solved.active):
             return None
         return found
