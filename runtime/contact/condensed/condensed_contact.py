@@ -279,7 +279,7 @@ class CondensedContact:
     def _moved_on(self, points: CorotatedPoints, poses: Poses, solved: SolvedContact) -> PressedPoints | None:
         """The pressed points where the dent of a solved contact is, and not that of before it; None where they are
         the same, or there are none."""
-        if self.sharp is None or solved.pressed is None:
+        if self.sharp is None or solved.pressed is None or not solved.is_pressed.any():
             return None
         x = points.bounded_positions(solved.rows)[0]
         found = self.sharp.find(points, solved.rows, poses, x, self._dent(solved))

@@ -43,7 +43,7 @@ _SOON = 1.0, 0.25
 # A dent that stretches the surface to twice its length widens the gaps between contact points by this factor.
 _STRETCH = 2.0
 # Places of the surface are not the same if they are this many distances between surface nodes apart. On the demo, a
-# quarter of that changes no result, and makes many more steps solve contact twice.
+# quarter of that changes the distance from full space by 0.001 N and 0.002 mm, and costs more.
 _ANOTHER = 0.2
 # A point on a facet at the edge of a rigid frame needs this share of the facet's weights on nodes that can move.
 _LEAST_SHARE = 0.05
