@@ -8,8 +8,7 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 _FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
-    "runtime/contact/learned_energy/dent_network.py",
-    "runtime/contact/learned_energy/dent_shape.py",
+    "runtime/contact/learned_energy/dent_strain.py",
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
     "runtime/contact/carriers/compliance_scale.py",

@@ -30,7 +30,7 @@ from softprint.runtime.mechanics.mechanics_file import mechanics_hash, read_mech
 if TYPE_CHECKING:
     from torch import Tensor
 
-KIND, VERSION = "correction", 20
+KIND, VERSION = "correction", 21
 REMEDY = "train it again"
 
 

@@ -11,9 +11,7 @@ over samples i and three kinds of residual k: h~ - h_true along the coordinates 
 force on the collider, and W~ - W_true; s_ik is the square of what is true. Samples in which the collider presses a
 rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
 from what no p fits (Huber 1964), as where the truth is in another equilibrium. Of p, as much is kept as validation
-samples bear out: a part t p, with t from 0, which is linear mechanics, to 1. The network of the energy is learned after
-that (`dent_network.py`), and a part of it kept in the same way. The reach within which forces are of one dent is a
-multiple of the spread of those of the samples, in which a collider presses one place.
+samples bear out: a part t p, with t from 0, which is linear mechanics, to 1.
 """
 
 from __future__ import annotations
@@ -28,33 +26,28 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
-from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import BOUND, LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames
 from softprint.surrogate.data.training_data import TrainingData
-from softprint.surrogate.force.dent_network import Dents, train_network
 from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled, SampledContacts
 
 ITERATIONS = 3
-# kappa, as of `task.py`, and of the network, which is there for small dents.
-_SHALLOW, _SMALL = 0.1, 0.02
+# kappa, as of `task.py`.
+_SHALLOW = 0.1
 # Samples to learn from, and to measure the error on: five numbers are learned.
 SAMPLES = 600
 # Of the median relative residual, that from which on a sample loses weight.
 _HUBER = 2.0
-# The least relative residual that is more than round-off.
-_ROUNDED = 1e-9
 # The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
 _RIDGE = 1e-3
-# x_0, in the x that 95 of 100 samples stay below.
-_SIZE = 2.0
-# The reach of one dent, in the spread that half of the samples stay below, and [m] where each is one point.
-_REACH, _LEAST_REACH = 3.0, 1e-6
+# chi_0, in the chi that 95 of 100 samples stay below, and at least: a linear material has no excess.
+_SIZE, _LEAST_SIZE = 2.0, 1e-3
 # Parts t of what was learned, of which the best on validation samples is kept.
 _PARTS = (0.25, 0.5, 0.75, 1.0)
-# Bounds of b, and of log a.
-_GROWTH, _FIRST = (-0.9, 4.0), (-1.0, 1.0)
+# The bound of log a.
+_FIRST = 1.0
 
 
 ContactMaker = Callable[[Collider, LearnedEnergy], ContactStateProbe]
@@ -62,14 +55,12 @@ ContactMaker = Callable[[Collider, LearnedEnergy], ContactStateProbe]
 
 class EnergyErrors(NamedTuple):
     """Errors of W and h by kind, sqrt(sum |r_k|^2 / sum s_k) over the samples that are `comparable`. mechanics: of
-    linear mechanics; learned; samples: their number; part: t, how much of what was learned is kept; network: of the
-    network."""
+    linear mechanics; learned; samples: their number; part: t, how much of what was learned is kept."""
 
     mechanics: dict[str, float]
     learned: dict[str, float]
     samples: int
     part: float
-    network: float
 
 
 def learn_energy(
@@ -78,61 +69,37 @@ def learn_energy(
     held_out: IntArray,
     progress: Callable[[int], None],
     labels: tuple[str, ...] = LABELS,
-    seed: int = 0,
 ) -> tuple[LearnedEnergy | None, EnergyErrors]:
     """The energy from samples (n,), and its errors on others; None where linear mechanics is better on these, or where
-    all samples press a rigid frame. labels: the kinds of residuals to learn from; seed: of the weights that the network
-    starts with."""
+    all samples press a rigid frame. labels: the kinds of residuals to learn from."""
     mechanics = LearnedEnergy.of_mechanics()
     alone = contacts.at(train, mechanics, progress)
     before = contacts.at(held_out, mechanics, progress)
     compared, train = before.comparable, alone.samples[~alone.on_frames]
     of_mechanics = best = before.errors(compared)
     if not len(train) or not len(compared):
-        return None, EnergyErrors(of_mechanics, best, len(compared), 0.0, 0.0)
-    size = _SIZE * float(np.quantile(np.cbrt(alone.measures[:, 0]), 0.95))
-    reach = max(_REACH * float(np.median(alone.spreads)), _LEAST_REACH)
-    learned = replace(mechanics, size=size, reach=reach)
+        return None, EnergyErrors(of_mechanics, best, len(compared), 0.0)
+    size = max(_SIZE * float(np.quantile(alone.excess, 0.95)), _LEAST_SIZE)
+    learned = replace(mechanics, size=size)
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels))
-    kept, part, judged = None, 0.0, before
+    kept, part = None, 0.0
     for share in _PARTS:
         tried = _with_parameters(learned, share * _parameters(learned))
-        found = contacts.at(held_out, tried, progress)
-        errors = found.errors(compared)
+        errors = contacts.at(held_out, tried, progress).errors(compared)
         if _sum(errors, labels) < _sum(best, labels):
-            best, kept, part, judged = errors, tried, share, found
-    if kept is None:
-        return None, EnergyErrors(of_mechanics, best, len(compared), 0.0, 0.0)
-    network, of_network = train_network(_dents(contacts.at(train, kept, progress), kept), labels, seed), 0.0
-    dents, plain = _dents(judged, kept), kept
-    for share in _PARTS:
-        part_of_network = replace(network, output=share * network.output)
-        errors = replace(judged, found=dents.under(part_of_network)).errors(compared)
-        if _sum(errors, labels) < _sum(best, labels):
-            best, kept, of_network = errors, replace(plain, network=part_of_network), share
-    return kept, EnergyErrors(of_mechanics, best, len(compared), part, of_network)
+            best, kept, part = errors, tried, share
+    return kept, EnergyErrors(of_mechanics, best, len(compared), part)
 
 
 def _sum(errors: Mapping[str, float], labels: tuple[str, ...]) -> float:
     return sum(errors[kind] for kind in labels)
 
 
-def _dents(sampled: Sampled, learned: LearnedEnergy) -> Dents:
-    """What the network learns from, with the weights of `_step`."""
-    weights, threshold = dict[str, Array](), dict[str, float]()
-    for kind in LABELS:
-        true = sampled.truth[kind]
-        weights[kind] = _weights(true, _SMALL)
-        relative = np.sqrt(weights[kind] * np.square(true - sampled.found[kind]).sum(axis=1))
-        threshold[kind] = _HUBER * max(float(np.median(relative)), _ROUNDED)
-    return Dents.of(learned, sampled.measures, sampled.measure_slopes, sampled.truth, weights, threshold)
-
-
-def _weights(true: Array, shallow: float) -> Array:
-    """(s,) of the squared residuals of one kind, from what is true (s, n_k); shallow: kappa."""
+def _weights(true: Array) -> Array:
+    """(s,) of the squared residuals of one kind, from what is true (s, n_k)."""
     size = np.square(true).sum(axis=1)
-    return np.asarray(1.0 / (size + shallow * size.mean()))
+    return np.asarray(1.0 / (size + _SHALLOW * size.mean()))
 
 
 def with_forces(data: TrainingData, samples: IntArray) -> IntArray:
@@ -166,11 +133,11 @@ def energy_of(
     contacts = contacts_of(data, contact_of)
     total = (2 + ITERATIONS) * len(train) + (1 + len(_PARTS)) * len(held_out)
     with data.context.progress(total, "sample", "learning the energy of contact") as bar:
-        learned, errors = learn_energy(contacts, train, held_out, bar.update, seed=data.context.seed)
+        learned, errors = learn_energy(contacts, train, held_out, bar.update)
     told = (f"{kind} {errors.mechanics[kind]:.1%} -> {errors.learned[kind]:.1%}" for kind in LABELS)
     what = "that of linear mechanics"
     if learned is not None:
-        what = f"learned, {errors.part:.0%} of it kept, and {errors.network:.0%} of its network"
+        what = f"learned, {errors.part:.0%} of it kept"
     data.context.say(f"energy of contact: {what}; errors on held-out samples: {', '.join(told)}")
     return learned, errors
 
@@ -180,7 +147,7 @@ def _step(sampled: Sampled, learned: LearnedEnergy, labels: tuple[str, ...]) -> 
     normal, right = np.zeros((N_PARAMETERS, N_PARAMETERS)), np.zeros(N_PARAMETERS)
     for kind in labels:
         true, slopes = sampled.truth[kind], sampled.slopes[kind]
-        miss, weight = true - sampled.found[kind], _weights(true, _SHALLOW)
+        miss, weight = true - sampled.found[kind], _weights(true)
         relative = np.sqrt(weight * np.square(miss).sum(axis=1))
         weight = weight * np.minimum(1.0, _HUBER * np.median(relative) / np.maximum(relative, 1e-30))
         normal += np.einsum("s,sfk,sfl->kl", weight, slopes, slopes)
@@ -197,7 +164,10 @@ def _parameters(learned: LearnedEnergy) -> Array:
 def _stepped(learned: LearnedEnergy, change: Array) -> LearnedEnergy:
     """With the parameters changed, within their bounds."""
     *coefficients, first, growth = _parameters(learned) + change
-    return _with_parameters(learned, [*coefficients, np.clip(first, *_FIRST), np.clip(growth, *_GROWTH)])
+    most = BOUND / learned.size
+    return _with_parameters(
+        learned, [*coefficients, np.clip(first, -_FIRST, _FIRST), np.clip(growth, -most, most)]
+    )
 
 
 def _with_parameters(learned: LearnedEnergy, parameters: Sequence[float] | Array) -> LearnedEnergy:

@@ -1,24 +1,23 @@
 """Solved contacts at samples of a truth, with the derivatives of forces and energy by the parameters of the energy.
 
-Condensed contact with parameters p = (c, log a, b) gives W~ = n g(W / n) and
+Condensed contact with parameters p = (c, log a, b) gives W~ = a W exp eta(chi) (`runtime/contact/learned_energy/`) and
 
-    h~ = g' h + (g - g' W / n) n dnu/dq,
+    h~ = W~/W h + W~ eta' dchi/dq.
 
-with the number of dents n = exp nu (`runtime/contact/learned_energy/dent_shape.py`). Their derivatives follow from one
-contact solve,
+Their derivatives follow from one contact solve,
 
     dW/dc = -sum_j e_j dtheta_j/dc,    e_j = f_j . u_j,
     dh/dc = c_q^T D (I + G_w D)^-1 c_c - dphi_q^T G dphi_c
             - sum_j [ f_j . (dA_j v_j) dtheta_j/dc + e_j d2theta_j/dq dc ],
 
 in the symbols of `runtime/contact/linearised/linearised_contact.py`, with c_c = u dtheta/dc + A G dphi_c and dphi_c =
-phi dtheta/dc. Samples are of one contact each, so that n is near one, and that it changes with c is left out.
+phi dtheta/dc. That chi changes with c is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,8 +25,7 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
-from softprint.runtime.contact.learned_energy.dent_shape import DentShape, spread
-from softprint.runtime.contact.learned_energy.hardened_contact import dent_slopes, measure_response
+from softprint.runtime.contact.learned_energy.hardened_contact import excess_response, measure_slopes
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
@@ -44,17 +42,14 @@ N_PARAMETERS = N_COEFFICIENTS + 2
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
-    N_PARAMETERS), of an energy without a network. measures: (W, omega, nu) (s, 3), and by kind but the energy the
-    derivatives of (log W, omega, nu) (s, n_k, 3); spreads: of the contact forces (s,) [m]; on_frames: (s,) whether
-    the collider presses a rigid frame, whose force no energy of a dent has."""
+    N_PARAMETERS); excess: chi (s,); on_frames: (s,) whether the collider presses a rigid frame, whose force no energy
+    of a dent has."""
 
     samples: IntArray
     truth: Mapping[str, Array]
     found: Mapping[str, Array]
     slopes: Mapping[str, Array]
-    measures: Array
-    measure_slopes: Mapping[str, Array]
-    spreads: Array
+    excess: Array
     on_frames: BoolArray
 
     def errors(self, samples: IntArray) -> dict[str, float]:
@@ -99,8 +94,7 @@ class SampledContacts:
     def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled:
         """Those of the samples in which the reduced body touches the collider."""
         truth, columns = self._truth, list[dict[str, tuple[Array, Array, Array]]]()
-        taken, measures, by_measure = list[int](), list[Array](), list[dict[str, Array]]()
-        spreads, on_frames = list[float](), list[bool]()
+        taken, excess, on_frames = list[int](), list[float](), list[bool]()
         for collider, part in self._by_collider(samples):
             probe = self._contact_of(collider, learned)
             for sample in map(int, part):
@@ -110,18 +104,12 @@ class SampledContacts:
                 if solved is None or not len(solved.active):
                     continue
                 found = probe.evaluation(solved)
-                contact = found.contact
+                contact, own = found.contact, found.excess
                 assert contact is not None  # some points are active
-                shape = DentShape.of(contact, learned.reach)
-                logs = dent_slopes(contact, measure_response(contact, shape))
-                by_energy, by_force = by_parameters(contact, learned, shape.values[1], logs[:, 2])
+                assert own is not None
+                by_excess = measure_slopes(contact, excess_response(contact, own))[:, 1]
+                by_energy, by_force = by_parameters(contact, learned, own.value, by_excess)
                 h, true = found.gradient, truth.contact_handle_force(sample)
-                by_measure.append(
-                    {
-                        "handles": self._along(rows, logs.reshape(*h.shape, -1)),
-                        "collider": np.einsum("r,rak->ak", self._origins, logs.reshape(*h.shape, -1)),
-                    }
-                )
                 columns.append(
                     {
                         "handles": self._compared(rows, true, h, by_force),
@@ -136,9 +124,7 @@ class SampledContacts:
                 taken.append(sample)
                 at = rows, collider, truth.approach_path(sample)[-1]
                 on_frames.append(self._frames is not None and self._frames.any_inside(*at))
-                solution = solved.solution
-                measures.append(np.array([solution.energy, *shape.values]))
-                spreads.append(spread(solution.pressure[solution.active], contact.points.rest(solved.active)))
+                excess.append(own.value)
         if not columns:
             raise SoftprintError(
                 f"{truth.path}: in none of {len(samples)} samples does the reduced body touch the collider"
@@ -146,26 +132,14 @@ class SampledContacts:
         of_truth, of_contact, slopes = (
             {kind: np.stack([one[kind][k] for one in columns]) for kind in LABELS} for k in range(3)
         )
-        of_measures = {kind: np.stack([one[kind] for one in by_measure]) for kind in by_measure[0]}
-        return Sampled(
-            np.array(taken),
-            of_truth,
-            of_contact,
-            slopes,
-            np.array(measures),
-            of_measures,
-            np.array(spreads),
-            np.array(on_frames),
-        )
+        return Sampled(np.array(taken), of_truth, of_contact, slopes, np.array(excess), np.array(on_frames))
 
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""
-        return self._handles.along(rows, true), self._handles.along(rows, found), self._along(rows, slopes)
-
-    def _along(self, rows: Array, slopes: Array) -> Array:
-        """(n_free, n) of derivatives (n_rows, dim, n)."""
-        along = [np.ascontiguousarray(slope) for slope in np.moveaxis(slopes, -1, 0)]
-        return np.stack([self._handles.along(rows, slope) for slope in along], axis=1)
+        along = [
+            self._handles.along(rows, np.ascontiguousarray(slope)) for slope in np.moveaxis(slopes, -1, 0)
+        ]
+        return self._handles.along(rows, true), self._handles.along(rows, found), np.stack(along, axis=1)
 
     def _summed(self, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """The force on the body."""
@@ -181,22 +155,19 @@ class SampledContacts:
 
 
 def by_parameters(
-    contact: LinearisedContact, learned: LearnedEnergy, nu: float, by_nu: Array
+    contact: LinearisedContact, learned: LearnedEnergy, excess: float, by_excess: Array
 ) -> tuple[Array, Array]:
-    """dW~/dp (N_PARAMETERS,) [J] and dh~/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points. nu: of its
-    number of dents, and by_nu: dnu/drows (R,)."""
-    n, h = np.exp(nu), contact.gradient
-    W, r = contact.solved.solution.energy / n, by_nu.reshape(h.shape)
+    """dW~/dp (N_PARAMETERS,) [J] and dh~/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points. excess:
+    chi, and by_excess: dchi/drows (R,)."""
+    W, h = contact.solved.solution.energy, contact.gradient
+    terms, r = learned.terms(W, excess), by_excess.reshape(h.shape)
+    found = terms.slope[0] / W * h + terms.slope[1] * r
     energy, force = _by_coefficients(contact, learned.scale)
-    slope, curvature = learned.slope(W), learned.curvature(W)
-    x = np.cbrt(W)
-    of_growth = learned.first * x / (x + learned.size)  # of g' by b
-    hardened = replace(learned, growth=1.0, network=None).energy(W) - learned.first * W  # of g
-    by_energy = np.concatenate([slope * energy, [n * learned.energy(W), n * hardened]])
-    by_scale = slope * force.reshape(*h.shape, -1) + curvature * (h / n - W * r)[..., None] * energy
-    by_first = slope * h + n * (learned.energy(W) - W * slope) * r
-    by_growth = of_growth * h + n * (hardened - W * of_growth) * r
-    return by_energy, np.concatenate([by_scale, by_first[..., None], by_growth[..., None]], axis=2)
+    grown, (_, rate) = learned.hardening(excess), terms.slope / terms.value
+    by_energy = np.concatenate([terms.value / W * energy, [terms.value, grown * terms.value]])
+    by_scale = terms.value / W * (force.reshape(*h.shape, -1) + rate * r[..., None] * energy)
+    by_growth = grown * found + terms.value * learned.hardening_rate(excess) * r
+    return by_energy, np.concatenate([by_scale, found[..., None], by_growth[..., None]], axis=2)
 
 
 def _by_coefficients(contact: LinearisedContact, scale: ComplianceScale) -> tuple[Array, Array]:

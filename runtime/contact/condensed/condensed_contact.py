@@ -21,6 +21,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.penalty import PenaltyContact
@@ -70,7 +71,7 @@ class CondensedContact:
     """The contact of one body with colliders, by name. loaded: where contact acts on the facets; nodes: (n_contact,)
     mesh indices of the contact nodes; points and compliance: of the points on the facets; stiffness: a k (n,) [N/m^2]
     of these, and of those that sharp points of the colliders press; sharp: searches for the latter, None where no
-    collider has any; learned: None for the energy of linear mechanics."""
+    collider has any; learned: None for the energy of linear mechanics; strain: by contact forces, for the former."""
 
     loaded: LoadedPoints
     nodes: IntArray
@@ -81,6 +82,7 @@ class CondensedContact:
     searches: Mapping[str, CandidateSearch]
     sharp: SharpSearch | None
     learned: LearnedEnergy | None
+    strain: DentStrain | None
     _last: list[_AllPoints] = field(default_factory=list, repr=False)
 
     @classmethod
@@ -121,6 +123,7 @@ class CondensedContact:
             {name: CandidateSearch(collider, band) for name, collider in colliders.items()},
             sharp,
             learned,
+            None if learned is None else DentStrain.of(body, compliance),
         )
 
     @property
@@ -190,7 +193,9 @@ class CondensedContact:
             )
             contact = LinearisedContact(start, every, tuple(colliders))
         names = tuple(self.searches)
-        return ContactEvaluation(loaded, self.nodes, points, every, rows, names, contact, self.learned)
+        return ContactEvaluation(
+            loaded, self.nodes, points, every, rows, names, contact, self.learned, self.strain
+        )
 
     def _solve(
         self,

@@ -12,6 +12,8 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray, RowHessian
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
 from softprint.runtime.contact.contact_force import ContactForce, FrictionForces, SurfaceForces, resultant
+from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
+from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
 from softprint.runtime.contact.learned_energy.hardened_contact import HardenedContact, PointForces
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
@@ -56,7 +58,8 @@ class ContactEvaluation:
     """The contact of a body at handle rows (n_rows, dim) with all colliders of a scene. nodes: (n_contact,) the contact
     nodes in the mesh; points: the contact points on the facets; every: with those that sharp points of the colliders
     press, as loaded; contact: None where the body touches no collider; learned: None for the energy of linear
-    mechanics, see `LearnedEnergy`, by which energy, gradient, Hessian and forces differ from those of `contact`."""
+    mechanics, see `LearnedEnergy`, by which energy, gradient, Hessian and forces differ from those of `contact`;
+    strain: of the body by contact forces, None where nothing is learned."""
 
     loaded: LoadedPoints
     nodes: IntArray
@@ -66,6 +69,7 @@ class ContactEvaluation:
     colliders: tuple[str, ...]
     contact: LinearisedContact | None
     learned: LearnedEnergy | None
+    strain: DentStrain | None
 
     @property
     def solved(self) -> SolvedContact | None:
@@ -112,8 +116,18 @@ class ContactEvaluation:
     @lazy
     def _hardened(self) -> HardenedContact | None:
         """The contact under the learned energy; None where it is that of mechanics."""
+        contact, excess = self._active, self.excess
+        if contact is None or self.learned is None or excess is None:
+            return None
+        return HardenedContact(contact, self.learned, excess)
+
+    @lazy
+    def excess(self) -> DentExcess | None:
+        """That of the dent; None where no point is active, or nothing is learned."""
         contact = self._active
-        return None if contact is None or self.learned is None else HardenedContact(contact, self.learned)
+        if contact is None or self.strain is None:
+            return None
+        return DentExcess.of(self.strain, self.loaded, contact.solved.active, contact.solved.rest_force)
 
     def active_points(self, name: str) -> ActivePoints:
         """The active points in contact with one collider."""

@@ -1,17 +1,17 @@
-"""A contact under the learned energy: the exact gradient of W~(W, omega, nu), forces at points, and the Hessian.
+"""A contact under the learned energy: the exact gradient of W~(W, chi), forces at points, and the Hessian.
 
-W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the measures omega and nu of the
-contact forces (`dent_shape.py`). Where a measure changes by -a . dy with the deformed
-positions, and as dy = (I + G_w D)^-1 c in the symbols of `linearised_contact.py`, it changes by
+W has derivatives from one contact solve (`runtime/contact/linearised/`), and so has the excess chi of the contact
+forces (`dent_excess.py`). With w = dchi/dphi its derivative by the forces in rest coordinates, and in the symbols of
+`linearised_contact.py`, it changes by w . (dphi + A^T df), which is
 
-    -lambda . dxi - mu . dphi,    lambda = a - D (I + G_w D)^-1 G_w a,    mu = G A^T lambda,
+    -lambda . dxi - mu . dphi,    lambda = D (I + G_w D)^-1 A w,    mu = G A^T lambda - w.
 
-with dphi the change of rest forces. So W~ pushes the body with the forces W~_W f_j + lambda_j where W pushes it with
-f_j, and by moments A mu x f: forces and moments on body and collider balance. In l = (log W, omega, nu),
+So W~ pushes the body with the forces W~_W f_j + lambda_j where W pushes it with f_j, and by moments A mu x f: forces
+and moments on body and collider balance. In l = (log W, chi),
 
     dW~ = W~_l . dl,    d2W~ = dl . W~_ll dl + W~_l . d2l,
 
-with d2l of omega and nu in `measure_curvature.py`.
+with d2chi in `excess_curvature.py`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray
-from softprint.runtime.contact.learned_energy.dent_shape import DentShape
+from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
+from softprint.runtime.contact.learned_energy.excess_curvature import ExcessCurvature
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
-from softprint.runtime.contact.learned_energy.measure_curvature import MeasureCurvature
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -46,12 +46,11 @@ class PointForces(NamedTuple):
 
 
 class HardenedContact:
-    """The learned energy of a contact with active points."""
+    """The learned energy of a contact with active points, of which the excess is that of the dent."""
 
-    def __init__(self, contact: LinearisedContact, learned: LearnedEnergy) -> None:
-        self._contact, self._mechanics = contact, contact.solved.solution.energy
-        self._shape = DentShape.of(contact, learned.reach)
-        self._terms = learned.terms(np.array([self._mechanics, *self._shape.values]))
+    def __init__(self, contact: LinearisedContact, learned: LearnedEnergy, excess: DentExcess) -> None:
+        self._contact, self._mechanics, self._excess = contact, contact.solved.solution.energy, excess
+        self._terms = learned.terms(self._mechanics, excess.value)
 
     @property
     def energy(self) -> float:
@@ -111,30 +110,31 @@ class HardenedContact:
 
     @lazy
     def _response(self) -> tuple[Array, Array]:
-        """lambda and mu (k*dim, 2) of omega and nu."""
-        return measure_response(self._contact, self._shape)
+        """lambda and mu (k*dim, 1)."""
+        return excess_response(self._contact, self._excess)
 
     @lazy
     def _weighted_response(self) -> tuple[Array, Array]:
-        """lambda and mu (k, dim), times W~_l."""
-        shape, weights = self._contact.force.shape, self._terms.slope[1:]
-        forces, moved = ((part @ weights).reshape(shape) for part in self._response)
-        return forces, moved
+        """lambda and mu (k, dim), times W~_chi."""
+        forces, moved = (self._terms.slope[1] * part for part in self._response)
+        shape = self._contact.force.shape
+        return forces.reshape(shape), moved.reshape(shape)
 
     @lazy
     def _row_slopes(self) -> Array:
-        """dl (R, 3) by the rows."""
-        return dent_slopes(self._contact, self._response)
+        """dl (R, 2) by the rows."""
+        return measure_slopes(self._contact, self._response)
 
     def _twist_slopes(self, own: ColliderSensitivity) -> Array:
-        """dl (n_twist, 3) by the motion of a collider."""
+        """dl (n_twist, 2) by the motion of a collider."""
         by_energy = own.gradient[:, None] / self._mechanics
         return np.hstack([by_energy, -_work(own.motions, self._response)])
 
     @lazy
-    def _curvature(self) -> MeasureCurvature:
-        """d2l of omega and nu, times W~_l."""
-        return MeasureCurvature(self._contact, self._weighted_response, self._terms.slope[1:], self._shape)
+    def _curvature(self) -> ExcessCurvature:
+        """d2chi, times W~_chi."""
+        weight = float(self._terms.slope[1])
+        return ExcessCurvature(self._contact, self._weighted_response, weight, self._excess)
 
     @property
     def _stiffened(self) -> float:
@@ -143,23 +143,21 @@ class HardenedContact:
 
     @lazy
     def _outer(self) -> Array:
-        """(n, n) what multiplies products of dl."""
+        """(2, 2) what multiplies products of dl."""
         outer = self._terms.curvature.copy()
         outer[0, 0] -= self._terms.slope[0]
         return outer
 
 
-def measure_response(contact: LinearisedContact, shape: DentShape) -> tuple[Array, Array]:
-    """lambda and mu (k*dim, 2) of omega and nu of a contact with active points."""
-    factor, slopes = contact.factor, shape.slopes
-    slopes = slopes.reshape(-1, slopes.shape[2])
-    given_way = factor.to_world(factor.rest_displacement(factor.to_rest(slopes)))
-    forces = slopes - factor.effective_stiffness(given_way)
-    return forces, np.asarray(factor.rest_displacement(factor.to_rest(forces)), dtype=np.float64)
+def excess_response(contact: LinearisedContact, excess: DentExcess) -> tuple[Array, Array]:
+    """lambda and mu (k*dim, 1) of a contact with active points."""
+    factor, slope = contact.factor, excess.slope.reshape(-1, 1)
+    forces = factor.effective_stiffness(factor.to_world(slope)).astype(np.float64)
+    return forces, np.asarray(factor.rest_displacement(factor.to_rest(forces)) - slope, dtype=np.float64)
 
 
-def dent_slopes(contact: LinearisedContact, response: tuple[Array, Array]) -> Array:
-    """dl/drows (R, 3) of a contact with active points."""
+def measure_slopes(contact: LinearisedContact, response: tuple[Array, Array]) -> Array:
+    """dl/drows (R, 2) of a contact with active points."""
     by_energy = contact.gradient.reshape(-1, 1) / contact.solved.solution.energy
     return np.hstack([by_energy, -_work(contact.motions, response)])
 

@@ -12,7 +12,6 @@ from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.learned_energy.dent_network import DentNetwork
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.solver import candidate_search, contact_solve
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
@@ -26,19 +25,7 @@ from tests.internal_model import made_model
 STIFFNESS = 1e10  # N/m^4
 RADIUS = 0.02
 # Twice what is learned on the Jelly.
-LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8, -0.8)), 0.85, 1.0, 0.3, 0.01)
-# With a network of random weights, near whose range the ball of these tests is.
-NETWORK = replace(
-    LEARNED,
-    network=DentNetwork(
-        -0.8,
-        np.array([-1.2, 0.0]),
-        np.array([-0.5, 0.3]),
-        np.random.default_rng(1).normal(size=(4, 2)),
-        np.zeros(4),
-        0.2 * np.random.default_rng(2).normal(size=4),
-    ),
-)
+LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8, -0.8)), 0.85, 1.0, 0.8)
 
 
 def doubled(mechanics):
@@ -99,9 +86,8 @@ def law(request):
         "subspace",
         "condensation",
         "learned energy",
-        "learned network",
         "internal on the subspace",
-        "internal, and learned network",
+        "internal, and learned energy",
     ]
 )
 def pressed(jelly_body, dim, law, request):
@@ -110,7 +96,6 @@ def pressed(jelly_body, dim, law, request):
     mechanics = doubled(compute_mechanics(jelly_body, 400, "subspace" not in request.param, gravity))
     pose = into_the_top(dim, [0.3] if dim == 2 else [0.3, -0.2, 0.5])
     learned = LEARNED if "learned energy" in request.param else None
-    learned = NETWORK if "learned network" in request.param else learned
     internal = None
     if "internal" in request.param:
         internal = InternalCorrection(made_model(jelly_body, size=3e-4), jelly_body)
@@ -181,8 +166,9 @@ def test_derivatives(pressed, monkeypatch):
         change = (ahead.gradient - behind.gradient) / (2 * h)
         found = (here.hessian() @ direction.ravel()).reshape(pressed.rows.shape)
         # Exact as well; the penalty's second derivative has a kink where a node begins to bear pressure.
-        # Under a learned energy, the third derivative of the distance is a difference.
-        exact = 1e-4 if pressed.contact.learned is None else 1e-3
+        # Under a learned energy, the third derivative of the distance is a difference, and the response of the excess
+        # is in single precision.
+        exact = 1e-4 if pressed.contact.learned is None else 3e-3
         assert np.abs(found - change).max() < exact * np.abs(change).max()
 
 
@@ -279,7 +265,7 @@ def test_nothing_out_of_contact(pressed):
     assert away.converged
 
 
-@pytest.mark.parametrize("learned", [None, LEARNED, NETWORK], ids=["mechanics", "learned energy", "network"])
+@pytest.mark.parametrize("learned", [None, LEARNED], ids=["mechanics", "learned energy"])
 def test_moving_body_and_collider_together_changes_nothing(jelly_body, dim, law, learned):
     """Gravity, which does not move along, is left out."""
     mechanics = doubled(compute_mechanics(jelly_body, 400, condensation=True))

@@ -1,44 +1,62 @@
-"""The learned energy of contact as a function of that of mechanics: derivatives, bounds, and what is refused."""
+"""The learned energy of contact as a function of that of mechanics and of the excess: derivatives, bounds, and what is
+refused."""
 
 import numpy as np
 import pytest
 
-from softprint.runtime.contact.learned_energy.learned_energy import N_VALUES, LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import BOUND, N_VALUES, LearnedEnergy
 from softprint.runtime.learned.force.model import ForceModelOptions
 
-ENERGIES = np.logspace(-12, 2, 15)  # J
+ENERGY = 2e-3  # J
+EXCESSES = np.linspace(-0.9, 5.0, 13)
 
 
 @pytest.fixture(params=[0.7, -0.8, 0.0], ids=["hardening", "softening", "proportional"])
 def learned(request):
-    return LearnedEnergy.of((0.4, -0.9, -0.4, 0.9, request.param, 0.3, 0.01))
+    return LearnedEnergy.of((0.4, -0.9, -0.4, 0.9, request.param, 0.6))
 
 
 def test_derivatives(learned):
-    for W in ENERGIES:
-        h = 1e-4 * W
-        slope = (learned.energy(W + h) - learned.energy(W - h)) / (2 * h)
-        # Central differences over 1e-4 of W, to the square of it.
-        assert slope == pytest.approx(learned.slope(W), rel=1e-6)
-        bend = (learned.slope(W + h) - learned.slope(W - h)) / (2 * h)
-        # The slope is of order one, and its round-off 1e-16 / h.
-        assert bend == pytest.approx(learned.curvature(W), rel=1e-5, abs=1e-11 / W)
+    for chi in EXCESSES:
+        here, h = learned.terms(ENERGY, chi), 1e-5
+        for axis, (W, e) in enumerate([(np.exp(h), 0.0), (1.0, h)]):
+            ahead, behind = learned.terms(ENERGY * W, chi + e), learned.terms(ENERGY / W, chi - e)
+            # Central differences over 1e-5 of what is of order one, to the square of it, and round-off.
+            slope, bend = (ahead.value - behind.value) / (2 * h), (ahead.slope - behind.slope) / (2 * h)
+            np.testing.assert_allclose(slope, here.slope[axis], atol=1e-8 * ENERGY)
+            np.testing.assert_allclose(bend, here.curvature[axis], atol=1e-8 * ENERGY)
+        rate = (learned.hardening(chi + 1e-5) - learned.hardening(chi - 1e-5)) / 2e-5
+        assert rate == pytest.approx(learned.hardening_rate(chi), abs=1e-8)
 
 
-def test_forces_stay_within_their_bounds_and_energy_grows(learned):
-    slopes = np.array([learned.slope(W) for W in ENERGIES])
-    lowest, highest = sorted([learned.first, learned.first * (1.0 + learned.growth)])
-    assert (slopes >= lowest).all()
-    assert (slopes <= highest).all()
-    energies = np.array([learned.energy(W) for W in [0.0, *ENERGIES]])
-    assert energies[0] == 0.0
+def test_energy_is_proportional_to_that_of_mechanics_and_bounded(learned):
+    factors = np.array([learned.terms(ENERGY, chi).value / ENERGY for chi in EXCESSES])
+    most = np.exp(abs(learned.growth) * learned.size)
+    assert (factors >= learned.first / most * (1.0 - 1e-12)).all()
+    assert (factors <= learned.first * most * (1.0 + 1e-12)).all()
+    assert (np.diff(factors) * np.sign(learned.growth) >= 0.0).all()
+    # Two like dents that lie apart have twice the energy of one, and its excess.
+    assert learned.terms(2 * ENERGY, 0.3).value == pytest.approx(
+        2 * learned.terms(ENERGY, 0.3).value, rel=1e-14
+    )
+
+
+@pytest.mark.parametrize("growth", [1.0, -1.0])
+def test_energy_grows_with_the_dent_up_to_the_bound(growth):
+    """chi is proportional to the strain of a dent, and W to its square at least, to its cube for a ball."""
+    learned = LearnedEnergy.of((0.0, 0.0, 0.0, 1.0, growth * BOUND / 0.6, 0.6))
+    strain = np.linspace(0.01, 5.0, 500)
+    energies = [learned.terms(ENERGY * s**3, s).value for s in strain]
     assert (np.diff(energies) > 0.0).all()
 
 
 def test_nothing_learned_is_mechanics():
-    same = LearnedEnergy.of((0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0))
-    for W in ENERGIES:
-        assert (same.energy(W), same.slope(W), same.curvature(W)) == (W, 1.0, 0.0)
+    same = LearnedEnergy.of((0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+    assert same == LearnedEnergy.of_mechanics()
+    for chi in EXCESSES:
+        terms = same.terms(ENERGY, chi)
+        assert terms.value == ENERGY
+        np.testing.assert_array_equal(terms.slope, [ENERGY, 0.0])
 
 
 def test_values_are_those_given(learned):
@@ -49,12 +67,13 @@ def test_values_are_those_given(learned):
 @pytest.mark.parametrize(
     "values",
     [
-        (0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 1.0),
-        (0.0, 0.0, 0.0, 1.0, -1.0, 1.0, 1.0),
-        (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0),
-        (0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0),
-        (0.0, 0.0, 0.0, np.nan, 0.0, 1.0, 1.0),
+        (0.0, 0.0, 0.0, -1.0, 0.0, 1.0),
+        (0.0, 0.0, 0.0, 1.0, 1.01 * BOUND, 1.0),
+        (0.0, 0.0, 0.0, 1.0, -1.01 * BOUND, 1.0),
+        (0.0, 0.0, 0.0, 1.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, np.nan, 0.0, 1.0),
         (0.0, 0.0),
+        (0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0),
     ],
 )
 def test_an_energy_that_does_not_grow_is_refused(values):

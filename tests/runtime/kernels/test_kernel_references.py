@@ -158,6 +158,26 @@ def compliance(rng, dim):
     return index, rng.normal(size=(len(index), dim)), operator, sparse(rng, M, anchors), near
 
 
+def neighbours(rng):
+    """Row starts and columns: which of M contact nodes are near each, itself among them."""
+    near = (rng.random((M, M)) < 0.6) | np.eye(M, dtype=bool)
+    return np.concatenate([[0], np.cumsum(near.sum(axis=1))]), np.nonzero(near)[1]
+
+
+def strains_of_contact_nodes(rng, dim):
+    """Rows of N^T have entries at all components of two nodes each."""
+    n, (_, _, operator, share, _) = 6, compliance(rng, dim)
+    nodes = np.sort(np.argsort(rng.random((M, 2 * n))[:, :n], axis=1)[:, :2], axis=1)
+    columns = (nodes[:, :, None] * dim + np.arange(dim)).reshape(M, 1, -1)
+    near = (
+        np.arange(0, 2 * dim * M * dim + 1, 2 * dim, dtype=np.int32),
+        np.repeat(columns, dim, axis=1).ravel().astype(np.int32),
+        rng.normal(size=2 * dim * M * dim).astype(np.float32),
+    )
+    cells = rng.integers(0, n, (M, 2, dim + 1)), rng.normal(size=(M, 2, dim + 1, dim))
+    return *neighbours(rng), *cells, operator.reshape(-1, dim, n, dim), share, near
+
+
 def cell_groups(rng, dim):
     """Cells, where each group's begin, columns, where each group's begin; and blocks in single precision."""
     felt = [np.array([0, 2]), np.array([1, 3, 4])]
@@ -263,20 +283,12 @@ INPUTS = {
     "colliders.surface_mesh.sweep_kernels": {
         "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
     },
-    "contact.learned_energy.dent_network": {
-        "network_output": lambda rng, dim: (
-            rng.normal(size=2),
-            rng.normal(),
-            rng.normal(size=(M, 2)),
-            *rng.normal(size=(2, M)),
-        ),
-    },
-    "contact.learned_energy.dent_shape": {
-        "pairs": lambda rng, dim: (
-            rng.uniform(0.5, 1.0, size=M),
-            rng.normal(size=(M, dim)),
-            rng.integers(0, 2, M),
-            0.8,
+    "contact.learned_energy.dent_strain": {
+        "strain_blocks": strains_of_contact_nodes,
+        "blocks_among": lambda rng, dim: (
+            np.array([0, 2, 3]),
+            *(near := neighbours(rng)),
+            rng.normal(size=(len(near[1]), 2, dim, dim, dim)).astype(np.float32),
         ),
     },
     "contact.piercing_kernels": {

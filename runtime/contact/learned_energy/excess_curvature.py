@@ -1,18 +1,16 @@
-"""Second derivatives of the measures omega and nu of a solved contact (`dent_shape.py`).
+"""Second derivatives of the excess chi of a solved contact (`dent_excess.py`).
 
-With weights held, m = w_omega omega + w_nu nu is a function of the pressures. With lambda and mu as in
-`hardened_contact.py`, weighted in the same manner, and in the symbols of
-`runtime/contact/linearised/contact_motions.py`, for two motions
+chi is a function of the contact forces phi in rest coordinates. With lambda and mu as in `hardened_contact.py`, and in
+the symbols of `runtime/contact/linearised/contact_motions.py`, for two motions
 
-    d2m = dy . C dy' + dp . m_pp dp'
-          - [dA^T lambda . dv' + dA mu . df' + the same with the motions exchanged] - lambda . d2A v - f . d2A mu.
+    d2chi = dphi . chi_phiphi dphi' + dy . C dy'
+          - [dA^T lambda . dv' + dA mu . df' + the same with the motions exchanged] - lambda . d2A v - f . d2A mu,
 
-At every point
+with dphi the whole change of the forces. At every point, for a fixed vector t = -A mu,
 
-    C = dm/dp Hess p + Hess(f . t),    t = -A mu,
-    Hess p = p'' g g^T - p' H,    Hess(f . t) = p'' (t . g) g g^T - p' ((t . g) H + g (H t)^T + (H t) g^T) + p t . d3s,
+    C = Hess(f . t) = p'' (t . g) g g^T - p' ((t . g) H + g (H t)^T + (H t) g^T) + p t . d3s,
 
-for a fixed vector t, p' = 2 p / e and p'' = 2 p / e^2.
+p' = 2 p / e and p'' = 2 p / e^2: the penalty law is p ~ e^2.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.learned_energy.dent_shape import DentShape
+from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -30,30 +28,30 @@ from softprint.runtime.contact.solver.contact_point_kernels import blocks_to_wor
 from softprint.runtime.linalg.sparse_directions import times_directions
 
 
-class MeasuredMotions(NamedTuple):
-    """n motions, and what they change. carried: dA mu, pulled_back: dA^T lambda (k*dim, n); pressures: dp (k, n), and
-    force: df (k*dim, n)."""
+class ExcessMotions(NamedTuple):
+    """n motions, and what they change. carried: dA mu, pulled_back: dA^T lambda, forces: df, and rest_forces: the whole
+    of dphi (k*dim, n)."""
 
     motions: ContactMotions
     carried: Array
     pulled_back: Array
-    pressures: Array
     forces: Array
+    rest_forces: Array
 
 
-class MeasureCurvature:
-    """d2m of a contact with active points. response: lambda and mu (k, dim), weighted by weights (w_omega, w_nu)."""
+class ExcessCurvature:
+    """d2chi of a contact with active points, times a weight. response: lambda and mu (k, dim), times the weight."""
 
     def __init__(
-        self, contact: LinearisedContact, response: tuple[Array, Array], weights: Array, shape: DentShape
+        self, contact: LinearisedContact, response: tuple[Array, Array], weight: float, excess: DentExcess
     ) -> None:
         factor, solution = contact.factor, contact.solved.solution
         b = solution.active
         p, e, g, H = solution.pressure[b], solution.penetration[b], solution.normal[b], solution.curvature[b]
-        self._contact, self._weights, self._shape = contact, weights, shape
+        self._contact, self._weight, self._excess = contact, weight, excess
         self._forces, self._at_rest = response
         self._moved = factor.to_world(self._at_rest.reshape(-1, 1)).reshape(g.shape)
-        self._curvature = _force_curvature(p, e, g, _symmetric(H), shape.by_pressure @ weights, -self._moved)
+        self._curvature = _force_curvature(p, e, g, _symmetric(H), -self._moved)
         self._curvature -= p[:, None, None] * _symmetric(contact.curvature_change(self._moved))
 
     @property
@@ -63,7 +61,7 @@ class MeasureCurvature:
         found = self._forces[:, :, None] * solution.rest_displacement[solution.active][:, None, :]
         return np.asarray(found + self._contact.force[:, :, None] * self._at_rest[:, None, :])
 
-    def by_rows(self, motions: ContactMotions, along: Array | None = None) -> MeasuredMotions:
+    def by_rows(self, motions: ContactMotions, along: Array | None = None) -> ExcessMotions:
         """By the rows, along the same directions as the motions; along: see `RowHessian`."""
         carried, pulled_back = self._contact.carrier_motion(self._forces, self._at_rest)
         if along is not None:
@@ -72,49 +70,47 @@ class MeasureCurvature:
             pulled_back = times_directions(pulled_back.astype(kind), along)
         return self._measured(motions, carried, pulled_back)
 
-    def by_twist(self, own: ColliderSensitivity) -> MeasuredMotions:
+    def by_twist(self, own: ColliderSensitivity) -> ExcessMotions:
         """By the twist of a collider."""
         pulled_back = self._contact.factor.to_rest(own.rotated(self._forces))
         return self._measured(own.motions, -own.rotated(self._moved), pulled_back)
 
-    def _measured(self, motions: ContactMotions, carried: Array, pulled_back: Array) -> MeasuredMotions:
-        steepness = self._shape.steepness
-        k, dim = steepness.shape
-        by_point = motions.deformed.reshape(k, dim, -1)
-        pressures = -np.matmul(steepness[:, None].astype(by_point.dtype), by_point)[:, 0]
-        return MeasuredMotions(motions, carried, pulled_back, pressures, -motions.reaction)
+    def _measured(self, motions: ContactMotions, carried: Array, pulled_back: Array) -> ExcessMotions:
+        forces = -motions.reaction
+        rest_forces = np.asarray(motions.force + self._contact.factor.to_rest(forces), dtype=np.float64)
+        return ExcessMotions(motions, carried, pulled_back, forces, rest_forces)
 
-    def mixed(self, rows: MeasuredMotions, own: ColliderSensitivity, twist: MeasuredMotions) -> Array:
-        """d2m/drows dtwist (R, n_twist)."""
+    def mixed(self, rows: ExcessMotions, own: ColliderSensitivity, twist: ExcessMotions) -> Array:
+        """d2chi/drows dtwist (R, n_twist)."""
         found = self.between(rows, twist) - rows.motions.position.T @ own.rotated(self._forces)
         return np.asarray(found - rows.carried.T @ own.rotated(self._contact.force))
 
-    def twice(self, own: ColliderSensitivity, twist: MeasuredMotions) -> Array:
-        """d2m/dtwist2 (n_twist, n_twist)."""
+    def twice(self, own: ColliderSensitivity, twist: ExcessMotions) -> Array:
+        """d2chi/dtwist2 (n_twist, n_twist)."""
         found = self.between(twist, twist) + own.curvature(own.arms, -self._forces)
         return np.asarray(found + own.turned_curvature(self._moved, -self._contact.force))
 
-    def between(self, one: MeasuredMotions, other: MeasuredMotions) -> Array:
+    def between(self, one: ExcessMotions, other: ExcessMotions) -> Array:
         """(n, n'), without the second derivatives of A."""
         bent = blocks_to_world(self._curvature, other.motions.deformed)
         crossed = _crossed(one, other)
         crossed = crossed + (crossed.T if one is other else _crossed(other, one).T)
-        by_pressures = self._shape.curvature(self._weights, one.pressures, other.pressures)
-        return np.asarray(one.motions.deformed.T @ bent + crossed + by_pressures)
+        by_forces = self._weight * self._excess.curvature(one.rest_forces, other.rest_forces)
+        return np.asarray(one.motions.deformed.T @ bent + crossed + by_forces)
 
 
-def _crossed(one: MeasuredMotions, other: MeasuredMotions) -> Array:
+def _crossed(one: ExcessMotions, other: ExcessMotions) -> Array:
     """-dA^T lambda . dv' - dA mu . df' (n, n')."""
     return np.asarray(-one.carried.T @ other.forces - one.pulled_back.T @ other.motions.displaced)
 
 
-def _force_curvature(p: Array, e: Array, g: Array, H: Array, share: Array, t: Array) -> Array:
-    """C (k, dim, dim) but its last term, see the module; share: dm/dp (k,)."""
+def _force_curvature(p: Array, e: Array, g: Array, H: Array, t: Array) -> Array:
+    """C (k, dim, dim) but its last term, see the module."""
     along, turned = (g * t).sum(axis=1), np.matmul(H, t[..., None])[..., 0]
     first, second = 2.0 * p / e, 2.0 * p / e**2
     crossed = g[:, :, None] * turned[:, None, :]
-    found = (second * (share + along))[:, None, None] * g[:, :, None] * g[:, None, :]
-    found -= (first * (share + along))[:, None, None] * H
+    found = (second * along)[:, None, None] * g[:, :, None] * g[:, None, :]
+    found -= (first * along)[:, None, None] * H
     return np.asarray(found - first[:, None, None] * (crossed + crossed.transpose(0, 2, 1)))
 
 
