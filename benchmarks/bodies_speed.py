@@ -24,6 +24,7 @@ from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.run_mechanics import RunMechanics
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.cli.verbs.bench_verb import all_or_count
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.errors import SoftprintError
@@ -159,4 +160,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -23,6 +23,7 @@ from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody, load_body
 from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.surface_points import surface_points
@@ -131,4 +132,4 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

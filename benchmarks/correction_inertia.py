@@ -28,6 +28,7 @@ from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.dynamics import Simulator
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 
@@ -113,4 +114,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -24,6 +24,7 @@ from softprint.runtime.body.cubature import (
     nearest_volumes,
     random_states,
 )
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.mesh import read_mesh
 
@@ -74,4 +75,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -17,6 +17,7 @@ import numpy as np
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, assemble_body, frame_in_box, place_handles
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.dynamics import (
@@ -112,4 +113,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

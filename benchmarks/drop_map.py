@@ -40,6 +40,7 @@ from tqdm import tqdm
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import (
@@ -257,4 +258,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

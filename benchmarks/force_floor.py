@@ -29,6 +29,7 @@ from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
@@ -203,4 +204,4 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -29,6 +29,7 @@ from softprint.fem_truth.dynamics.full_space_model import FullSpaceModel, full_s
 from softprint.fem_truth.dynamics.full_space_model import scene_simulator as full_scene_simulator
 from softprint.runtime.arrays import Array, BoolArray
 from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.dynamics import PlacedCollider
 from softprint.runtime.experiment import Experiment, load_experiment
@@ -183,4 +184,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

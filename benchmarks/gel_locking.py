@@ -20,6 +20,7 @@ from scipy.sparse import diags
 from scipy.sparse.linalg import cg
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.mesh import Mesh, read_mesh
 
 RADIUS, YOUNG = 1.7e-3, 1.23e5  # m, Pa
@@ -71,4 +72,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

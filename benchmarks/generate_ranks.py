@@ -18,6 +18,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.scenes.speed import machine
 
 SUMMARY = re.compile(r"this run: (\d+) contacts in ([\d.]+) s on (\d+) rank\(s\), at most (\d+) MiB a rank")
@@ -98,4 +99,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -25,6 +25,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body import ReducedBody, load_body
 from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact import PenaltyContact
@@ -158,4 +159,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -30,6 +30,7 @@ from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasti
 from softprint.fem_truth.energy.surface_contact import SurfaceContact
 from softprint.fem_truth.verify.problems.equilibrium import Solid, equilibrium
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Collider, RigidPose
 from softprint.runtime.colliders.library import library_surface
 from softprint.runtime.colliders.surface_mesh.mesh_collider import mesh_collider
@@ -312,4 +313,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

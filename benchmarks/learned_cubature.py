@@ -17,6 +17,7 @@ import numpy as np
 from softprint.runtime.body.cubature import choose_cubature
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.learned.internal.model import ModesModel
@@ -72,4 +73,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -25,6 +25,7 @@ from softprint.runtime.authoring.fidelity import fidelity
 from softprint.runtime.authoring.fill_surface import filled
 from softprint.runtime.authoring.pieces import largest_piece
 from softprint.runtime.authoring.solid_surface import solid_surface
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.library import library_surface
 from softprint.runtime.colliders.surface_mesh.mesh_collider import read_triangles
 from softprint.runtime.inspect.mesh_quality import cell_angles, mean_ratio
@@ -163,4 +164,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

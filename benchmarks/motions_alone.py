@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.scenes.motion_file import Motion, load_motion
 
@@ -78,4 +79,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -21,6 +21,7 @@ import numpy as np
 
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.runtime.body import load_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Box, Collider, Cone, Cylinder, KeyframedPath, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
@@ -143,4 +144,4 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -35,6 +35,7 @@ from tqdm import tqdm
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Collider, RigidPose, Sphere
 from softprint.runtime.colliders.library import library_collider
 from softprint.runtime.colliders.path import KeyframedPath
@@ -332,4 +333,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -39,6 +39,7 @@ from softprint.fem_truth.parts.body_part import part_of_body
 from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body_file import load_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
@@ -207,4 +208,4 @@ def fitted(matrix: Array, values: Array) -> Array:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

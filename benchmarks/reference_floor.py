@@ -23,6 +23,7 @@ import pyvista
 
 from benchmarks.thin_shapes import SHAPES, Bench, Played, about_the_axis, rms, shape_of
 from softprint.runtime.arrays import Array
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.mesh import Mesh
@@ -93,4 +94,4 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -23,6 +23,7 @@ import numpy as np
 
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.environments import FindEdgeEnv, PressToForceEnv
 from softprint.runtime.environments.scripted import find_edge, press_to_force
@@ -171,4 +172,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

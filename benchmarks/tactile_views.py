@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import open_softprint_h5, read_text
 from softprint.runtime.touch.camera_series import KIND, VERSION
@@ -52,4 +53,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

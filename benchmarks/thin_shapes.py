@@ -31,6 +31,7 @@ from softprint.fem_truth.report.drawing.picture import Picture
 from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Collider, KeyframedPath, RigidPose, mesh_collider
 from softprint.runtime.colliders.library import zero_level
 from softprint.runtime.colliders.pose import rotation_matrix
@@ -309,4 +310,4 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

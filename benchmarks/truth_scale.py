@@ -31,6 +31,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.body.body_file import load_body, save_body
 from softprint.runtime.body.build import build_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
@@ -222,4 +223,4 @@ def report(
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

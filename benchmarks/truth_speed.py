@@ -30,6 +30,7 @@ from softprint.fem_truth.statics.constrained import ConstrainedProblem, Solution
 from softprint.fem_truth.statics.newton import FullSpaceSettings
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.build import build_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.approach import Approach
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.contact import PenaltyContact
@@ -190,4 +191,4 @@ def print_dynamics(
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

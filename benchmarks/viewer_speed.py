@@ -28,6 +28,7 @@ import numpy as np
 from benchmarks.bodies_speed import correction_file
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.scenes.playing import BARE, correction_path
 from softprint.runtime.scenes.speed import machine
 from softprint.runtime.viewer.live import the_scene
@@ -285,4 +286,4 @@ def _client(page: LivePage, real: bool) -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh, write_mesh
 
@@ -54,4 +55,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

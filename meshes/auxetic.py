@@ -18,6 +18,7 @@ import gmsh
 import numpy as np
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh, write_mesh
 
 
@@ -155,4 +156,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

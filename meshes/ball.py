@@ -12,6 +12,7 @@ import numpy as np
 from solid_mesh import mesh_from_command_line
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.shapes.solid import Field, ball, blended, capsule
 
 RADIUS, REACH = 0.034, 0.046  # of the ball, and of its spikes
@@ -47,4 +48,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

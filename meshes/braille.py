@@ -19,6 +19,7 @@ import trimesh
 from field_grid import Grid
 
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.surface_mesh.repair import closed_surface
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.shapes.solid import Field, ball, blended, box, common, moved, union
@@ -94,4 +95,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from solid_mesh import mesh_from_command_line, smooth_maximum
 
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.shapes.solid import Field, ball, blended, capsule, ellipsoid, moved
 
 FILLET, BOTTOM_ROUNDING = 0.0025, 0.003
@@ -41,4 +42,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -16,6 +16,7 @@ import numpy as np
 from solid_mesh import mesh_solid, smooth_maximum
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.mesh import write_mesh
 from softprint.runtime.shapes.solid import Field, blended, capsule, ellipsoid, moved
 
@@ -57,4 +58,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

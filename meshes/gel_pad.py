@@ -17,6 +17,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh, write_mesh
 
 WIDTH, THICKNESS, BACK = 0.025, 0.004, 0.001
@@ -75,4 +76,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from solid_mesh import GROWTH, mesh_solid
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.mesh import write_mesh
 from softprint.runtime.shapes.solid import Field
 
@@ -73,4 +74,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

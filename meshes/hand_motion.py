@@ -22,6 +22,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.experiment.recorded_motion import COLUMNS
 from softprint.runtime.io.files import atomic_path
@@ -148,4 +149,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -19,6 +19,7 @@ import trimesh
 from solid_mesh import mesh_solid
 
 from softprint.runtime.arrays import Array
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.mesh import write_mesh
 from softprint.runtime.shapes.solid import Field, blended, capsule, ellipsoid, moved
 
@@ -76,4 +77,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

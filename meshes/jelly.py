@@ -17,6 +17,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh, write_mesh
 
 BASE_RADIUS, TOP_RADIUS, HEIGHT, FILLET = 0.05, 0.038, 0.06, 0.01
@@ -115,4 +116,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

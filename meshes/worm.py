@@ -16,6 +16,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.authoring.fill_outline import filled_outline
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh import in_morton_order, write_mesh
 
@@ -61,4 +62,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

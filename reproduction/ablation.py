@@ -21,6 +21,7 @@ from pathlib import Path
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.form import ModelT
@@ -143,4 +144,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

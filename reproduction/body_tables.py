@@ -18,6 +18,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
 
 COLUMNS = ("run", "cells", "handles", "samples", "mechanics", "ours", "linear", "full", "ours, steps/s")
@@ -63,4 +64,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

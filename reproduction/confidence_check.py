@@ -35,6 +35,7 @@ from softprint.runtime.arrays import Array, BoolArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.errors import SoftprintError
@@ -217,4 +218,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -43,6 +43,7 @@ from softprint.runtime.arrays import Array, BoolArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
@@ -289,4 +290,4 @@ def _has_samples(truth: TruthData, name: str) -> bool:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

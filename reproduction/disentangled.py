@@ -44,6 +44,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.errors import SoftprintError
@@ -271,4 +272,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

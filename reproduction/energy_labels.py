@@ -22,6 +22,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.experiment.schema.training import ModelSpec
@@ -113,4 +114,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

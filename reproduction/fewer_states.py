@@ -33,6 +33,7 @@ from reproduction.ablation import trained as train_variant
 from reproduction.object_centric import OBJECT_CENTRIC, Recipe, learned, on_samples
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.truth.truth_file import load_truth
@@ -105,4 +106,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

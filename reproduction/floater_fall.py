@@ -25,6 +25,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import FULL
@@ -110,4 +111,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

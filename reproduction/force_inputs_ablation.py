@@ -25,6 +25,7 @@ from torch import Tensor
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.confidence import Confidence
 from softprint.runtime.learned.force.entry import options as force_options
@@ -140,4 +141,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

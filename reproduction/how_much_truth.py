@@ -26,6 +26,7 @@ from softprint.fem_truth.report.drawing.data_plot import DATA, data_figure
 from softprint.runtime.arrays import BoolArray, IntArray
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.force.entry import options as force_options
@@ -182,4 +183,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -29,6 +29,7 @@ from softprint.runtime.body import ReducedBody
 from softprint.runtime.body.cubature import Cubature, dof_scale, elastic_cells
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
@@ -128,4 +129,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -34,6 +34,7 @@ from softprint.fem_truth.report.measurements.motions import distances_over_time
 from softprint.fem_truth.report.run_files import find_run_files, judged_scenes
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 
 MODELS = ("full", "bare", "thesis6", "mechanics", "ours")  # drawn in this order
 
@@ -99,4 +100,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -37,6 +37,7 @@ from softprint.runtime.body import ReducedBody
 from softprint.runtime.body.cubature import Cubature, elastic_cells
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import KeyframedPath
 from softprint.runtime.dynamics import KinematicHandle, NewtonSettings, Simulator
 from softprint.runtime.dynamics.kinematic import place_kinematic
@@ -317,4 +318,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -15,6 +15,7 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import load_body
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
@@ -66,4 +67,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -32,6 +32,7 @@ from softprint.fem_truth.sampling.rigid_free import RigidFreeDescriptor
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.truth.truth_file import TruthData, load_truth
@@ -111,4 +112,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -24,6 +24,7 @@ from softprint.fem_truth.report.measurements.held_out import Comparer, HeldOutMo
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import SceneSpec
 from softprint.runtime.learned.static_correction import StaticCorrection
@@ -108,4 +109,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -38,6 +38,7 @@ from softprint.runtime.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.intrusion import pierced_from
@@ -270,4 +271,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -23,6 +23,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from meshes.auxetic import FULL, Cells, mesh_cell
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mechanics.null_space_compliance import elastic_stiffness
 
@@ -64,4 +65,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

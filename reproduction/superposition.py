@@ -33,6 +33,7 @@ from softprint.fem_truth.statics.constrained import ConstrainedProblem
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.combine import Placed, SmoothUnion
 from softprint.runtime.colliders.pose import RigidPose
@@ -202,4 +203,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

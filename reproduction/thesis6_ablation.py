@@ -36,6 +36,7 @@ from softprint.runtime.arrays import BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Sphere
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
@@ -207,4 +208,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -33,6 +33,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Cylinder, Placed, RigidPose, SmoothDifference
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
@@ -186,4 +187,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

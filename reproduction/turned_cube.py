@@ -20,6 +20,7 @@ import numpy as np
 from softprint.fem_truth.report.run_files import find_run_files, load_motions
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import FULL
@@ -67,4 +68,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

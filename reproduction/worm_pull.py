@@ -26,6 +26,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.contact.intrusion import pierced_from
 from softprint.runtime.dynamics.terms.springs import HandleSpring
 from softprint.runtime.errors import SoftprintError
@@ -131,4 +132,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

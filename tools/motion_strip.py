@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from softprint import build_collider, load_body, load_experiment
 from softprint.fem_truth.report.drawing.renderings import make_renderer
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.scenes.motion_file import Motion, load_motion
 
 NAMES = {"full": "full space", "bare": "reduced\nmodel alone", "ours": "ours", "mechanics": "mechanics"}
@@ -96,4 +97,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -17,6 +17,7 @@ import numpy as np
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
@@ -102,4 +103,4 @@ def pressed(workshop: Workshop, share: float) -> RigidPose:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -36,6 +36,7 @@ from benchmarks.peers.compare import Row, draw, key_of, read, rms, row, table, w
 from benchmarks.peers.engine import MissingEngine, Setting, engine_module, play, relax
 from benchmarks.peers.scene import FRAME, Scene, ball
 from softprint.runtime.body import build_body, load_body
+from softprint.runtime.cli.script import run_script
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
@@ -173,4 +174,4 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)
