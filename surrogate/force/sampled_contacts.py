@@ -11,7 +11,8 @@ Their derivatives follow from one contact solve,
             - sum_j [ f_j . (dA_j v_j) dtheta_j/dc + e_j d2theta_j/dq dc ],
 
 in the symbols of `runtime/contact/linearised/linearised_contact.py`, with c_c = u dtheta/dc + A G dphi_c and dphi_c =
-phi dtheta/dc. That chi changes with c is left out.
+phi dtheta/dc. chi changes by dchi/dc = -sum_j [ lambda_j . u_j + mu_j . phi_j ] dtheta_j/dc (`hardened_contact.py`);
+that dchi/dq changes with c, too, is left out.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
+from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
 from softprint.runtime.contact.learned_energy.hardened_contact import excess_response, measure_slopes
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -107,8 +109,7 @@ class SampledContacts:
                 contact, own = found.contact, found.excess
                 assert contact is not None  # some points are active
                 assert own is not None
-                by_excess = measure_slopes(contact, excess_response(contact, own))[:, 1]
-                by_energy, by_force = by_parameters(contact, learned, own.value, by_excess)
+                by_energy, by_force = by_parameters(contact, learned, own)
                 h, true = found.gradient, truth.contact_handle_force(sample)
                 columns.append(
                     {
@@ -155,23 +156,30 @@ class SampledContacts:
 
 
 def by_parameters(
-    contact: LinearisedContact, learned: LearnedEnergy, excess: float, by_excess: Array
+    contact: LinearisedContact, learned: LearnedEnergy, excess: DentExcess
 ) -> tuple[Array, Array]:
-    """dW~/dp (N_PARAMETERS,) [J] and dh~/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points. excess:
-    chi, and by_excess: dchi/drows (R,)."""
-    W, h = contact.solved.solution.energy, contact.gradient
-    terms, r = learned.terms(W, excess), by_excess.reshape(h.shape)
-    found = terms.slope[0] / W * h + terms.slope[1] * r
-    energy, force = _by_coefficients(contact, learned.scale)
-    grown, (_, rate) = learned.hardening(excess), terms.slope / terms.value
-    by_energy = np.concatenate([terms.value / W * energy, [terms.value, grown * terms.value]])
+    """dW~/dp (N_PARAMETERS,) [J] and dh~/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points and its
+    excess."""
+    W, h, chi = contact.solved.solution.energy, contact.gradient, excess.value
+    response = excess_response(contact, excess)
+    terms, r = learned.terms(W, chi), measure_slopes(contact, response)[:, 1].reshape(h.shape)
+    energy, force, of_excess = _by_coefficients(contact, learned.scale, response)
+    grown, (_, rate) = learned.hardening(chi), terms.slope / terms.value
+    found, by_excess = (
+        terms.value * (h / W + rate * r),
+        terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r,
+    )
+    by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [1.0, grown]])
     by_scale = terms.value / W * (force.reshape(*h.shape, -1) + rate * r[..., None] * energy)
-    by_growth = grown * found + terms.value * learned.hardening_rate(excess) * r
+    by_scale = by_scale + by_excess[..., None] * of_excess
+    by_growth = grown * found + terms.value * learned.hardening_rate(chi) * r
     return by_energy, np.concatenate([by_scale, found[..., None], by_growth[..., None]], axis=2)
 
 
-def _by_coefficients(contact: LinearisedContact, scale: ComplianceScale) -> tuple[Array, Array]:
-    """dW/dc (N_COEFFICIENTS,) and dh/dc (R, N_COEFFICIENTS)."""
+def _by_coefficients(
+    contact: LinearisedContact, scale: ComplianceScale, response: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """dW/dc (N_COEFFICIENTS,), dh/dc (R, N_COEFFICIENTS) and dchi/dc (N_COEFFICIENTS,). response: lambda and mu."""
     solved, points, factor = contact.solved, contact.points, contact.factor
     b, index = solved.solution.active, solved.active
     u, phi, f = solved.solution.displacement[b], solved.rest_force, solved.solution.force[b]
@@ -189,4 +197,6 @@ def _by_coefficients(contact: LinearisedContact, scale: ComplianceScale) -> tupl
     work = (f * u).sum(axis=1)
     force = contact.motions.reaction.T @ c_c - contact.motions.displacement.T @ phi_c
     force = force - along.T @ by_theta - np.einsum("k,kcr->rc", work, mixed)
-    return -work @ by_theta, np.asarray(force)
+    forces, moved = (part.reshape(k, dim) for part in response)
+    of_excess = (forces * u).sum(axis=1) + (moved * phi).sum(axis=1)
+    return -work @ by_theta, np.asarray(force), -of_excess @ by_theta

@@ -7,7 +7,6 @@ from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS
 from softprint.runtime.contact.frame_points import FramePoints
-from softprint.runtime.contact.learned_energy.hardened_contact import excess_response, measure_slopes
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
@@ -80,16 +79,15 @@ def test_derivatives_by_the_parameters(pressed, monkeypatch):
         return evaluated(contact_of(ball, energy_at(parameters)), states[0], poses[0])
 
     here, learned = at(TEACHER), energy_at(TEACHER)
-    by_excess = measure_slopes(here.contact, excess_response(here.contact, here.excess))[:, 1]
-    by_energy, by_force = by_parameters(here.contact, learned, here.excess.value, by_excess)
-    # That the excess changes with the scale of the compliance is left out: by its coefficients derivatives are near.
+    by_energy, by_force = by_parameters(here.contact, learned, here.excess)
     for k in range(N_PARAMETERS):
-        near = 0.3 if k < N_COEFFICIENTS else 2e-3
         h = 1e-5 * np.eye(N_PARAMETERS)[k]
         ahead, behind = at(TEACHER + h), at(TEACHER - h)
         # The compliance, and so each solve, is in single precision: 1e-7 over steps of 1e-5 that change both by 1e-5.
-        assert (ahead.energy - behind.energy) / 2e-5 == pytest.approx(by_energy[k], rel=near)
+        assert (ahead.energy - behind.energy) / 2e-5 == pytest.approx(by_energy[k], rel=2e-3)
         slope = (ahead.gradient - behind.gradient) / 2e-5
+        # How the slope of the excess changes with the scale of the compliance is left out.
+        near = 0.15 if k < N_COEFFICIENTS else 2e-3
         np.testing.assert_allclose(by_force[..., k], slope, atol=near * np.abs(slope).max())
 
 
