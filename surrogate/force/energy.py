@@ -26,7 +26,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
-from softprint.runtime.contact.learned_energy.learned_energy import BOUND, LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames
@@ -42,12 +42,10 @@ SAMPLES = 600
 _HUBER = 2.0
 # The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
 _RIDGE = 1e-3
-# chi_0, in the chi that 95 of 100 samples stay below, and at least: a linear material has no excess.
-_SIZE, _LEAST_SIZE = 2.0, 1e-3
 # Parts t of what was learned, of which the best on validation samples is kept.
 _PARTS = (0.25, 0.5, 0.75, 1.0)
-# The bound of log a.
-_FIRST = 1.0
+# Bounds of log a and of b.
+_FIRST, _GROWTH = 1.0, 1.0
 
 
 ContactMaker = Callable[[Collider, LearnedEnergy], ContactStateProbe]
@@ -79,8 +77,7 @@ def learn_energy(
     of_mechanics = best = before.errors(compared)
     if not len(train) or not len(compared):
         return None, EnergyErrors(of_mechanics, best, len(compared), 0.0)
-    size = max(_SIZE * float(np.quantile(alone.excess, 0.95)), _LEAST_SIZE)
-    learned = replace(mechanics, size=size)
+    learned = mechanics
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels))
     kept, part = None, 0.0
@@ -164,10 +161,8 @@ def _parameters(learned: LearnedEnergy) -> Array:
 def _stepped(learned: LearnedEnergy, change: Array) -> LearnedEnergy:
     """With the parameters changed, within their bounds."""
     *coefficients, first, growth = _parameters(learned) + change
-    most = BOUND / learned.size
-    return _with_parameters(
-        learned, [*coefficients, np.clip(first, -_FIRST, _FIRST), np.clip(growth, -most, most)]
-    )
+    first, growth = np.clip(first, -_FIRST, _FIRST), np.clip(growth, -_GROWTH, _GROWTH)
+    return _with_parameters(learned, [*coefficients, first, growth])
 
 
 def _with_parameters(learned: LearnedEnergy, parameters: Sequence[float] | Array) -> LearnedEnergy:

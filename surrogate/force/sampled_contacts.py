@@ -44,14 +44,12 @@ N_PARAMETERS = N_COEFFICIENTS + 2
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
-    N_PARAMETERS); excess: chi (s,); on_frames: (s,) whether the collider presses a rigid frame, whose force no energy
-    of a dent has."""
+    N_PARAMETERS); on_frames: (s,) whether the collider presses a rigid frame, whose force no energy of a dent has."""
 
     samples: IntArray
     truth: Mapping[str, Array]
     found: Mapping[str, Array]
     slopes: Mapping[str, Array]
-    excess: Array
     on_frames: BoolArray
 
     def errors(self, samples: IntArray) -> dict[str, float]:
@@ -96,7 +94,7 @@ class SampledContacts:
     def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled:
         """Those of the samples in which the reduced body touches the collider."""
         truth, columns = self._truth, list[dict[str, tuple[Array, Array, Array]]]()
-        taken, excess, on_frames = list[int](), list[float](), list[bool]()
+        taken, on_frames = list[int](), list[bool]()
         for collider, part in self._by_collider(samples):
             probe = self._contact_of(collider, learned)
             for sample in map(int, part):
@@ -125,7 +123,6 @@ class SampledContacts:
                 taken.append(sample)
                 at = rows, collider, truth.approach_path(sample)[-1]
                 on_frames.append(self._frames is not None and self._frames.any_inside(*at))
-                excess.append(own.value)
         if not columns:
             raise SoftprintError(
                 f"{truth.path}: in none of {len(samples)} samples does the reduced body touch the collider"
@@ -133,7 +130,7 @@ class SampledContacts:
         of_truth, of_contact, slopes = (
             {kind: np.stack([one[kind][k] for one in columns]) for kind in LABELS} for k in range(3)
         )
-        return Sampled(np.array(taken), of_truth, of_contact, slopes, np.array(excess), np.array(on_frames))
+        return Sampled(np.array(taken), of_truth, of_contact, slopes, np.array(on_frames))
 
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""
@@ -164,7 +161,7 @@ def by_parameters(
     response = excess_response(contact, excess)
     terms, r = learned.terms(W, chi), measure_slopes(contact, response)[:, 1].reshape(h.shape)
     energy, force, of_excess = _by_coefficients(contact, learned.scale, response)
-    grown, (_, rate) = learned.hardening(chi), terms.slope / terms.value
+    (grown, faster), (_, rate) = learned.by_growth(chi), terms.slope / terms.value
     found, by_excess = (
         terms.value * (h / W + rate * r),
         terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r,
@@ -172,7 +169,7 @@ def by_parameters(
     by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [1.0, grown]])
     by_scale = terms.value / W * (force.reshape(*h.shape, -1) + rate * r[..., None] * energy)
     by_scale = by_scale + by_excess[..., None] * of_excess
-    by_growth = grown * found + terms.value * learned.hardening_rate(chi) * r
+    by_growth = grown * found + terms.value * faster * r
     return by_energy, np.concatenate([by_scale, found[..., None], by_growth[..., None]], axis=2)
 
 

@@ -22,7 +22,6 @@ from softprint.surrogate.force.sampled_contacts import (
 )
 
 LAW = PenaltyContact(1e10, 4)
-SIZE = 0.8
 BAND = 2e-3
 STATES, PLACES, DEPTHS = 4, 3, (0.003, 0.005, 0.007)  # m
 
@@ -30,7 +29,7 @@ STATES, PLACES, DEPTHS = 4, 3, (0.003, 0.005, 0.007)  # m
 def energy_at(parameters):
     """From the coefficients, log a and b."""
     *coefficients, first, growth = parameters
-    return LearnedEnergy.of((*coefficients, np.exp(first), growth, SIZE))
+    return LearnedEnergy.of((*coefficients, np.exp(first), growth))
 
 
 TEACHER = np.array([0.4, -0.9, -0.4, -0.1, 0.6])
@@ -157,8 +156,7 @@ def test_an_energy_is_found_again_from_its_forces(contacts, labels):
     learned, errors = learn_energy(contacts, samples, samples, lambda count: None, labels)
     assert learned is not None
     assert errors.part == 1.0  # the whole of what was learned is best
-    # The spoilt contact counts as one in another equilibrium. What is left is the ridge of a thousandth, and another
-    # size chi_0 than the teacher's.
+    # The spoilt contact counts as one in another equilibrium. What is left is the ridge of a thousandth.
     assert errors.samples <= n * each - each
     for kind in LABELS:
         assert errors.mechanics[kind] > 0.05

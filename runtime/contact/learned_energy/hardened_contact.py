@@ -65,14 +65,14 @@ class HardenedContact:
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W~/drows2, see `RowHessian`."""
-        contact, of_measures = self._contact, self._curvature
+        contact, of_excess = self._contact, self._curvature
         motions, slopes = contact.motions.along(along), self._row_slopes
         slopes = slopes if along is None else along.T @ slopes
         found = self._stiffened * motions.second(motions) + slopes @ self._outer @ slopes.T
-        rows = of_measures.by_rows(motions, along)
-        found = found + of_measures.between(rows, rows)
+        rows = of_excess.by_rows(motions, along)
+        found = found + of_excess.between(rows, rows)
         forces = self._stiffened * contact.force + self._weighted_response[0]
-        moments = self._stiffened * contact.moments + of_measures.moments
+        moments = self._stiffened * contact.moments + of_excess.moments
         return np.asarray(found - contact.bending(forces, moments, along))
 
     def twist_gradient(self, own: ColliderSensitivity) -> Array:
@@ -84,9 +84,9 @@ class HardenedContact:
         (mixed, twice), slopes = own.blocks(), self._twist_slopes(own)
         mixed = self._stiffened * mixed + self._row_slopes @ self._outer @ slopes.T
         twice = self._stiffened * twice + slopes @ self._outer @ slopes.T
-        of_measures = self._curvature
-        rows, twist = of_measures.by_rows(self._contact.motions), of_measures.by_twist(own)
-        return mixed + of_measures.mixed(rows, own, twist), twice + of_measures.twice(own, twist)
+        of_excess = self._curvature
+        rows, twist = of_excess.by_rows(self._contact.motions), of_excess.by_twist(own)
+        return mixed + of_excess.mixed(rows, own, twist), twice + of_excess.twice(own, twist)
 
     def link(self, one: ColliderSensitivity, other: ColliderSensitivity) -> Array:
         """See `ColliderSensitivity`."""

@@ -5,11 +5,12 @@ Linear mechanics gives the energy W of a contact and of its dent as a function o
 (`runtime/contact/carriers/compliance_scale.py`), which changes W. And the body hardens as its dent grows, for which the
 excess chi of the dent (`dent_excess.py`) is the measure:
 
-    W~ = a W exp eta(chi),    eta = b chi_0 tanh(chi / chi_0).
+    W~ = a W exp eta(chi),    eta = R tanh(b chi / R).
 
-Psi and linear mechanics give chi; only how much of it counts is learned. Where chi is far beyond that of training,
-eta is at most b chi_0. Contacts that lie apart are dents of their own, with energies that add up. Derivatives of W~ by
-W and chi are in closed form, so that forces are exact, whatever the solve depends on (`hardened_contact.py`).
+The material and linear mechanics give chi; only how much of it counts is learned, so that it holds for dents much
+deeper than those of training. Whatever chi is, W~ is between e^-R and e^R times a W. Contacts that lie apart are dents
+of their own, with energies that add up. Derivatives of W~ by W and chi are in closed form, so that forces are exact,
+whatever the solve depends on (`hardened_contact.py`).
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 
 #: The number of values of `LearnedEnergy.values`.
-N_VALUES = N_COEFFICIENTS + 3
-#: The largest |b| chi_0. W~ grows with the dent up to six: chi grows with W^(1/3), and t / cosh(t)^2 is below 0.45.
+N_VALUES = N_COEFFICIENTS + 2
+#: R. With b < 0, W~ still grows with the dent up to 6: chi grows with W^(1/3), and t / cosh(t)^2 is below 0.45.
 BOUND = 2.0
 
 
@@ -38,49 +39,43 @@ class EnergyTerms(NamedTuple):
 
 @dataclass(frozen=True)
 class LearnedEnergy:
-    """scale: of the compliance; first: a, growth: b, and size: chi_0 of the module."""
+    """scale: of the compliance; first: a, and growth: b of the module."""
 
     scale: ComplianceScale
     first: float
     growth: float
-    size: float
 
     @classmethod
     def of_mechanics(cls) -> LearnedEnergy:
         """W~ = W: that of linear mechanics."""
-        return cls(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0, 1.0)
+        return cls(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0)
 
     @classmethod
     def of(cls, values: tuple[float, ...]) -> LearnedEnergy:
         """From `values`. Raises ValueError where they are not of an energy that grows with that of mechanics."""
         if len(values) != N_VALUES or not np.isfinite(values).all():
             raise ValueError(f"a learned energy has {N_VALUES} finite values, not {values}")
-        *coefficients, first, growth, size = values
-        if first <= 0.0 or size <= 0.0 or abs(growth) * size > BOUND:
-            raise ValueError(
-                f"a learned energy with a = {first:g}, b = {growth:g} and chi_0 = {size:g} does not grow: it needs a > "
-                f"0, chi_0 > 0 and |b| chi_0 <= {BOUND:g}"
-            )
-        return cls(ComplianceScale(tuple(coefficients)), first, growth, size)
+        *coefficients, first, growth = values
+        if first <= 0.0:
+            raise ValueError(f"a learned energy with a = {first:g} does not grow: it needs a > 0")
+        return cls(ComplianceScale(tuple(coefficients)), first, growth)
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The coefficients of the scale, a, b and chi_0 (N_VALUES,)."""
-        return *self.scale.coefficients, self.first, self.growth, self.size
+        """The coefficients of the scale, a and b (N_VALUES,)."""
+        return *self.scale.coefficients, self.first, self.growth
 
     def terms(self, energy: float, excess: float) -> EnergyTerms:
         """W~ at an energy W [J] of mechanics and an excess chi."""
-        grown, rate = self.hardening(excess), self.growth * self.hardening_rate(excess)
-        value = self.first * energy * float(np.exp(self.growth * grown))
+        t = float(np.tanh(self.growth * excess / BOUND))
+        value, rate = self.first * energy * float(np.exp(BOUND * t)), self.growth * (1.0 - t**2)
         slope = np.array([1.0, rate])
         curvature = np.outer(slope, slope)
-        curvature[1, 1] -= 2.0 * rate * grown / self.size**2
+        curvature[1, 1] -= 2.0 * t * rate * self.growth / BOUND
         return EnergyTerms(value, value * slope, value * curvature)
 
-    def hardening(self, excess: float) -> float:
-        """eta / b = chi_0 tanh(chi / chi_0)."""
-        return float(self.size * np.tanh(excess / self.size))
-
-    def hardening_rate(self, excess: float) -> float:
-        """Its derivative."""
-        return float(1.0 - np.tanh(excess / self.size) ** 2)
+    def by_growth(self, excess: float) -> tuple[float, float]:
+        """The derivatives of eta, and of deta/dchi, by b."""
+        x = self.growth * excess / BOUND
+        t = float(np.tanh(x))
+        return (1.0 - t**2) * excess, (1.0 - t**2) * (1.0 - 2.0 * t * x)

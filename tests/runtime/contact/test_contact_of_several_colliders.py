@@ -160,7 +160,7 @@ def test_corrections_of_contact_on_facets_are_for_contact_on_facets(jelly_body, 
         Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
 
 
-LEARNED = replace(OPTIONS, energy=(0.5, -0.8, -0.4, 1.3, 1.0, 0.8))
+LEARNED = replace(OPTIONS, energy=(0.5, -0.8, -0.4, 1.3, 1.0))
 
 
 def test_corrections_of_one_body_have_one_energy(jelly_body, dim):
