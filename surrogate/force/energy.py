@@ -128,7 +128,7 @@ def energy_of(
     if not len(train) or not len(held_out):
         return None
     contacts = contacts_of(data, contact_of)
-    total = (2 + ITERATIONS) * len(train) + (1 + len(_PARTS)) * len(held_out)
+    total = (1 + ITERATIONS) * len(train) + (1 + len(_PARTS)) * len(held_out)
     with data.context.progress(total, "sample", "learning the energy of contact") as bar:
         learned, errors = learn_energy(contacts, train, held_out, bar.update)
     told = (f"{kind} {errors.mechanics[kind]:.1%} -> {errors.learned[kind]:.1%}" for kind in LABELS)
