@@ -26,7 +26,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
-from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import BOUND, LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames
@@ -44,8 +44,8 @@ _HUBER = 2.0
 _RIDGE = 1e-3
 # Parts t of what was learned, of which the best on validation samples is kept.
 _PARTS = (0.25, 0.5, 0.75, 1.0)
-# Bounds of log a and of b.
-_FIRST, _GROWTH = 1.0, 1.0
+# The bound of log a.
+_FIRST = 1.0
 
 
 ContactMaker = Callable[[Collider, LearnedEnergy], ContactStateProbe]
@@ -161,7 +161,7 @@ def _parameters(learned: LearnedEnergy) -> Array:
 def _stepped(learned: LearnedEnergy, change: Array) -> LearnedEnergy:
     """With the parameters changed, within their bounds."""
     *coefficients, first, growth = _parameters(learned) + change
-    first, growth = np.clip(first, -_FIRST, _FIRST), np.clip(growth, -_GROWTH, _GROWTH)
+    first, growth = np.clip(first, -_FIRST, _FIRST), np.clip(growth, -BOUND, BOUND)
     return _with_parameters(learned, [*coefficients, first, growth])
 
 

@@ -28,7 +28,7 @@ from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, 
 from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
 from softprint.runtime.contact.learned_energy.hardened_contact import excess_response, measure_slopes
-from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy, hardening
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
@@ -161,7 +161,7 @@ def by_parameters(
     response = excess_response(contact, excess)
     terms, r = learned.terms(W, chi), measure_slopes(contact, response)[:, 1].reshape(h.shape)
     energy, force, of_excess = _by_coefficients(contact, learned.scale, response)
-    (grown, faster), (_, rate) = learned.by_growth(chi), terms.slope / terms.value
+    (grown, faster), (_, rate) = hardening(chi), terms.slope / terms.value
     found, by_excess = (
         terms.value * (h / W + rate * r),
         terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r,
