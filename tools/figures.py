@@ -320,6 +320,14 @@ FIGURES: Mapping[str, Figure] = {
         ("jelly_library_small",),
         ("docs/peers.png",),
     ),
+    "press_learned": Figure(
+        (
+            "python -m benchmarks.press_depth examples/jelly_library_small.toml --shapes punch ball cone plate "
+            "--models mechanics ours",
+        ),
+        (RESULTS,),
+        ("jelly_library_small",),
+    ),
     "energy_labels": Figure(
         (f"python -m reproduction.energy_labels {_SMALL} --seeds 1",), (RESULTS,), ("jelly_library_small",)
     ),
