@@ -65,7 +65,7 @@ def frames_of(mesh: Mesh, specs: Sequence[FrameSpec]) -> list[FrameHandle]:
 
 
 def frame_in_box(mesh: Mesh, name: str, box: ArrayLike) -> FrameHandle:
-    """The rigid frame ``name`` of all nodes in the box [[lower], [upper]] [m].
+    """The rigid frame ``name`` of all nodes in the box ``[[lower], [upper]]``, in metres.
 
     Raises SoftprintError if the nodes do not determine an affine map: too few, or all in one plane.
     """
