@@ -6,8 +6,7 @@ Needs the truth of a library (`softprint generate`). Learned from displacement o
 linear mechanics; the other rows learn the energy (`surrogate/force/energy.py`) from the generalised contact force on
 the handles, then also from the force on the collider, and from the energy itself. What of an energy is kept is chosen
 on validation shapes, by the labels of the row. A table in Markdown: errors sqrt(sum |r|^2 / sum |true|^2) of the three
-on shapes never seen, mean over the seeds, which draw other samples, and in brackets
-highest minus lowest.
+on shapes never seen, mean over the seeds, which draw other samples, and in brackets highest minus lowest.
 """
 
 from __future__ import annotations

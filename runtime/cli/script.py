@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 from softprint.runtime.errors import SoftprintError
 
@@ -14,4 +13,4 @@ def run_script(main: Callable[[], None]) -> None:
     try:
         main()
     except SoftprintError as error:
-        sys.exit(f"{Path(sys.argv[0]).stem}: {error}")
+        sys.exit(str(error))

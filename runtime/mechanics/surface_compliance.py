@@ -37,6 +37,9 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mechanics import surface_compliance_kernels
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 
+#: Row starts, columns and entries of a sparse matrix.
+CsrParts = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[Any]]
+
 # Columns solved at a time, to bound memory.
 _COLUMNS = 240
 # Anchors. With at most so many contact nodes, each is its own anchor and nothing is interpolated.
@@ -90,7 +93,9 @@ class SurfaceCompliance:
     def apply(self, index: IntArray, forces: NDArray[Any]) -> NDArray[Any]:
         """sum_j G_Xj forces_j (n_nodes, dim) for forces (m, dim) on some of the contact nodes (m,), in their type."""
         flat = self.operator.reshape(len(self.operator), self.dim, -1)
-        total = surface_compliance_kernels.apply(index, forces, flat, _parts(self.share), _parts(self.near))
+        total = surface_compliance_kernels.apply(
+            index, forces, flat, csr_parts(self.share), csr_parts(self.near)
+        )
         return total.reshape(self.n_nodes, self.dim)
 
     def dense(self) -> NDArray[np.float32]:
@@ -233,7 +238,7 @@ def _fitted(share: Array, columns: NDArray[np.float32], column: NDArray[np.float
     return np.asarray(share + np.linalg.solve(gram + ridge * np.eye(len(gram)), residual))
 
 
-def _parts(matrix: sp.csr_matrix) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[Any]]:
+def csr_parts(matrix: sp.csr_matrix) -> CsrParts:
     """Row starts, columns and entries."""
     return matrix.indptr, matrix.indices, matrix.data
 

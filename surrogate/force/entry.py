@@ -78,10 +78,7 @@ def internal_below(data: TrainingData, spec: ModelSpec) -> InternalField | None:
     """The internal correction that the model is added to, from the run directory; None for none."""
     if not spec.added_to:
         return None
-    path, gravity = (
-        internal_path(data.context.out_dir, spec.added_to),
-        data.context.experiment.dynamics.gravity,
-    )
+    path, gravity = internal_path(data.context.out_dir, spec.added_to), data.context.experiment.dynamics.gravity
     return data.once(
         ("internal", spec.added_to),
         lambda: internal_correction(load_internal(path, data.body), data.body, gravity),

@@ -162,10 +162,8 @@ def by_parameters(
     terms, r = learned.terms(W, chi), measure_slopes(contact, response)[:, 1].reshape(h.shape)
     energy, force, of_excess = _by_coefficients(contact, learned.scale, response)
     (grown, faster), (_, rate) = hardening(chi), terms.slope / terms.value
-    found, by_excess = (
-        terms.value * (h / W + rate * r),
-        terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r,
-    )
+    found = terms.value * (h / W + rate * r)
+    by_excess = terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r
     by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [1.0, grown]])
     by_scale = terms.value / W * (force.reshape(*h.shape, -1) + rate * r[..., None] * energy)
     by_scale = by_scale + by_excess[..., None] * of_excess

@@ -27,7 +27,7 @@ from softprint.runtime.optimise import NewtonSettings
 YOUNG, POISSON, DENSITY = 2e4, 0.4, 1000.0
 STIFFNESS = 1e9  # N/m^4
 RADIUS, DEPTH, TOP = 0.015, 0.005, 0.05  # m
-# As on the small Jelly, rounded.
+# Of the size of what is learned on the small Jelly, with b two to three times as large.
 LEARNED = LearnedEnergy.of((0.5, -0.8, -0.4, 0.94, 0.4))
 _TIGHT = FullSpaceSettings(NewtonSettings(60, 1e-9), 1e-14, cg_tolerance_min=1e-8)
 _STEP = 1e-6  # m, of differences

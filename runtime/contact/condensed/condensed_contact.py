@@ -71,7 +71,8 @@ class CondensedContact:
     """The contact of one body with colliders, by name. loaded: where contact acts on the facets; nodes: (n_contact,)
     mesh indices of the contact nodes; points and compliance: of the points on the facets; stiffness: a k (n,) [N/m^2]
     of these, and of those that sharp points of the colliders press; sharp: searches for the latter, None where no
-    collider has any; learned: None for the energy of linear mechanics; strain: by contact forces, for the former."""
+    collider has any; learned: None for the energy of linear mechanics; strain: of the body by contact
+    forces, None where nothing is learned."""
 
     loaded: LoadedPoints
     nodes: IntArray

@@ -25,7 +25,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.contact.learned_energy.dent_strain import CELLS, DentStrain
-from softprint.runtime.elasticity.materials import Material
+from softprint.runtime.elasticity.materials import Material, make_material
 from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
@@ -58,9 +58,8 @@ class DentExcess:
     @classmethod
     def of(cls, strain: DentStrain, loaded: LoadedPoints, active: IntArray, forces: Array) -> DentExcess:
         """Of forces (k, dim) [N], in rest coordinates, on active points (k,)."""
-        nodes, corners, shares = loaded.among(active)
-        phi = np.zeros((len(nodes), forces.shape[1]))
-        np.add.at(phi, corners, shares[..., None] * forces[:, None])
+        _, corners, shares = loaded.among(active)
+        nodes, phi = loaded.to_nodes(active, forces)
         D = strain.among(nodes).reshape(-1, phi.size)
         cells = (nodes[:, None] * CELLS + np.arange(CELLS)).ravel()
         return cls(phi, D, strain.material.at(cells), strain.volumes[nodes], corners, shares)
@@ -117,15 +116,20 @@ class DentExcess:
         return np.asarray(np.square(self.forces).sum(axis=1) / self._scale)
 
     @lazy
-    def _H(self) -> Array:
-        """(m CELLS, dim, dim)."""
-        return np.asarray((self.strain @ self.forces.ravel()).reshape(-1, self._dim, self._dim))
+    def _F(self) -> Array:
+        """I + H (m CELLS, dim, dim)."""
+        H = (self.strain @ self.forces.ravel()).reshape(-1, self._dim, self._dim)
+        return np.asarray(np.eye(self._dim) + H)
+
+    @lazy
+    def _linear(self) -> Material:
+        """Linear elasticity, with the moduli of the material."""
+        return make_material("linear", self.material.young, self.material.poisson)
 
     @lazy
     def _densities(self) -> tuple[Array, Array, Array, Array]:
         """Psi, its stress, and Psi_2, its stress (m CELLS, ...)."""
-        of_body = self.material.energy_and_stress(np.eye(self._dim) + self._H)
-        return *of_body, *_linear_elasticity(self.material, self._H)
+        return *self.material.energy_and_stress(self._F), *self._linear.energy_and_stress(self._F)
 
     @lazy
     def _above(self) -> Array:
@@ -157,8 +161,7 @@ class DentExcess:
     @lazy
     def _tangent(self) -> Array:
         """|phi|^2 V d2r/dH2 (m CELLS, dim^2, dim^2), in B."""
-        tangent = self.material.tangent(np.eye(self._dim) + self._H)
-        tangent = tangent - (1.0 + self.value) * _linear_tangent(self.material, self._dim)
+        tangent = self.material.tangent(self._F) - (1.0 + self.value) * self._linear.tangent(self._F)
         weight = np.repeat(self._weight / self._total, CELLS) * self.volumes.ravel()
         return np.asarray(weight[:, None, None] * tangent.reshape(len(tangent), self._dim**2, -1))
 
@@ -187,26 +190,3 @@ class DentExcess:
         return np.asarray(
             2.0 / self._scale * value[:, None] * self.forces + by_strain.reshape(self.forces.shape)
         )
-
-
-def _linear_elasticity(material: Material, H: Array) -> tuple[Array, Array]:
-    """Psi_2 (n,) and its stress (n, dim, dim)."""
-    eps = 0.5 * (H + H.transpose(0, 2, 1))
-    stress = 2.0 * _by_cell(material.lame_mu) * eps
-    pressure = material.lame_lambda * np.trace(eps, axis1=1, axis2=2)
-    stress = stress + pressure[:, None, None] * np.eye(H.shape[1])
-    return 0.5 * np.einsum("nij,nij->n", stress, eps), stress
-
-
-def _linear_tangent(material: Material, dim: int) -> Array:
-    """Its tangent (n or 1, dim, dim, dim, dim)."""
-    one = np.eye(dim)
-    shear = np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
-    volume = np.einsum("ij,kl->ijkl", one, one)
-    mu, lam = (_by_cell(of)[..., None, None] for of in (material.lame_mu, material.lame_lambda))
-    return np.asarray(mu * shear + lam * volume)
-
-
-def _by_cell(modulus: Array) -> Array:
-    """(n or 1, 1, 1)."""
-    return np.reshape(modulus, (-1, 1, 1))

@@ -6,15 +6,14 @@ Forces phi_j on contact nodes, at rest, displace the nodes of the mesh by u_X = 
     H_ic = sum_v u_v (x) grad N_v = sum_j D_icj phi_j.
 
 D is kept for pairs of contact nodes that are near each other: strain falls off with the square of the distance, and on
-the small Jelly a reach of four distances between contact nodes tells as much as all of them. So neither memory nor time
-grow with the mesh.
+the small Jelly a reach of four distances between contact nodes tells nearly as much as all of them. So neither memory
+nor time grow with the mesh.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +24,13 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.compiled import compiled
 from softprint.runtime.elasticity.materials import Material, make_material
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
+from softprint.runtime.mechanics.surface_compliance import CsrParts, SurfaceCompliance, csr_parts
 from softprint.runtime.mesh.mesh import Mesh
 
-#: Cells at each contact node: with one, forces on shapes never seen are off by a tenth more, with four by as much.
+#: Cells at each contact node. With one, a fit to contacts leaves a tenth more of the force, with four little less.
 CELLS = 2
 # How far forces are felt, in mean distances between contact nodes.
 _REACH = 4.0
-
-Sparse = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +46,15 @@ class DentStrain:
     blocks: NDArray[np.float32]
 
     @classmethod
-    @lru_cache(maxsize=2)
     def of(cls, body: ReducedBody, compliance: SurfaceCompliance) -> DentStrain:
-        """Of the contact nodes of a compliance that has all nodes of the body. The last are kept, as all colliders on a
-        body share them."""
+        """Of the contact nodes of the compliance of a body, at all its nodes. Kept as long as the compliance, as all
+        colliders on the body share it."""
+        if compliance not in _KEPT:
+            _KEPT[compliance] = cls._computed(body, compliance)
+        return _KEPT[compliance]
+
+    @classmethod
+    def _computed(cls, body: ReducedBody, compliance: SurfaceCompliance) -> DentStrain:
         mesh, nodes = body.mesh, compliance.nodes
         cells = largest_cells(mesh, nodes)
         spacing = (compliance.areas.sum() / len(nodes)) ** (1.0 / (mesh.dim - 1))
@@ -61,13 +63,16 @@ class DentStrain:
         starts = np.concatenate([[0], np.cumsum([len(others) for others in near])])
         others = np.concatenate(near)
         at = mesh.cells[cells], np.ascontiguousarray(mesh.cell_gradients[cells])
-        parts = _parts(compliance.share), _parts(compliance.near)
+        parts = csr_parts(compliance.share), csr_parts(compliance.near)
         blocks = strain_blocks(starts, others, *at, compliance.operator, *parts)
         return cls(mesh.cell_volumes[cells], _finite(body.material).at(cells.ravel()), starts, others, blocks)
 
     def among(self, nodes: IntArray) -> Array:
         """D (m, CELLS, dim, dim, m, dim) among some of the contact nodes (m,), ascending."""
         return blocks_among(nodes, self.starts, self.others, self.blocks)
+
+
+_KEPT: WeakKeyDictionary[SurfaceCompliance, DentStrain] = WeakKeyDictionary()
 
 
 def largest_cells(mesh: Mesh, nodes: IntArray) -> IntArray:
@@ -87,18 +92,14 @@ def _finite(material: Material) -> Material:
     return make_material("stable_neo_hookean", material.young, material.poisson)
 
 
-def _parts(matrix: csr_matrix) -> Sparse:
-    return matrix.indptr, matrix.indices, matrix.data
-
-
 def _dense_blocks(
     starts: IntArray,
     others: IntArray,
     corners: IntArray,
     gradients: Array,
     operator: NDArray[np.float32],
-    share: Sparse,
-    near: Sparse,
+    share: CsrParts,
+    near: CsrParts,
 ) -> NDArray[np.float32]:
     """From the whole of G^T."""
     n_anchors, dim, n_nodes, _ = operator.shape
@@ -118,8 +119,8 @@ def strain_blocks(
     corners: IntArray,
     gradients: Array,
     operator: NDArray[np.float32],
-    share: Sparse,
-    near: Sparse,
+    share: CsrParts,
+    near: CsrParts,
 ) -> NDArray[np.float32]:
     """D (p, c, dim, dim, dim) of pairs of contact nodes. corners (n, c, v) and gradients (n, c, v, dim) of the cells at
     each; operator, share and near as in `SurfaceCompliance`, the last two as row starts, columns and entries."""

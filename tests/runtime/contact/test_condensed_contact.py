@@ -24,7 +24,7 @@ from tests.internal_model import made_model
 
 STIFFNESS = 1e10  # N/m^4
 RADIUS = 0.02
-# Twice what is learned on the Jelly.
+# Larger than what is learned on the Jelly.
 LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8, -0.8)), 0.85, 1.0)
 
 
