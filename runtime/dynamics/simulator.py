@@ -43,6 +43,7 @@ from softprint.runtime.dynamics.state import Configuration, ReducedState, StepRe
 from softprint.runtime.dynamics.step.body_terms import build_terms, find_corrections
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
 from softprint.runtime.dynamics.step.frame import CorotatedFrame
+from softprint.runtime.dynamics.step.held_hardening import solve_or_hold
 from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint, by_axis
 from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step, with_inner_solves_checked
 from softprint.runtime.dynamics.step.step_start import kept_factorisation
@@ -149,7 +150,7 @@ class Simulator:
             point = problem.point(
                 begin.near(self.hold.start.at_rest(state, end, free.carried_on(end_poses, 0.0)))
             )
-        solved = solve_step(problem, point, self.settings.method, self._sliding(state, timings))
+        solved = solve_or_hold(problem, point, begin, self.settings.method, self._sliding(state, timings))
         reached = self._reached(solved, end, (solved.x.body.at.rows - state.rows) / h, free)
         reached = replace(reached, factorisation=kept_factorisation(solved, predicted_by))
         result = self._result(solved, reached, inertia, timings, free)

@@ -21,6 +21,7 @@ class Status(IntEnum):
     PIERCED = 6
     CONTACT_UNSOLVED = 7
     CORRECTION_UNSOLVED = 8
+    HARDENING_HELD = 9
 
     @property
     def sentence(self) -> str:
@@ -50,4 +51,6 @@ _SENTENCES = {
     Status.CORRECTION_UNSOLVED: "Handles balance, but the modes of the internal correction do not: their amplitudes of "
     "least elastic energy were not found, as where cells are inverted; take a smaller time step, or give the "
     "correction more cells of cubature.",
+    Status.HARDENING_HELD: "Forces balance, with the hardening of contact held as it was at the start of the step: the "
+    "learned energy has no minimum close by, as where a contact point is about to slide around a thin rod.",
 }

@@ -29,7 +29,7 @@ STATUS_NAMES = {
     **{
         int(status): status.name.lower()
         for status in Status
-        if status not in (Status.STALLED, Status.PIERCED, Status.CONTACT_UNSOLVED, Status.CORRECTION_UNSOLVED)
+        if status < Status.STALLED
     },
     UNREACHED: "unreached",
 }

@@ -71,6 +71,10 @@ class LearnedEnergy:
         """The coefficients of the scale, a and b (N_VALUES,)."""
         return *self.scale.coefficients, self.first, self.growth
 
+    def held(self, ratio: float) -> LearnedEnergy:
+        """W~ = ratio W, with the same scale."""
+        return LearnedEnergy(self.scale, ratio, 0.0)
+
     def terms(self, energy: float, excess: float) -> EnergyTerms:
         """W~ at an energy W [J] of mechanics and an excess chi."""
         t = float(np.tanh(excess / LARGE))

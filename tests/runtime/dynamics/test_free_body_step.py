@@ -9,12 +9,19 @@ from softprint.runtime.colliders import Box, Capsule, Plane, RigidPose
 from softprint.runtime.colliders.path import KeyframedPath
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.contact.solver import contact_solve
-from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
-from softprint.runtime.dynamics import simulator as simulator_module
+from softprint.runtime.dynamics import (
+    DynamicsSettings,
+    KinematicHandle,
+    NewtonSettings,
+    PlacedCollider,
+    Simulator,
+)
+from softprint.runtime.dynamics.step import held_hardening
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.force.correction import ForceCorrection
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.optimise import Minimum, Newton, Status
 from softprint.runtime.rigid import RigidMotion, free_collider
 
 STIFFNESS = 1e10  # N/m^4
@@ -58,7 +65,7 @@ def learned_on(shape, body, mechanics, refinement, energy):
     return ForceCorrection("learned", ForceModel(options, body.dim, body.n_rows), body, shape, mechanics)
 
 
-def scene(body, dim, mechanics, refinement, sharp, learned):
+def scene(body, dim, mechanics, refinement, sharp, learned, optimiser=None):
     """One capsule (or box, with sharp edges) deep in the top of a fixed block, one that leans on it and on a wall, and
     one that stands upright in the top beside them; all spin."""
     gravity = np.append(np.zeros(dim - 1), -9.81)
@@ -87,7 +94,7 @@ def scene(body, dim, mechanics, refinement, sharp, learned):
         friction=CoulombFriction(0.4, slip_velocity=0.1),
         gravity=gravity,
         kinematic=[KinematicHandle("base")],
-        settings=DynamicsSettings(TIME_STEP),
+        settings=DynamicsSettings(TIME_STEP, optimiser=optimiser),
     )
 
 
@@ -121,7 +128,7 @@ def step(jelly_body, dim, request, monkeypatch):
         caught.extend([problem, start, sliding])
         raise StopIteration
 
-    monkeypatch.setattr(simulator_module, "solve_step", catch)
+    monkeypatch.setattr(held_hardening, "solve_step", catch)
     with pytest.raises(StopIteration):
         simulator.step(simulator.rest_state())
     problem, start, sliding = caught
@@ -210,3 +217,52 @@ def test_colliders_that_cannot_move_freely_are_refused(jelly_body, dim):
     with pytest.raises(SoftprintError, match="the spin of collider 'low'"):
         free_collider(shape, pose, density=1.0, spin=[1.0, 2.0])
     assert isinstance(free.motion, RigidMotion)
+
+
+@dataclass(frozen=True)
+class FindsNoMinimum(Newton):
+    """Of the learned energy while it hardens, or of any."""
+
+    of_any: bool = False
+
+    def limited(self, iterations):
+        return replace(self, settings=replace(self.settings, max_iterations=iterations))
+
+    def minimise(self, problem, x, solving=None, earlier=None):
+        if self.of_any or x.body.frame.terms.condensed.learned.growth:
+            return Minimum(x, Status.LINE_SEARCH_FAILED, 1, np.inf, np.inf)
+        return super().minimise(problem, x, solving, earlier)
+
+
+def test_step_without_minimum_holds_the_hardening(jelly_body, dim):
+    """And says so. Forces are those of the start of the step times what mechanics makes of them, so that they hardly
+    differ from those of the learned energy."""
+    gravity = np.append(np.zeros(dim - 1), -9.81)
+    mechanics, newton = mechanics_of(jelly_body, gravity), NewtonSettings(100, 1e-6)
+
+    def last_of(steps, optimiser=None):
+        simulator = scene(jelly_body, dim, mechanics, 1, False, ENERGY, optimiser or Newton(newton))
+        state = simulator.rest_state()
+        for _ in range(steps):
+            result = simulator.step(state)
+            state = result.state
+        return result
+
+    before = last_of(2)
+    again = scene(jelly_body, dim, mechanics, 1, False, ENERGY, FindsNoMinimum(newton)).step(before.state)
+    learned = scene(jelly_body, dim, mechanics, 1, False, ENERGY, Newton(newton)).step(before.state)
+    assert before.converged
+    assert learned.converged
+    assert again.status is Status.HARDENING_HELD
+    assert not again.converged
+    assert "hardening of contact held" in again.reason
+    assert again.residual <= newton.tolerance
+    assert again.iterations > 1
+    assert again.state.factorisation is None
+    # The excess changes by a few per cent in a step.
+    reference = learned.contacts["low"].force
+    np.testing.assert_allclose(again.contacts["low"].force, reference, atol=0.05 * np.linalg.norm(reference))
+    lost = scene(jelly_body, dim, mechanics, 1, False, ENERGY, FindsNoMinimum(newton, True)).step(
+        before.state
+    )
+    assert lost.status is Status.LINE_SEARCH_FAILED

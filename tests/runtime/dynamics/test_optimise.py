@@ -147,6 +147,7 @@ def test_status_numbers_are_those_in_files():
         "PIERCED": 6,
         "CONTACT_UNSOLVED": 7,
         "CORRECTION_UNSOLVED": 8,
+        "HARDENING_HELD": 9,
     }
     assert all(status.sentence.endswith(".") for status in Status)
     names = {number: name.lower() for name, number in numbers.items()}

@@ -16,8 +16,8 @@ from softprint.runtime.dynamics import (
     PlacedCollider,
     Simulator,
 )
-from softprint.runtime.dynamics import simulator as simulator_module
 from softprint.runtime.dynamics.state import Configuration
+from softprint.runtime.dynamics.step import held_hardening
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
@@ -123,7 +123,7 @@ def step_energy(dim, corrected, condensed, refinement, monkeypatch, kinematic=()
         caught.extend([problem, start, sliding])
         raise StopIteration
 
-    monkeypatch.setattr(simulator_module, "solve_step", catch)
+    monkeypatch.setattr(held_hardening, "solve_step", catch)
     below = RigidPose(begin.rotation, begin.translation * [1.0, -0.3, 1.0][:dim])
     state = simulator.rest_state(poses={"ball": begin, "other": below})
     rows = body.handles.retract(state.rows, 2e-3 * rng.normal(size=body.n_dofs))
