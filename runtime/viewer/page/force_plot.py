@@ -23,6 +23,12 @@ def force_lines(count: int) -> Any:
     return ({"label": "s"}, *lines)
 
 
+def force_scales() -> Any:
+    """The scales of such a plot: forces from zero on, so that one that does not change is a level line."""
+    from_zero = {"min": {"pad": 0.1, "soft": 0.0, "mode": 1}, "max": {"pad": 0.1, "soft": 0.0, "mode": 1}}
+    return {"x": {"time": False, "auto": True}, "y": {"auto": True, "range": from_zero}}
+
+
 def swatch(number: int) -> str:
     """The colour of a line, in HTML."""
     return f'<b style="color:{_LINES[number % len(_LINES)]}">━</b> '
@@ -38,7 +44,7 @@ class ForcePlot:
             data=self._data(),
             series=force_lines(1),
             title="contact force [N]",
-            scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
+            scales=force_scales(),
             legend={"show": False},
             height=height,
         )

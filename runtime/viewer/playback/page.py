@@ -15,7 +15,7 @@ from softprint.runtime.inspect.kind import find_kind
 from softprint.runtime.viewer.page.body_view import BodyView
 from softprint.runtime.viewer.page.browser import announce
 from softprint.runtime.viewer.page.collider_views import ColliderViews, Shown
-from softprint.runtime.viewer.page.force_plot import force_lines, swatch
+from softprint.runtime.viewer.page.force_plot import force_lines, force_scales, swatch
 from softprint.runtime.viewer.page.palette import Scale
 from softprint.runtime.viewer.page.readout import BAD, GOOD, legend_html
 from softprint.runtime.viewer.page.server import check_port, stop_server
@@ -196,7 +196,7 @@ class PlaybackPage:
             data=(times, *lines),
             series=force_lines(len(lines)),
             title="contact force [N]",
-            scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
+            scales=force_scales(),
             legend={"show": False},
             height=150,
         )
