@@ -436,6 +436,11 @@ FIGURES: Mapping[str, Figure] = {
     "motions_finger": _motions("finger", "read", "finger", "finger"),
     "motions_hand": _motions("hand", "explore", "hand", "hand"),
     "ball_small": _whole("ball_small", "bars"),
+    "ball_confidence": Figure(
+        ("python -m reproduction.confidence_check examples/ball_small.toml --calibrate bars --judge bars",),
+        (RESULTS,),
+        ("ball_small",),
+    ),
     "finger_small": _whole("finger_small", "read"),
     "hand_small": _whole("hand_small", "explore"),
     "hand_full": Figure(
