@@ -70,12 +70,12 @@ def _motions(experiment: str, scene: str, needs: str, run: str) -> Figure:
     return Figure(commands, (RESULTS,), (needs,))
 
 
-def _whole(experiment: str, scene: str) -> Figure:
+def _whole(experiment: str, scene: str, options: str = "") -> Figure:
     """A small body from its truth to its motions alone."""
     models = ("full", "bare", "mechanics", "ours")
     motions = " ".join(f"runs/{experiment}/motions/{scene}_{model}.h5" for model in models)
-    commands = f"softprint run examples/{experiment}.toml", f"python -m benchmarks.motions_alone {motions}"
-    return Figure(commands, (RESULTS,))
+    run = f"softprint run examples/{experiment}.toml{options}"
+    return Figure((run, f"python -m benchmarks.motions_alone {motions}"), (RESULTS,))
 
 
 # Those that touch the body in the scene.
@@ -196,7 +196,7 @@ FIGURES: Mapping[str, Figure] = {
         ("docs/internal_corrections.md",),
     ),
     "meshers": Figure(("python -m benchmarks.meshers --cells 5000",), (RESULTS, "docs/own_mesh.md")),
-    "demo_2d": Figure(("make demo EXPERIMENT=examples/jelly2d.toml",), (RESULTS,)),
+    "demo_2d": _whole("jelly2d", "held_out", " --set sampling.rotations=8"),
     "collider_library": Figure(
         ("python meshes/library_sheet.py docs/collider_library.png",),
         (README, RESULTS),
