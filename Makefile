@@ -41,7 +41,7 @@ demo: install
 
 # Two workers, each with its own cache of compiled forms, see tests/conftest.py.
 test: install docs-tools
-	$(PYTHON) -m pytest -n 2 --dist loadfile
+	$(PYTHON) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: install
 	$(PYTHON) -m ruff check .
