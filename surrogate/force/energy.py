@@ -11,7 +11,9 @@ over samples i and three kinds of residual k: h~ - h_true along the coordinates 
 force on the collider, and W~ - W_true; s_ik is the square of what is true. Samples in which the collider presses a
 rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
 from what no p fits (Huber 1964), as where the truth is in another equilibrium. Of p, as much is kept as validation
-samples bear out: a part t p, with t from 0, which is linear mechanics, to 1.
+samples bear out: a part t p, with t from 0, which is linear mechanics, to 1. How the compliance changes with the
+strain, c, is learned only from several states: no other could bear out that of one, and it would count most where a
+body is strained much more than in training.
 """
 
 from __future__ import annotations
@@ -22,9 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.learned_energy import BOUND, LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
@@ -77,9 +79,10 @@ def learn_energy(
     of_mechanics = best = before.errors(compared)
     if not len(train) or not len(compared):
         return None, EnergyErrors(of_mechanics, best, len(compared), 0.0)
-    learned = mechanics
+    learned, free = mechanics, np.full(N_PARAMETERS, True)
+    free[:N_COEFFICIENTS] = contacts.n_states(train) > 1
     for _ in range(ITERATIONS):
-        learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels))
+        learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels, free))
     kept, part = None, 0.0
     for share in _PARTS:
         tried = _with_parameters(learned, share * _parameters(learned))
@@ -139,8 +142,9 @@ def energy_of(
     return learned, errors
 
 
-def _step(sampled: Sampled, learned: LearnedEnergy, labels: tuple[str, ...]) -> Array:
-    """The change of the parameters (N_PARAMETERS,) of one Gauss-Newton iteration."""
+def _step(sampled: Sampled, learned: LearnedEnergy, labels: tuple[str, ...], free: BoolArray) -> Array:
+    """The change of the parameters (N_PARAMETERS,) of one Gauss-Newton iteration; free: (N_PARAMETERS,) those that
+    change."""
     normal, right = np.zeros((N_PARAMETERS, N_PARAMETERS)), np.zeros(N_PARAMETERS)
     for kind in labels:
         true, slopes = sampled.truth[kind], sampled.slopes[kind]
@@ -150,7 +154,9 @@ def _step(sampled: Sampled, learned: LearnedEnergy, labels: tuple[str, ...]) -> 
         normal += np.einsum("s,sfk,sfl->kl", weight, slopes, slopes)
         right += np.einsum("s,sfk,sf->k", weight, slopes, miss)
     ridge = _RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.trace(normal) * np.eye(N_PARAMETERS)
-    return np.asarray(np.linalg.solve(normal + ridge, right - ridge @ _parameters(learned)))
+    change, right = np.zeros(N_PARAMETERS), right - ridge @ _parameters(learned)
+    change[free] = np.linalg.solve((normal + ridge)[np.ix_(free, free)], right[free])
+    return change
 
 
 def _parameters(learned: LearnedEnergy) -> Array:

@@ -132,6 +132,10 @@ class SampledContacts:
         )
         return Sampled(np.array(taken), of_truth, of_contact, slopes, np.array(on_frames))
 
+    def n_states(self, samples: IntArray) -> int:
+        """How many states samples (n,) are of."""
+        return len(np.unique(self._truth.sample_state[samples]))
+
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""
         along = [

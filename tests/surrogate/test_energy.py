@@ -180,3 +180,13 @@ def test_nothing_is_learned_where_all_samples_press_a_frame(contacts, monkeypatc
     learned, errors = learn_energy(contacts, np.arange(6), np.arange(6, 9), lambda count: None)
     assert learned is None
     assert errors.samples == 0
+
+
+def test_one_state_does_not_tell_how_the_strain_counts(contacts):
+    """No other could bear it out."""
+    of_one = np.arange(PLACES * len(DEPTHS))
+    learned, errors = learn_energy(contacts, of_one, of_one, lambda count: None)
+    assert learned is not None
+    assert learned.scale == LearnedEnergy.of_mechanics().scale
+    assert learned.growth != 0.0
+    assert sum(errors.learned.values()) < sum(errors.mechanics.values())
