@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from softprint.runtime.environments import register_environments
     from softprint.runtime.experiment import load_experiment
     from softprint.runtime.learned.correction_file import load_correction
+    from softprint.runtime.linalg.one_thread import one_thread
     from softprint.runtime.mechanics.body_mechanics import compute_mechanics
     from softprint.runtime.mechanics.mechanics_file import load_mechanics, save_mechanics
     from softprint.runtime.mesh import Mesh, box_mesh, read_mesh
@@ -88,6 +89,7 @@ _MODULES = {
     "load_motion": "scenes.motion_file",
     "load_state": "dynamics.state_file",
     "make_material": "elasticity",
+    "one_thread": "linalg.one_thread",
     "place_handles": "body",
     "point_places": "touch",
     "read_mesh": "mesh",
@@ -136,6 +138,7 @@ __all__ = [
     "load_motion",
     "load_state",
     "make_material",
+    "one_thread",
     "place_handles",
     "point_places",
     "read_mesh",

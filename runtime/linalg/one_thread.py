@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
+
+#: How many threads linear algebra uses, where one of them is set in the environment.
+VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def one_thread() -> None:
@@ -15,3 +19,16 @@ def one_thread() -> None:
     threadpool_limits(1)
     if "torch" in sys.modules:  # loading it takes a second, which drawing without a network need not wait for
         sys.modules["torch"].set_num_threads(1)
+
+
+def one_thread_by_default() -> None:
+    """`one_thread`, unless the environment says how many threads linear algebra uses."""
+    if not any(os.environ.get(name) for name in VARIABLES):
+        one_thread()
+
+
+def blas_threads() -> int:
+    """How many threads BLAS uses in this process."""
+    from threadpoolctl import threadpool_info
+
+    return max((pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"), default=1)

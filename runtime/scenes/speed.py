@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softprint.runtime.dynamics.timings import PHASES
+from softprint.runtime.linalg.one_thread import blas_threads
 from softprint.runtime.scenes.background_drawing import BackgroundDrawing
 from softprint.runtime.scenes.playing import ReducedModel, SceneModel
 
@@ -169,10 +170,12 @@ def machine() -> dict[str, Any]:
         with open("/proc/cpuinfo", encoding="utf-8") as lines:
             models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
         name = models[0] if models else name
-    threads = {
-        key: os.environ[key] for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if key in os.environ
+    return {
+        "processor": name,
+        "cores": os.cpu_count(),
+        "threads": blas_threads(),
+        "system": platform.platform(),
     }
-    return {"processor": name, "cores": os.cpu_count(), "threads": threads, "system": platform.platform()}
 
 
 def speeds_as_json(speeds: list[Speed]) -> list[dict[str, Any]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from softprint.runtime.scenes.speed import Speed
 
 REPORT = "bench.json"
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -71,6 +69,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from softprint.runtime.cli.run_body import body_of_run
     from softprint.runtime.errors import SoftprintError
     from softprint.runtime.io.files import provenance
+    from softprint.runtime.linalg.one_thread import one_thread_by_default
     from softprint.runtime.scenes.scene import find_scene
     from softprint.runtime.scenes.speed import machine, speed_table, speeds_as_json, with_newton
 
@@ -82,10 +81,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     scene = find_scene(context.experiment, args.scene or tests[0].name)
     experiment = with_newton(context.experiment, args.iterations)
     body = body_of_run(context)
-    if any(os.environ.get(name) != "1" for name in THREADS):
-        context.say(
-            f"steps are slower with several threads: {' '.join(f'{name}=1' for name in THREADS)} softprint bench"
-        )
+    one_thread_by_default()
     speeds = _measured(args, context, experiment, body, scene)
     sizes = {
         "cells": body.mesh.n_cells,
@@ -102,7 +98,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     )
     context.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in sizes.items()))
     context.say(
-        f"{here['processor']}, {here['cores']} cores, BLAS threads {here['threads'] or 'not limited'}"
+        f"{here['processor']}, {here['cores']} cores, {here['threads']} thread(s) of linear algebra"
     )
     for line in speed_table(speeds):
         context.say(line)

@@ -31,10 +31,12 @@ def run(args: argparse.Namespace, context: Context) -> int:
     """Play each scene with each model; writes motions/<scene>_<model>.h5 and .xdmf in the run directory."""
     from softprint.runtime.cli.run_body import body_of_run
     from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.linalg.one_thread import one_thread_by_default
     from softprint.runtime.scenes.playing import usual_models
     from softprint.runtime.scenes.scene import find_scene
     from softprint.runtime.scenes.simulate import simulate_scene
 
+    one_thread_by_default()
     experiment = context.experiment
     names = args.scene or [scene.name for scene in experiment.scenes_of_role("test")]
     if not names:

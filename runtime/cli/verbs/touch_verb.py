@@ -135,6 +135,7 @@ def _play(
     """Play the scene with one model and write its files, all but the picture of the camera."""
     import numpy as np
 
+    from softprint.runtime.linalg.one_thread import one_thread_by_default
     from softprint.runtime.scenes.playing import build_model, play
     from softprint.runtime.scenes.scene import scene_steps
     from softprint.runtime.touch import TactileCamera, Touch, TouchSensor, point_places, surface_places
@@ -143,6 +144,7 @@ def _play(
 
     points = dict(args.point or [("top", body.mesh.points[np.argmax(body.mesh.points[:, -1])])])
     places = [point_places(body, points), *([surface_places(body)] if args.surface else [])]
+    one_thread_by_default()
     with context.stage(f"preparing {scene.name} ({name})"):
         model = build_model(experiment, body, scene, context.out_dir, name)
         sensors = [TouchSensor(model, body, sensed) for sensed in places]
