@@ -76,14 +76,14 @@ CONTACT_VERSION = 10
 class PenaltyContact:
     """Contact energy (stiffness / 3) depth^3 per unit of surface area; stiffness in N/m^4.
 
-    refinement: 0 for contact at nodes. Otherwise contact is evaluated on facets: in full space at refinement^(dim-1)
-    points of every facet of the surface (`surface_quadrature.py`), in reduced models at reduced_refinement^(dim-1)
-    points, for 1 at the middle and the corners (`runtime/mechanics/loaded_points.py`), and in both at tips, edges and
-    thin limbs of colliders (`sharp_planes.py`).
+    Contact is evaluated on facets: in full space at refinement^(dim-1) points of every facet of the surface
+    (`surface_quadrature.py`), in reduced models at reduced_refinement^(dim-1) points, for 1 at the middle and the
+    corners (`runtime/mechanics/loaded_points.py`), and in both at tips, edges and thin limbs of colliders
+    (`sharp_planes.py`). refinement = 0: at nodes, as in the thesis; what is thinner than their distance passes between.
     """
 
     stiffness: float
-    refinement: int = 0
+    refinement: int = 2
     reduced_refinement: int = 1
 
     @classmethod

@@ -161,6 +161,6 @@ def _points(law: PenaltyContact) -> str:
     """Where a law has contact in reduced models."""
     if not law.refinement:
         return "at nodes"
-    return (
-        f"at {law.reduced_refinement} points along an edge of a facet, and on sharp edges at {law.refinement}"
-    )
+    along = law.reduced_refinement
+    where = "the middle and the corners" if along == 1 else f"{along} points along an edge"
+    return f"at {where} of every facet, and at tips and edges with refinement {law.refinement}"

@@ -96,7 +96,7 @@ def _contact(experiment: Experiment) -> Iterator[Problem]:
     if contact.model == "penalty" and contact.distance is not None:
         yield Problem("contact.distance", "is of a barrier", 'set contact.model = "barrier", or leave it out')
     if contact.refinement == 0 and contact.reduced_refinement != 1:
-        remedy = "give contact.refinement as well: without it, contact is at nodes"
+        remedy = "leave contact.refinement out: with 0, contact is at nodes"
         yield Problem("contact.reduced_refinement", "has no effect", remedy, contact.reduced_refinement)
 
 

@@ -22,11 +22,11 @@ class ContactSpec(Section):
     )
     stiffness: Positive = Field(1e10, description="k of the energy density k/3 depth^3 per area [N/m^4]")
     refinement: int = Field(
-        0,
+        2,
         ge=0,
         le=64,
         description="contact on surface facets, in full space at n points along an edge of each, and at tips and edges "
-        "of colliders; 0: at nodes",
+        "of colliders; 0: at nodes, between which thin limbs pass",
     )
     reduced_refinement: int = Field(
         1,

@@ -44,7 +44,7 @@ class ForceModelOptions(ModelOptions):
     band: float
     stiffness: float
     static_condensation: bool = True
-    refinement: int = 0
+    refinement: int = 2
     reduced_refinement: int = 1
     energy: tuple[float, ...] = ()
 

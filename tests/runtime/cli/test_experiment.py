@@ -164,8 +164,8 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
             ["[scenes[0].kinematic[0].keyframes[0].rotation]", "has no effect", "only frames"],
         ),
         (
-            "contact.reduced_refinement=2",
-            ["[contact.reduced_refinement]", "has no effect", "refinement as well"],
+            "contact={refinement=0, reduced_refinement=2}",
+            ["[contact.reduced_refinement]", "has no effect", "leave contact.refinement out"],
         ),
         ("scenes.press.springs[0].rotation_stiffness=1.0", ["rotation_stiffness]", "has no effect"]),
         ("scenes.press.springs[0].rotation_stiffness=-1.0", ["rotation_stiffness]", "greater than or equal"]),

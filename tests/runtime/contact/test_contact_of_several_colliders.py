@@ -155,9 +155,9 @@ def test_corrections_of_contact_on_facets_are_for_contact_on_facets(jelly_body, 
     Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS, 3), mechanics=mechanics)
     with pytest.raises(
         SoftprintError,
-        match=r"at 1 points along an edge of a facet, and on sharp edges at 3, not at nodes: give contact=Pen",
+        match=r"corners of every facet, and at tips and edges with refinement 3, not at nodes: give contact=Pen",
     ):
-        Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS), mechanics=mechanics)
+        Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS, refinement=0), mechanics=mechanics)
 
 
 LEARNED = replace(OPTIONS, energy=(0.5, -0.8, -0.4, 1.3, 1.0))

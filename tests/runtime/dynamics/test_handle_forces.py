@@ -9,7 +9,7 @@ from softprint.runtime.dynamics.handle_forces import HandleCoordinates, StaticCo
 from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 
-LAW = PenaltyContact(1e9)
+LAW = PenaltyContact(1e9, refinement=0)
 
 
 def pressed(body):
