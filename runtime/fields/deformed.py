@@ -50,8 +50,8 @@ def fields_of(body: ReducedBody, contact: PenaltyContact, deformed: Deformed) ->
 
     The pressure at a surface node is the mean of k depth^2 for each unit of *rest* area (see
     :mod:`runtime.contact.penalty`) over the contact points around it; with the node's own share of that area it gives
-    the normal force. The sum of ``contact_force`` [N], the force on the body, over the nodes is the total force. Contact
-    is that of full space at these positions: a reduced model, which has other points on the facets, felt another force.
+    the normal force. The sum of ``contact_force`` [N], the force on the body, over the nodes is the total force.
+    Contact is that of full space at these positions: a reduced model has other points on the facets, and another force.
     """
     x = deformed.positions
     F = in_three_dimensions(body.mesh.deformation_gradients(x))

@@ -97,9 +97,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
         + ("during the next step" if args.cores == 2 else "after their step")
     )
     context.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in sizes.items()))
-    context.say(
-        f"{here['processor']}, {here['cores']} cores, {here['threads']} thread(s) of linear algebra"
-    )
+    context.say(f"{here['processor']}, {here['cores']} cores, {here['threads']} thread(s) of linear algebra")
     for line in speed_table(speeds):
         context.say(line)
     _keep(
