@@ -11,10 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.learned.form import ModelT
 
 # Number of samples used to measure the normalisation of inputs and outputs.
 NORMALISATION_SAMPLES = 512
+# Samples with less than this share of the mean squared displacement hardly touch; they are left out of the worst case.
+_TELLING = 0.01
 
 
 @dataclass(frozen=True)
@@ -22,12 +25,25 @@ class HeldOutError:
     """Errors over a set of samples, relative to the displacement (0: perfect; 1: no better than no correction).
 
     rms = sqrt(sum w |u_pred - u|^2 / sum w |u|^2) over samples and nodes, w the node volumes; worst: the
-    largest rms of a single sample; samples: number of samples.
+    largest rms of a single sample, of those that are displaced at all; samples: number of samples.
     """
 
     rms: float
     worst: float
     samples: int
+
+    @classmethod
+    def of(cls, missed: Array | Tensor, whole: Array | Tensor) -> HeldOutError:
+        """Of samples with squared errors and squared displacements (n,), each summed over the nodes; NaN of none."""
+        error, square = (
+            np.asarray(part.cpu() if isinstance(part, Tensor) else part) for part in (missed, whole)
+        )
+        error = np.maximum(error, 0.0)  # differences of large numbers
+        if not len(square):
+            return cls(float("nan"), float("nan"), 0)
+        tells = square >= _TELLING * square.mean()
+        worst = float((error[tells] / square[tells]).max())
+        return cls(float(error.sum() / square.sum()) ** 0.5, worst**0.5, len(square))
 
     @property
     def squared(self) -> float:

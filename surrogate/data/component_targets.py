@@ -41,9 +41,4 @@ class ComponentTargets:
         """Error over the volume of coefficients (s, count) of the held-out fields, relative to these."""
         beyond = self._held_energy - self._held_target.square().sum(1)
         error = (found.double() - self._held_target).square().sum(1) + beyond.clamp(min=0.0)
-        whole = self._held_energy
-        return HeldOutError(
-            float((error.sum() / whole.sum()).sqrt()),
-            float((error / whole.clamp(min=1e-6 * whole.mean())).max().sqrt()),
-            len(whole),
-        )
+        return HeldOutError.of(error, self._held_energy)

@@ -96,10 +96,7 @@ def _relative(gains: Sequence[tuple[Array, ...]]) -> tuple[Array, Array]:
 def _error(gains: Sequence[tuple[Array, ...]], part: float) -> HeldOutError:
     """With a part of the correction."""
     missed, cross, square, whole = (np.concatenate(column) for column in zip(*gains, strict=True))
-    error = np.maximum(missed - 2.0 * part * cross + part**2 * square, 0.0)
-    return HeldOutError(
-        float(np.sqrt(error.sum() / whole.sum())), float(np.sqrt((error / whole).max())), len(whole)
-    )
+    return HeldOutError.of(missed - 2.0 * part * cross + part**2 * square, whole)
 
 
 def _rows(part: IntArray) -> Tensor:

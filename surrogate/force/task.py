@@ -142,12 +142,7 @@ class ForceTask:
         if self._judged is None:
             return HeldOutError(float("nan"), float("nan"), 0)
         missed, cross, square, whole = (part.double() for part in self.gains(model))
-        error = missed - 2.0 * cross + square
-        return HeldOutError(
-            float((error.sum() / whole.sum()).clamp(min=0.0).sqrt()),
-            float((error / whole).max().clamp(min=0.0).sqrt()),
-            len(whole),
-        )
+        return HeldOutError.of(missed - 2.0 * cross + square, whole)
 
     @torch.no_grad()
     def gains(self, model: ForceModel) -> Gains:

@@ -123,6 +123,4 @@ def _held_out(
         unsolved += not correction.amplitudes.at(rows[state]).converged
         missed.append(float(np.square(error).sum(axis=1) @ data.volumes))
         whole.append(float(np.square(exact).sum(axis=1) @ data.volumes))
-    relative = np.array(missed) / np.maximum(whole, 1e-6 * np.mean(whole))
-    rms = float(np.sqrt(np.sum(missed) / np.sum(whole)))
-    return HeldOutError(rms, float(np.sqrt(relative.max())), len(whole)), unsolved
+    return HeldOutError.of(np.array(missed), np.array(whole)), unsolved

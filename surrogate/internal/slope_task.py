@@ -97,11 +97,7 @@ class SlopeTask:
         found = torch.tensordot(model(self._held_z).double(), model.modes.double(), dims=1)
         error = ((found - self._held).square() * self._volumes).sum((1, 2))
         whole = (self._held.square() * self._volumes).sum((1, 2))
-        return HeldOutError(
-            float((error.sum() / whole.sum()).sqrt()),
-            float((error / whole.clamp(min=1e-6 * whole.mean())).max().sqrt()),
-            len(whole),
-        )
+        return HeldOutError.of(error, whole)
 
     def finish(self, model: InternalModel) -> None:
         """Nothing to set."""

@@ -34,7 +34,4 @@ def held_out_error(model: ContactCentricModel, data: ContactDataset, batch: int 
         difference = (model(part.state, part.shared, part.depth) - part.target)[:, :n_nodes]
         squares.append((part.node_weight * difference.square().sum(-1)).sum(1).double())
         whole.append((part.node_weight * part.target[:, :n_nodes].square().sum(-1)).sum(1).double())
-    error, total = torch.cat(squares), torch.cat(whole)
-    return HeldOutError(
-        float((error.sum() / total.sum()).sqrt()), float((error / total).max().sqrt()), len(data)
-    )
+    return HeldOutError.of(torch.cat(squares), torch.cat(whole))

@@ -71,10 +71,7 @@ class DescriptorTask:
     def held_out_error(self, model: DescriptorModel) -> HeldOutError:
         """Error over the volume of the validation samples, in the frames used at run time; displacement beyond d counts
         as error in full."""
-        error, whole = sample_errors(model, self.validation)
-        return HeldOutError(
-            float((error.sum() / whole.sum()).sqrt()), float((error / whole).max().sqrt()), len(whole)
-        )
+        return HeldOutError.of(*sample_errors(model, self.validation))
 
     def finish(self, model: DescriptorModel) -> None:
         """Nothing to set."""

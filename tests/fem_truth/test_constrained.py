@@ -20,7 +20,7 @@ from softprint.runtime.optimise import NewtonSettings, Status
 
 GRAVITY = {2: np.array([0.0, -9.81]), 3: np.array([0.0, 0.0, -9.81])}
 TIGHT = FullSpaceSettings(NewtonSettings(60, 1e-9), 1e-14, cg_tolerance_min=1e-8)
-CONTACT = PenaltyContact(1e9)
+CONTACT = PenaltyContact(1e9, refinement=0)  # at nodes: simple enough to be written out here
 both = pytest.mark.parametrize("dim", [2, 3])
 
 

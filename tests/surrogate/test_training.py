@@ -36,6 +36,7 @@ from softprint.surrogate.force.data import ForceData, read_force_data
 from softprint.surrogate.force.loss import ForceMetric, on_nodes, quadratic_form
 from softprint.surrogate.force.sample_blocks import SampleBlocks
 from softprint.surrogate.force.task import ForceTask
+from softprint.surrogate.learning_task import HeldOutError
 from softprint.surrogate.thesis5.data import PoolSize, load_dataset
 from softprint.surrogate.thesis5.task import ContactCentricTask, InputGains
 from softprint.surrogate.thesis6.data import Drawing, join_descriptor_data, load_descriptor_data
@@ -215,6 +216,17 @@ def test_error_of_forces_on_contact_points_is_that_of_their_field(truth, jelly2d
         whole += (volumes * expected**2).sum()
     # Gamma is float32.
     assert task.held_out_error(model).rms == pytest.approx(np.sqrt(missed / whole), rel=1e-3)
+
+
+@pytest.mark.parametrize("made", [np.array, torch.tensor], ids=["numpy", "torch"])
+def test_a_sample_that_hardly_touches_is_not_the_worst_case(made):
+    """Of four contacts one is displaced a millionth as much as the others: any error is large beside that."""
+    whole, missed = made([4.0, 1.0, 1.0, 1e-12]), made([0.04, 0.09, -1e-20, 1.0])
+    found = HeldOutError.of(missed, whole)
+    assert found.rms == pytest.approx(np.sqrt(1.13 / 6.0), rel=1e-6)  # single precision of a tensor
+    assert found.worst == pytest.approx(0.3, rel=1e-6)
+    assert found.samples == 4
+    assert np.isnan(HeldOutError.of(made([]), made([])).rms)
 
 
 def test_quadratic_form_and_its_derivative():
