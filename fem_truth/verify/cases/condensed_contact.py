@@ -50,7 +50,7 @@ class _Press:
         mechanics = compute_mechanics(body, body.n_nodes, condensation=False)
         ball = Sphere(RADIUS, body.dim, "ball")
         contact = CondensedContact.of(
-            body, mechanics, {"ball": ball}, PenaltyContact(STIFFNESS), learned=learned
+            body, mechanics, {"ball": ball}, PenaltyContact(STIFFNESS, refinement=0), learned=learned
         )
         rows = body.rest_rows.copy()
         count = body.handles.n_points
@@ -83,7 +83,7 @@ def _pose(dim: int, aside: float = 0.0, depth: float = DEPTH) -> RigidPose:
 def _full_space_rows(dim: int, quick: bool) -> list[Row]:
     """At rest and of a linear material, against the constrained solve in full space."""
     body, pose = _body(dim, quick, "linear"), _pose(dim)
-    problem = ConstrainedProblem(FullSpaceElasticity(body), None, PenaltyContact(STIFFNESS), body)
+    problem = ConstrainedProblem(FullSpaceElasticity(body), None, PenaltyContact(STIFFNESS, refinement=0), body)
     rest = body.mesh.points
     solution = problem.solve(body.rest_rows, Sphere(RADIUS, dim, "ball"), pose, rest, _TIGHT)
     press = _Press.of(body, None)

@@ -28,7 +28,7 @@ from softprint.runtime.mesh import box_mesh
 
 _GRAVITY, _MU, _SLIP = 9.81, 0.3, 1e-3
 _STEP = 0.002  # s
-_CONTACT = PenaltyContact(1e11)
+_CONTACT = PenaltyContact(1e11, refinement=0)
 #: Downhill direction of the incline in 3D: not aligned with the mesh.
 _HEADING = {2: np.array([1.0]), 3: np.array([0.8, 0.6])}
 
