@@ -83,7 +83,9 @@ def _pose(dim: int, aside: float = 0.0, depth: float = DEPTH) -> RigidPose:
 def _full_space_rows(dim: int, quick: bool) -> list[Row]:
     """At rest and of a linear material, against the constrained solve in full space."""
     body, pose = _body(dim, quick, "linear"), _pose(dim)
-    problem = ConstrainedProblem(FullSpaceElasticity(body), None, PenaltyContact(STIFFNESS, refinement=0), body)
+    problem = ConstrainedProblem(
+        FullSpaceElasticity(body), None, PenaltyContact(STIFFNESS, refinement=0), body
+    )
     rest = body.mesh.points
     solution = problem.solve(body.rest_rows, Sphere(RADIUS, dim, "ball"), pose, rest, _TIGHT)
     press = _Press.of(body, None)

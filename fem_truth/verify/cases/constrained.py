@@ -117,7 +117,9 @@ def _compare(dim: int, points: int, quick: bool) -> list[Row]:
     body = _body(dim, points, quick)
     mesh = body.mesh
     gravity = np.array([0.0] * (dim - 1) + [-9.81])
-    problem = ConstrainedProblem(FullSpaceElasticity(body), gravity, PenaltyContact(STIFFNESS, refinement=0), body)
+    problem = ConstrainedProblem(
+        FullSpaceElasticity(body), gravity, PenaltyContact(STIFFNESS, refinement=0), body
+    )
     witness = witnesses.Witness(mesh, YOUNG, POISSON, "stable_neo_hookean")
     load = witness.weight(DENSITY * gravity)
     rows = body.rest_rows.copy()

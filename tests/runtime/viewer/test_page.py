@@ -133,7 +133,7 @@ def test_a_step_that_pierces_is_red(toy2d):
     try:
         shown.simulation.send(SetShapes((SphereSpec(shape="circle", name="pea", radius=2e-3),)))
         shown.until(lambda: shown.names == ["pea"])
-        shown.page.lead("pea", RigidPose(np.eye(2), np.array([0.0, 0.03])))
+        shown.page.lead("pea", RigidPose(np.eye(2), np.array([0.0, 0.01])))
         shown.until(lambda: "pierced" in shown.status and "deep inside the body" in shown.status)
     finally:
         shown.page.close()
