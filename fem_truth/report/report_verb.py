@@ -16,13 +16,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, context: Context) -> int:
-    """Write report.html and report.json in the run directory; full-space solves are kept in heldout/ and reused."""
-    from softprint.fem_truth.report.make import make_report
+    """Write report.html and report.json in the run directory, unless they would be the same as those there; full-space
+    solves are kept in heldout/ and reused."""
+    from softprint.fem_truth.report.make import report
 
-    made = make_report(context, pictures=not args.no_pictures)
+    made = report(context, pictures=not args.no_pictures)
     for line in made.headline:
         context.say(line)
-    context.say(f"report: {made.page}")
+    context.say(f"report: {made.page}{' (kept)' if made.kept else ''}")
     context.say(f"numbers: {made.numbers}")
     return 0
 

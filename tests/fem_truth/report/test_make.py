@@ -1,7 +1,9 @@
 """`softprint report` on a toy run: it writes both files, and clear messages if something is missing."""
 
 import json
+import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +112,31 @@ def test_report_of_a_toy_run(toy, monkeypatch):
     errors_again = json.loads(made.numbers.read_text())["errors_solved"]
     assert errors_again == json.loads(before)["errors_solved"]
     assert "<img" not in made.page.read_text()
+
+
+def test_a_report_is_kept_until_something_that_it_is_made_from_changes(toy, tmp_path):
+    run = copy_of_run(toy, tmp_path)
+
+    def again(*overrides, pictures=False, resume=True):
+        context = replace(context_of(toy, run, *overrides), resume=resume)
+        return make.report(context, pictures)
+
+    first = again()
+    assert not first.kept
+    page = first.page.read_bytes()
+    kept = again()
+    assert kept.kept
+    assert kept.headline == first.headline
+    assert kept.page.read_bytes() == page
+    assert not again(resume=False).kept
+    assert not again("report.frames=2").kept
+    assert again("report.frames=2").kept
+    os.utime(run / "motions" / "test_bare.h5")  # as written anew
+    assert not again("report.frames=2").kept
+    first.page.unlink()
+    assert not again("report.frames=2").kept
+    first.numbers.write_text("{")
+    assert not again("report.frames=2").kept
 
 
 def test_an_interrupted_report_leaves_finished_solves_and_no_page(toy, tmp_path, monkeypatch):
