@@ -25,7 +25,7 @@ start = softprint.RigidPose(np.eye(body.dim), (top + 0.03) * up)
 simulator = softprint.Simulator(
     body,
     [softprint.PlacedCollider("ball", ball, free=softprint.free_collider(ball, start, density=2000.0))],
-    contact=softprint.PenaltyContact(1e10),
+    contact=softprint.PenaltyContact(1e10),  # soft, so that the ball soon comes to rest
     friction=softprint.CoulombFriction(0.3),
     gravity=-9.81 * up,
     kinematic=[softprint.KinematicHandle("base")],

@@ -19,7 +19,7 @@ ball = softprint.PlacedCollider("ball", softprint.colliders.Sphere(0.02, body.di
 simulator = softprint.Simulator(
     body,
     [ball],
-    contact=softprint.PenaltyContact(1e10),
+    contact=softprint.PenaltyContact(3e11),
     friction=softprint.CoulombFriction(0.5),
     kinematic=[softprint.KinematicHandle("base")],
 )

@@ -284,7 +284,6 @@ FIGURES: Mapping[str, Figure] = {
             "softprint train examples/falling3d_small.toml",
             "softprint body examples/cube_small.toml",
             "python -m benchmarks.free_bodies examples/falling3d_small.toml examples/cube_small.toml",
-            "python -m benchmarks.free_bodies examples/falling3d_small.toml --set contact.refinement=2",
         ),
         (RESULTS,),
     ),
