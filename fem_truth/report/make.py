@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +13,7 @@ from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasti
 from softprint.fem_truth.report.assemble import JudgedScene, ReportInputs, assemble
 from softprint.fem_truth.report.drawing.picture import Renderer
 from softprint.fem_truth.report.drawing.renderings import make_renderer
-from softprint.fem_truth.report.headline import Card, console_lines
-from softprint.fem_truth.report.kept_report import NUMBERS, PAGE, kept_summary, report_inputs
+from softprint.fem_truth.report.made_report import NUMBERS, PAGE, MadeReport, report_inputs
 from softprint.fem_truth.report.measurements.body_alone import InternalDisplacement, NoCollider, WithInternal
 from softprint.fem_truth.report.measurements.comparison import evenly_spaced
 from softprint.fem_truth.report.measurements.held_out import (
@@ -65,29 +61,7 @@ if TYPE_CHECKING:
     from softprint.runtime.experiment import Experiment, SceneSpec
 
 
-@dataclass(frozen=True)
-class Made:
-    """Path of the report, its summary lines, and whether it is that of an earlier run."""
-
-    page: Path
-    numbers: Path
-    headline: list[str]
-    kept: bool = False
-
-    @classmethod
-    def of(cls, folder: Path, summary: Mapping[str, Any], kept: bool = False) -> Made:
-        """In a run directory, with what the report says."""
-        cards = [Card(**card) for card in summary["headline"]["cards"]]
-        return cls(folder / PAGE, folder / NUMBERS, console_lines(summary, cards), kept)
-
-
-def report(context: Context, pictures: bool = True) -> Made:
-    """The report of an earlier run where nothing that it is made from has changed, otherwise a new one."""
-    summary = kept_summary(context, pictures)
-    return make_report(context, pictures) if summary is None else Made.of(context.out_dir, summary, kept=True)
-
-
-def make_report(context: Context, pictures: bool = True) -> Made:
+def make_report(context: Context, pictures: bool = True) -> MadeReport:
     """Evaluate every suitable scene with role `test`, and write report.html and report.json in the run directory."""
     experiment, folder = context.experiment, context.out_dir
     made_from = report_inputs(context, pictures)
@@ -115,7 +89,7 @@ def make_report(context: Context, pictures: bool = True) -> Made:
     html = render_page(content)  # before anything is written, so that either both files change or none
     write_text(folder / NUMBERS, json_text({**content.summary, "inputs": made_from}))
     write_text(folder / PAGE, html)
-    return Made.of(folder, content.summary)
+    return MadeReport.of(folder, content.summary)
 
 
 def judge_scene(context: Context, files: RunFiles, body: ReducedBody, scene: SceneSpec) -> JudgedScene:

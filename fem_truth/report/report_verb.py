@@ -18,12 +18,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, context: Context) -> int:
     """Write report.html and report.json in the run directory, unless they would be the same as those there; full-space
     solves are kept in heldout/ and reused."""
-    from softprint.fem_truth.report.make import report
+    from softprint.fem_truth.report.made_report import MadeReport
 
-    made = report(context, pictures=not args.no_pictures)
+    pictures = not args.no_pictures
+    made = kept = MadeReport.kept(context, pictures)
+    if made is None:
+        # Imported here, because DOLFINx takes seconds to load.
+        from softprint.fem_truth.report.make import make_report
+
+        made = make_report(context, pictures)
     for line in made.headline:
         context.say(line)
-    context.say(f"report: {made.page}{' (kept)' if made.kept else ''}")
+    context.say(f"report: {made.page}{' (kept)' if kept else ''}")
     context.say(f"numbers: {made.numbers}")
     return 0
 

@@ -80,7 +80,7 @@ def test_forces_that_are_not_the_derivative_of_the_learned_energy_fail(monkeypat
 
 def test_a_contact_that_is_stiffer_by_a_part_in_a_thousand_fails(monkeypatch):
     pytest.importorskip("skfem")
-    monkeypatch.setattr(constrained, "PenaltyContact", lambda stiffness: _PENALTY(1.001 * stiffness))
+    monkeypatch.setattr(constrained, "PenaltyContact", lambda k, **rest: _PENALTY(1.001 * k, **rest))
     rows = constrained._compare(2, 4, True)
     assert [row.passed for row in rows] == [True, False]
 
