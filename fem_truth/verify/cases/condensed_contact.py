@@ -25,7 +25,8 @@ from softprint.runtime.mesh import box_mesh
 from softprint.runtime.optimise import NewtonSettings
 
 YOUNG, POISSON, DENSITY = 2e4, 0.4, 1000.0
-STIFFNESS = 1e9  # N/m^4
+# On facets, in reduced models with the points of full space.
+LAW = PenaltyContact(1e9, refinement=2, reduced_refinement=2)
 RADIUS, DEPTH, TOP = 0.015, 0.005, 0.05  # m
 # Of the size of what is learned on the small Jelly, with b two to three times as large.
 LEARNED = LearnedEnergy.of((0.5, -0.8, -0.4, 0.94, 0.4))
@@ -49,9 +50,7 @@ class _Press:
         """With all surface nodes as contact nodes; rows: the handles displaced at random, by about 1 mm each."""
         mechanics = compute_mechanics(body, body.n_nodes, condensation=False)
         ball = Sphere(RADIUS, body.dim, "ball")
-        contact = CondensedContact.of(
-            body, mechanics, {"ball": ball}, PenaltyContact(STIFFNESS, refinement=0), learned=learned
-        )
+        contact = CondensedContact.of(body, mechanics, {"ball": ball}, LAW, learned=learned)
         rows = body.rest_rows.copy()
         count = body.handles.n_points
         rows[:count] += 1e-3 * np.random.default_rng(4).standard_normal((count, body.dim))
@@ -83,9 +82,7 @@ def _pose(dim: int, aside: float = 0.0, depth: float = DEPTH) -> RigidPose:
 def _full_space_rows(dim: int, quick: bool) -> list[Row]:
     """At rest and of a linear material, against the constrained solve in full space."""
     body, pose = _body(dim, quick, "linear"), _pose(dim)
-    problem = ConstrainedProblem(
-        FullSpaceElasticity(body), None, PenaltyContact(STIFFNESS, refinement=0), body
-    )
+    problem = ConstrainedProblem(FullSpaceElasticity(body), None, LAW, body)
     rest = body.mesh.points
     solution = problem.solve(body.rest_rows, Sphere(RADIUS, dim, "ball"), pose, rest, _TIGHT)
     press = _Press.of(body, None)
