@@ -61,6 +61,7 @@ def written(folder, models=MODELS):
     return experiment
 
 
+@pytest.mark.slow
 def test_every_form_on_an_internal_correction(tmp_path, capsys):
     path, run = written(tmp_path), tmp_path / "run"
     here = [str(path), "--out", str(run), "--quiet"]

@@ -81,6 +81,7 @@ def experiment(tmp_path, dim):
     return path
 
 
+@pytest.mark.slow
 def test_from_states_to_report(experiment, tmp_path, dim, capsys):
     run = tmp_path / "run"
     here = [str(experiment), "--out", str(run), "--quiet"]

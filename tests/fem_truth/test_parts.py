@@ -121,6 +121,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", ["SoftprintError('the disk is full')", "ValueError('a bug')"])
 def test_an_error_on_one_rank_of_a_group_ends_them_all(tmp_path, error):
     experiment = write_experiment(tmp_path, 2)

@@ -15,6 +15,7 @@ from tests.runtime.authoring.own_meshes import OWN_MESHES, OwnMesh
 CELLS = 400
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", OWN_MESHES, ids=lambda own: own.name)
 def test_it_becomes_a_body_or_one_sentence(own: OwnMesh, tmp_path, capsys, monkeypatch):
     folder = tmp_path / "here"

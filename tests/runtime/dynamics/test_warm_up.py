@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 from tests.conftest import REPOSITORY
 
 # Bodies, shapes and numbers of contact nodes other than those of the warm-up; friction, a led and a free collider.
@@ -62,6 +64,7 @@ print(*(key for key, found in late.items() if found), sep="\\n")
 """
 
 
+@pytest.mark.slow
 def test_a_simulation_compiles_nothing_after_the_warm_up(dim: int):
     done = subprocess.run(
         [sys.executable, "-c", _PLAY, str(dim)], cwd=REPOSITORY, capture_output=True, text=True, check=False

@@ -86,6 +86,7 @@ def choose(page, present: str, wanted: str) -> None:
     page.get_by_role("option", name=wanted, exact=True).last.click()
 
 
+@pytest.mark.slow
 def test_a_press_by_hand(served, toy3d):
     process, address = served
     with browser() as own:
