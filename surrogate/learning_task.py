@@ -25,7 +25,8 @@ class HeldOutError:
     """Errors over a set of samples, relative to the displacement (0: perfect; 1: no better than no correction).
 
     rms = sqrt(sum w |u_pred - u|^2 / sum w |u|^2) over samples and nodes, w the node volumes; worst: the
-    largest rms of a single sample, of those that are displaced at all; samples: number of samples.
+    largest rms of a single sample, of those with a hundredth of the mean squared displacement or more; samples: number
+    of samples.
     """
 
     rms: float
