@@ -8,10 +8,12 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 _FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
+    "runtime/contact/learned_energy/dent_excess.py",
     "runtime/contact/learned_energy/dent_strain.py",
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
     "runtime/contact/carriers/compliance_scale.py",
+    "runtime/contact/carriers/rotation_kernels.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
     "runtime/dynamics/terms/corner_gradients.py",
     "runtime/touch/raster_kernels.py",

@@ -50,6 +50,8 @@ class Material(ABC):
 
     def at(self, cells: IntArray | BoolArray | slice) -> Self:
         """The material of some of the cells only."""
+        if not (self.young.ndim or self.poisson.ndim):
+            return self
         return type(self)(
             self.young[cells] if self.young.ndim else self.young,
             self.poisson[cells] if self.poisson.ndim else self.poisson,

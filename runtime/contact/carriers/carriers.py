@@ -21,6 +21,7 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.contact.carriers.compliance_scale import ScaleDerivatives
 from softprint.runtime.contact.carriers.point_rotations import PointRotations
+from softprint.runtime.contact.carriers.rotation_kernels import pulled_back
 from softprint.runtime.lazy import lazy
 
 
@@ -48,7 +49,13 @@ class Carriers:
 
     def pulled_back(self, moments: Array) -> Array:
         """d(M : A)/dF (m, dim, dim); moments: M (m, dim, dim)."""
-        return np.einsum("mab,mabcd->mcd", moments, self.slope)
+        rotations = self.rotations
+        scale, slope = (
+            (np.ones(len(moments)), np.zeros(moments.shape))
+            if self.scale is None
+            else (self.scale.scale, self.scale.slope)
+        )
+        return pulled_back(rotations.value, rotations.inverse, scale, slope, moments)
 
     def curvature(self, moments: Array) -> Array:
         """d2(M : A)/dF2 (m, dim, dim, dim, dim); moments: M (m, dim, dim)."""

@@ -22,12 +22,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.body.rotations import nearest_rotations, rotation_dofs, skew
+from softprint.runtime.body.rotations import nearest_rotations
+from softprint.runtime.contact.carriers.rotation_kernels import GENERATORS, stretches
 from softprint.runtime.lazy import lazy
 
 # The least eigenvalue of K that derivatives are taken with; 2 at rest.
 _FLATTEST = 0.1
-_GENERATORS = {dim: np.array([skew(axis) for axis in np.eye(rotation_dofs(dim))]) for dim in (2, 3)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +63,21 @@ class PointRotations:
     @property
     def _generators(self) -> Array:
         """E (n, dim, dim)."""
-        return _GENERATORS[self.F.shape[1]]
+        return GENERATORS[self.F.shape[1]]
 
-    @lazy
+    @property
+    def inverse(self) -> Array:
+        """K^-1 (m, n, n)."""
+        return self._stretches[1]
+
+    @property
     def _stretch(self) -> Array:
         """S (m, dim, dim)."""
-        found = np.swapaxes(self.value, 1, 2) @ self.F
-        return 0.5 * (found + np.swapaxes(found, 1, 2))
+        return self._stretches[0]
+
+    @lazy
+    def _stretches(self) -> tuple[Array, Array]:
+        return stretches(self.value, self.F, _FLATTEST)
 
     @lazy
     def _turned(self) -> Array:
@@ -80,9 +88,4 @@ class PointRotations:
     @lazy
     def _spun(self) -> Array:
         """L (m, n, dim*dim): omega by dF."""
-        E, m = self._generators, len(self.F)
-        pairs = np.einsum("kab,lac->klbc", E, E).reshape(len(E) ** 2, -1)
-        K = (self._stretch.reshape(m, -1) @ pairs.T).reshape(m, len(E), len(E))
-        values, axes = np.linalg.eigh(K)
-        inverse = (axes / np.maximum(values, _FLATTEST)[:, None]) @ np.swapaxes(axes, 1, 2)
-        return np.asarray(inverse @ self._turned)
+        return np.asarray(self.inverse @ self._turned)

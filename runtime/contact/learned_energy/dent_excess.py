@@ -24,13 +24,30 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import compiled
 from softprint.runtime.contact.learned_energy.dent_strain import CELLS, DentStrain
-from softprint.runtime.elasticity.materials import Material, make_material
+from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 # In mu: the energy density of a strain of 1e-4.
 _ROUNDED = 1e-8
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+class _Terms(NamedTuple):
+    """value: chi; scale: of the weights [N^2], which are at most one, however small the forces are; total: B by this
+    scale; weight: |phi|^2 (m,) by it; excess: sum_c V r, and stress: its derivative by H (m, CELLS dim^2); below: sum_c V
+    (Psi_2 + 1e-8 mu) (m,), and linear_stress: its derivative; these four in B."""
+
+    value: float
+    scale: float
+    total: float
+    weight: Array
+    excess: Array
+    below: Array
+    stress: Array
+    linear_stress: Array
 
 
 class _Changes(NamedTuple):
@@ -45,12 +62,13 @@ class _Changes(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class DentExcess:
     """chi of a contact with m loaded contact nodes. forces: phi (m, dim) [N] on them; strain: D (m CELLS dim^2, m dim);
-    material: of the m CELLS cells, and volumes: theirs (m, CELLS); corners and shares: (k, c) the nodes of k points, by
+    material: of the m CELLS cells, linear: linear elasticity with its moduli, and volumes: theirs (m, CELLS); corners and shares: (k, c) the nodes of k points, by
     their places among these, and their shares of a force on the point."""
 
     forces: Array
     strain: Array
     material: Material
+    linear: Material
     volumes: Array
     corners: IntArray
     shares: Array
@@ -62,12 +80,13 @@ class DentExcess:
         nodes, phi = loaded.to_nodes(active, forces)
         D = strain.among(nodes).reshape(-1, phi.size)
         cells = (nodes[:, None] * CELLS + np.arange(CELLS)).ravel()
-        return cls(phi, D, strain.material.at(cells), strain.volumes[nodes], corners, shares)
+        material, linear = strain.material.at(cells), strain.linear.at(cells)
+        return cls(phi, D, material, linear, strain.volumes[nodes], corners, shares)
 
     @lazy
     def value(self) -> float:
         """chi."""
-        return float(self._weight @ self._above / self._total)
+        return self._terms.value
 
     @property
     def slope(self) -> Array:
@@ -80,22 +99,21 @@ class DentExcess:
         b = a if other is one else self._changes(other)
         bent = np.matmul(self._tangent, b.strains.reshape(*self._tangent.shape[:2], -1))
         found = a.strains.reshape(-1, a.strains.shape[2]).T @ bent.reshape(-1, b.strains.shape[2])
-        found += (2.0 / self._scale * np.repeat(self._excess, self._dim) * a.forces.T) @ b.forces
+        found += (2.0 / self._terms.scale * np.repeat(self._terms.excess, self._dim) * a.forces.T) @ b.forces
         crossed = self._crossed(a, b)
         return np.asarray(found + crossed + (crossed.T if b is a else self._crossed(b, a).T))
 
     def _changes(self, of_points: Array) -> _Changes:
         """By changes (k*dim, n) of the forces on the points."""
-        n = of_points.shape[1]
-        change = np.zeros((*self.forces.shape, n))
-        np.add.at(change, self.corners, self.shares[..., None, None] * of_points.reshape(-1, 1, self._dim, n))
-        weights = 2.0 / self._scale * np.einsum("ma,man->mn", self.forces, change)
-        flat = change.reshape(-1, n)
-        return _Changes(flat, weights, (self.strain @ flat).reshape(len(change), -1, n))
+        scale = 2.0 / self._terms.scale
+        flat, weights = _by_points(
+            self.corners, self.shares, np.ascontiguousarray(of_points), self.forces, scale
+        )
+        return _Changes(flat, weights, (self.strain @ flat).reshape(len(weights), -1, flat.shape[1]))
 
     def _crossed(self, one: _Changes, other: _Changes) -> Array:
         """d|phi|^2 dr - dB dchi (n, n'), in B."""
-        by_weight = np.einsum("ms,msn->mn", self._stress, other.strains)
+        by_weight = np.einsum("ms,msn->mn", self._terms.stress, other.strains)
         return np.asarray(
             one.weights.T @ by_weight
             - np.outer(self._total_by_nodes.ravel() @ one.forces, self._by_nodes.ravel() @ other.forces)
@@ -106,87 +124,135 @@ class DentExcess:
         return self.forces.shape[1]
 
     @lazy
-    def _scale(self) -> float:
-        """Of the weights [N^2]: they are at most one, however small the forces are."""
-        return max(float(np.square(self.forces).sum(axis=1).max()), float(np.finfo(np.float64).tiny))
-
-    @lazy
-    def _weight(self) -> Array:
-        """|phi|^2 (m,), by their scale."""
-        return np.asarray(np.square(self.forces).sum(axis=1) / self._scale)
-
-    @lazy
     def _F(self) -> Array:
         """I + H (m CELLS, dim, dim)."""
         H = (self.strain @ self.forces.ravel()).reshape(-1, self._dim, self._dim)
         return np.asarray(np.eye(self._dim) + H)
 
     @lazy
-    def _linear(self) -> Material:
-        """Linear elasticity, with the moduli of the material."""
-        return make_material("linear", self.material.young, self.material.poisson)
-
-    @lazy
-    def _densities(self) -> tuple[Array, Array, Array, Array]:
-        """Psi, its stress, and Psi_2, its stress (m CELLS, ...)."""
-        return *self.material.energy_and_stress(self._F), *self._linear.energy_and_stress(self._F)
-
-    @lazy
-    def _above(self) -> Array:
-        """sum_c V (Psi - Psi_2) (m,) [J]."""
-        psi, _, linear, _ = self._densities
-        return self._of_nodes(psi - linear)
-
-    @lazy
-    def _below(self) -> Array:
-        """sum_c V (Psi_2 + 1e-8 mu) (m,) [J]."""
-        return self._of_nodes(self._densities[2] + _ROUNDED * self.material.lame_mu)
-
-    @lazy
-    def _total(self) -> float:
-        """B, by the scale of the weights."""
-        return float(self._weight @ self._below)
-
-    @lazy
-    def _excess(self) -> Array:
-        """sum_c V r (m,), in B."""
-        return np.asarray((self._above - self.value * self._below) / self._total)
-
-    @lazy
-    def _stress(self) -> Array:
-        """Its derivative by H (m, CELLS dim^2)."""
-        _, stress, _, linear = self._densities
-        return self._weighted(stress - (1.0 + self.value) * linear)
+    def _terms(self) -> _Terms:
+        psi, linear = self.material.energy_and_stress(self._F), self.linear.energy_and_stress(self._F)
+        rounded = np.broadcast_to(_ROUNDED * self.material.lame_mu, len(self._F))
+        return _Terms(*_sums(self.forces, self.volumes, rounded, *psi, *linear))
 
     @lazy
     def _tangent(self) -> Array:
         """|phi|^2 V d2r/dH2 (m CELLS, dim^2, dim^2), in B."""
-        tangent = self.material.tangent(self._F) - (1.0 + self.value) * self._linear.tangent(self._F)
-        weight = np.repeat(self._weight / self._total, CELLS) * self.volumes.ravel()
+        tangent = self.material.tangent(self._F) - (1.0 + self.value) * self.linear.tangent(self._F)
+        weight = np.repeat(self._terms.weight / self._terms.total, CELLS) * self.volumes.ravel()
         return np.asarray(weight[:, None, None] * tangent.reshape(len(tangent), self._dim**2, -1))
 
     @lazy
     def _by_nodes(self) -> Array:
         """dchi/dphi (m, dim) [1/N]."""
-        return self._by_forces(self._excess, self._stress)
+        return self._by_forces(self._terms.excess, self._terms.stress)
 
     @lazy
     def _total_by_nodes(self) -> Array:
         """dB/dphi (m, dim) [1/N], in B."""
-        return self._by_forces(self._below / self._total, self._weighted(self._densities[3]))
-
-    def _of_nodes(self, density: Array) -> Array:
-        """sum_c V of a density (m CELLS,) at each node (m,)."""
-        return np.asarray((self.volumes * density.reshape(self.volumes.shape)).sum(axis=1))
-
-    def _weighted(self, stress: Array) -> Array:
-        """V times a stress (m CELLS, dim, dim), in B: (m, CELLS dim^2)."""
-        stress = self.volumes.reshape(-1, 1, 1) / self._total * stress
-        return np.asarray(stress.reshape(len(self.forces), -1))
+        return self._by_forces(self._terms.below, self._terms.linear_stress)
 
     def _by_forces(self, value: Array, stress: Array) -> Array:
         """The derivative (m, dim) by the forces of sum |phi_i|^2 r_i, of r (m,) with derivatives (m, CELLS dim^2)."""
-        by_strain = (self._weight[:, None] * stress).ravel() @ self.strain
+        by_strain = (self._terms.weight[:, None] * stress).ravel() @ self.strain
         return np.asarray(
-            2.0 / self._scale * value[:, None] * self.forces + by_strain.reshape(self.forces.shape)
+            2.0 / self._terms.scale * value[:, None] * self.forces + by_strain.reshape(self.forces.shape)
         )
+
+
+def _in_sums(
+    forces: Array,
+    volumes: Array,
+    rounded: Array,
+    psi: Array,
+    stress: Array,
+    linear: Array,
+    linear_stress: Array,
+) -> tuple[float | Array, ...]:
+    square = np.square(forces).sum(axis=1)
+    scale = square.max()
+    above, below = (
+        (volumes * of.reshape(volumes.shape)).sum(axis=1) for of in (psi - linear, linear + rounded)
+    )
+    weight = square / scale
+    total = weight @ below
+    chi = weight @ above / total
+    share = (volumes / total).reshape(-1, 1, 1)
+    stresses = (
+        (share * of).reshape(len(forces), -1) for of in (stress - (1.0 + chi) * linear_stress, linear_stress)
+    )
+    return chi, scale, total, weight, (above - chi * below) / total, below / total, *stresses
+
+
+@compiled(reference=_in_sums)
+def _sums(
+    forces: Array,
+    volumes: Array,
+    rounded: Array,
+    psi: Array,
+    stress: Array,
+    linear: Array,
+    linear_stress: Array,
+) -> tuple[float, float, float, Array, Array, Array, Array, Array]:
+    """`_Terms` from Psi, its stress, Psi_2 and its stress in the m CELLS cells; rounded: 1e-8 mu (m CELLS,)."""
+    m, cells = volumes.shape
+    dim = forces.shape[1]
+    weight, above, below = np.zeros(m), np.zeros(m), np.zeros(m)
+    found, of_linear = np.empty((m, cells * dim * dim)), np.empty((m, cells * dim * dim))
+    scale, value, total = _TINY, 0.0, 0.0
+    for i in range(m):
+        for a in range(dim):
+            weight[i] += forces[i, a] * forces[i, a]
+        scale = max(scale, weight[i])
+        for k in range(cells):
+            c = i * cells + k
+            above[i] += volumes[i, k] * (psi[c] - linear[c])
+            below[i] += volumes[i, k] * (linear[c] + rounded[c])
+    for i in range(m):
+        weight[i] /= scale
+        value += weight[i] * above[i]
+        total += weight[i] * below[i]
+    value /= total
+    for i in range(m):
+        above[i] = (above[i] - value * below[i]) / total
+        below[i] /= total
+        at = 0
+        for k in range(cells):
+            c, share = i * cells + k, volumes[i, k] / total
+            for a in range(dim):
+                for b in range(dim):
+                    found[i, at] = share * (stress[c, a, b] - (1.0 + value) * linear_stress[c, a, b])
+                    of_linear[i, at] = share * linear_stress[c, a, b]
+                    at += 1
+    return value, scale, total, weight, above, below, found, of_linear
+
+
+def _added(
+    corners: IntArray, shares: Array, of_points: Array, forces: Array, scale: float
+) -> tuple[Array, Array]:
+    (m, dim), n = forces.shape, of_points.shape[1]
+    change = np.zeros((m, dim, n))
+    np.add.at(change, corners, shares[..., None, None] * of_points.reshape(-1, 1, dim, n))
+    return change.reshape(-1, n), scale * np.einsum("ma,man->mn", forces, change)
+
+
+@compiled(reference=_added)
+def _by_points(
+    corners: IntArray, shares: Array, of_points: Array, forces: Array, scale: float
+) -> tuple[Array, Array]:
+    """Changes of the forces phi (m*dim, n) on the nodes by those on the points (k*dim, n), and scale phi . dphi at each
+    node (m, n)."""
+    (m, dim), n = forces.shape, of_points.shape[1]
+    change, along = np.zeros((m * dim, n)), np.zeros((m, n))
+    for p in range(len(corners)):
+        for k in range(corners.shape[1]):
+            for a in range(dim):
+                into, share, own = change[corners[p, k] * dim + a], shares[p, k], of_points[p * dim + a]
+                for i in range(n):
+                    into[i] += share * own[i]
+    for i in range(m):
+        for a in range(dim):
+            into, share, own = along[i], scale * forces[i, a], change[i * dim + a]
+            for k in range(n):
+                into[k] += share * own[k]
+    return change, along

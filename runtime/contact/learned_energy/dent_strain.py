@@ -24,6 +24,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.compiled import compiled
 from softprint.runtime.elasticity.materials import Material, make_material
+from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.surface_compliance import CsrParts, SurfaceCompliance, csr_parts
 from softprint.runtime.mesh.mesh import Mesh
 
@@ -65,7 +66,12 @@ class DentStrain:
         at = mesh.cells[cells], np.ascontiguousarray(mesh.cell_gradients[cells])
         parts = csr_parts(compliance.share), csr_parts(compliance.near)
         blocks = strain_blocks(starts, others, *at, compliance.operator, *parts)
-        return cls(mesh.cell_volumes[cells], _finite(body.material).at(cells.ravel()), starts, others, blocks)
+        return cls(mesh.cell_volumes[cells], _finite(body.material, cells.ravel()), starts, others, blocks)
+
+    @lazy
+    def linear(self) -> Material:
+        """Linear elasticity with the moduli of the cells (n*CELLS,)."""
+        return make_material("linear", self.material.young, self.material.poisson)
 
     def among(self, nodes: IntArray) -> Array:
         """D (m, CELLS, dim, dim, m, dim) among some of the contact nodes (m,), ascending."""
@@ -85,11 +91,16 @@ def largest_cells(mesh: Mesh, nodes: IntArray) -> IntArray:
     return np.asarray(of[order][place])
 
 
-def _finite(material: Material) -> Material:
-    """The material, or one with the same moduli that is finite for any strain."""
-    if material.finite_if_inverted:
-        return material
-    return make_material("stable_neo_hookean", material.young, material.poisson)
+def _finite(material: Material, cells: IntArray) -> Material:
+    """The material of some cells (n,), or one with the same moduli that is finite for any strain."""
+    model = material.model if material.finite_if_inverted else "stable_neo_hookean"
+    return make_material(model, _modulus(material.young, cells), _modulus(material.poisson, cells))
+
+
+def _modulus(of: Array, cells: IntArray) -> Array:
+    """Of some cells (n,), a scalar where it is the same in all: what follows from it is then computed once."""
+    own = of[cells] if of.ndim else of
+    return own.ravel()[0] if own.size and (own == own.ravel()[0]).all() else own
 
 
 def _dense_blocks(

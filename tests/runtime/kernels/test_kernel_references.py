@@ -178,6 +178,12 @@ def strains_of_contact_nodes(rng, dim):
     return *neighbours(rng), *cells, operator.reshape(-1, dim, n, dim), share, near
 
 
+def excess_of_cells(rng, dim):
+    energies, stresses = rng.uniform(1, 2, (3, 2 * M)), rng.normal(size=(2, 2 * M, dim, dim))
+    volumes = rng.uniform(1, 2, (M, 2))
+    return rng.normal(size=(M, dim)), volumes, energies[0], energies[1], stresses[0], energies[2], stresses[1]
+
+
 def cell_groups(rng, dim):
     """Cells, where each group's begin, columns, where each group's begin; and blocks in single precision."""
     felt = [np.array([0, 2]), np.array([1, 3, 4])]
@@ -283,6 +289,16 @@ INPUTS = {
     "colliders.surface_mesh.sweep_kernels": {
         "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
     },
+    "contact.learned_energy.dent_excess": {
+        "_sums": excess_of_cells,
+        "_by_points": lambda rng, dim: (
+            rng.integers(0, M, (3, dim)),
+            rng.uniform(size=(3, dim)),
+            rng.normal(size=(3 * dim, 4)),
+            rng.normal(size=(M, dim)),
+            1.5,
+        ),
+    },
     "contact.learned_energy.dent_strain": {
         "strain_blocks": strains_of_contact_nodes,
         "blocks_among": lambda rng, dim: (
@@ -303,6 +319,15 @@ INPUTS = {
     },
     "contact.carriers.compliance_scale": {
         "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=3)),
+    },
+    "contact.carriers.rotation_kernels": {
+        "stretches": lambda rng, dim: (rotations(rng, dim, M), near_identity(rng, dim), 0.1),
+        "pulled_back": lambda rng, dim: (
+            rotations(rng, dim, M),
+            rng.normal(size=(M, *2 * [1 if dim == 2 else 3])),
+            rng.uniform(1, 2, M),
+            *rng.normal(size=(2, M, dim, dim)),
+        ),
     },
     "contact.point_kernels": {
         "penalty": penalty,
@@ -349,6 +374,10 @@ INPUTS = {
     "elasticity.invariants": {
         name: lambda rng, dim: (near_identity(rng, dim),)
         for name in ("first_invariant", "determinant", "cofactor")
+    },
+    "elasticity.materials.linear": {
+        "_energy_and_stress": lambda rng, dim: (near_identity(rng, dim), *rng.uniform(1, 2, (2, M))),
+        "_tangent": lambda rng, dim: (dim, *rng.uniform(1, 2, (2, M))),
     },
     "elasticity.materials.stable_neo_hookean": {
         "_energy_and_stress": lambda rng, dim: (
