@@ -20,12 +20,15 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray, scatter_sum
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact.piercing_kernels import in_box
 from softprint.runtime.mesh.facet_lattice import edge_parts, lattice
 from softprint.runtime.mesh.mesh import Mesh, facet_vectors
 from softprint.runtime.mesh.midpoints import midpoints
 
 # Points that are looked at together.
 _TOGETHER = 64
+# A smoothed distance is negative up to so much of the size of a collider outside its bounds, at most.
+_BEYOND = 0.1
 # The area of a facet is given to the points nearest to so many parts of it along an edge.
 _PARTS = 4
 
@@ -75,6 +78,9 @@ class FramePoints:
     def near(self, rows: Array, collider: Collider, pose: RigidPose) -> IntArray:
         """Points (m,) of the balls that are not outside of the collider as a whole, at handle rows (n_rows, dim)."""
         centres = _placed(self.centres, self.columns[self.first[:-1]], rows)
+        reach = float(self.radii.max()) + _BEYOND * collider.size
+        if not len(in_box(pose.apply_inverse(centres), collider.lower - reach, collider.upper + reach)):
+            return np.empty(0, dtype=np.int64)
         balls, _, distance = collider.closer_to(centres, pose, float(self.radii.max()))
         inside = balls[distance < self.radii[balls]]
         return np.concatenate(

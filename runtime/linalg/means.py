@@ -47,3 +47,22 @@ def means(values: Array, corners: IntArray, weights: Array) -> Array:
             for i in range(flat.shape[1]):
                 result[p, i] += share * flat[node, i]
     return result.reshape((m,) + values.shape[1:])  # noqa: RUF005 (the compiler knows no unpacking)
+
+
+def _both(x: Array, reach: Array, corners: IntArray, weights: Array) -> tuple[Array, Array]:
+    return _weighted(x, corners, weights), _weighted(reach, corners, weights)
+
+
+@summing(reference=_both)
+def bounded_means(x: Array, reach: Array, corners: IntArray, weights: Array) -> tuple[Array, Array]:
+    """The weighted means (m, dim) and (m,) of positions x (k, dim) of nodes and of a bound on each, reach (k,)."""
+    m, c = corners.shape
+    dim = x.shape[1]
+    position, bound = np.zeros((m, dim)), np.zeros(m)
+    for p in range(m):
+        for k in range(c):
+            node, share = corners[p, k], weights[p, k]
+            bound[p] += share * reach[node]
+            for a in range(dim):
+                position[p, a] += share * x[node, a]
+    return position, bound

@@ -145,7 +145,9 @@ class LoadedPoints:
         joined = np.zeros((size, nodes.shape[1]), dtype=np.int64), np.zeros((size, nodes.shape[1]))
         for column, first, others in zip(joined, (self.nodes, self.shares), (nodes, shares), strict=True):
             column[:n], column[index] = first, others
-        return replace(self, nodes=joined[0], shares=joined[1])
+        other = replace(self, nodes=joined[0], shares=joined[1])
+        other.__dict__["n_nodes"] = max(self.n_nodes, int(nodes.max()) + 1)
+        return other
 
     @lazy
     def n_nodes(self) -> int:

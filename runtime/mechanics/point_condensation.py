@@ -12,7 +12,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.linalg.means import means, numbered
+from softprint.runtime.linalg.means import bounded_means, means, numbered
 from softprint.runtime.mechanics.position_bounds import BoundedPositions, PositionBounds
 from softprint.runtime.mechanics.static_condensation import CorotatedCondensation, StaticCondensation
 
@@ -94,8 +94,4 @@ class BoundedPoints:
 
     def __call__(self, rows: Array) -> tuple[Array, Array]:
         """Approximate positions (n, dim) [m] and the bounds on their error (n,) [m]."""
-        x, reach = self.of_nodes(rows)
-        return (
-            means(x, self.corners, self.weights),
-            means(reach[:, None], self.corners, self.weights)[:, 0],
-        )
+        return bounded_means(*self.of_nodes(rows), self.corners, self.weights)

@@ -121,11 +121,18 @@ def displacement(pairs: NDArray[np.float32], at: IntArray, index: IntArray, forc
     """sum_j G_ij phi_j (n, dim) [m] at the contact nodes `at` (n,) by forces (m, dim) on the contact nodes `index`
     (m,); pairs: as for `gathered`."""
     n, dim = len(at), pairs.shape[2]
-    result = np.zeros((n, dim))
+    result = np.empty((n, dim))
     for i in range(n):
+        x = y = z = 0.0
         for j in range(len(index)):
-            G = pairs[at[i], index[j]]
-            for a in range(dim):
-                for b in range(dim):
-                    result[i, a] += G[a, b] * forces[j, b]
+            G, f = pairs[at[i], index[j]], forces[j]
+            if dim == 3:
+                x += G[0, 0] * f[0] + G[0, 1] * f[1] + G[0, 2] * f[2]
+                y += G[1, 0] * f[0] + G[1, 1] * f[1] + G[1, 2] * f[2]
+                z += G[2, 0] * f[0] + G[2, 1] * f[1] + G[2, 2] * f[2]
+            else:
+                x += G[0, 0] * f[0] + G[0, 1] * f[1]
+                z += G[1, 0] * f[0] + G[1, 1] * f[1]
+        # In 2D the second entry is written twice.
+        result[i, 0], result[i, 1], result[i, dim - 1] = x, y, z
     return result

@@ -41,8 +41,8 @@ def stretches(R: Array, F: Array, least: float) -> tuple[Array, Array]:
             inverse[j, 0, 0] = 1.0 / max(trace, least)
             continue
         for k in range(n):
-            for l in range(n):
-                K[k, l] = (trace if k == l else 0.0) - S[j, k, l]
+            for i in range(n):
+                K[k, i] = (trace if k == i else 0.0) - S[j, k, i]
         a, b, c = K[0, 0] - least, K[1, 1] - least, K[2, 2] - least
         minor = a * b - K[0, 1] * K[0, 1]
         d = (
@@ -54,20 +54,20 @@ def stretches(R: Array, F: Array, least: float) -> tuple[Array, Array]:
             determinant = 0.0
             for k in range(n):
                 p, q = (k + 1) % 3, (k + 2) % 3
-                for l in range(n):
-                    r, s = (l + 1) % 3, (l + 2) % 3
-                    inverse[j, k, l] = K[p, r] * K[q, s] - K[p, s] * K[q, r]
+                for i in range(n):
+                    r, s = (i + 1) % 3, (i + 2) % 3
+                    inverse[j, k, i] = K[p, r] * K[q, s] - K[p, s] * K[q, r]
                 determinant += K[0, k] * (K[1, p] * K[2, q] - K[1, q] * K[2, p])
             for k in range(n):
-                for l in range(n):
-                    inverse[j, k, l] /= determinant
+                for i in range(n):
+                    inverse[j, k, i] /= determinant
             continue
         values, axes = np.linalg.eigh(K)
         for k in range(n):
-            for l in range(n):
-                inverse[j, k, l] = 0.0
+            for i in range(n):
+                inverse[j, k, i] = 0.0
                 for r in range(n):
-                    inverse[j, k, l] += axes[k, r] * axes[l, r] / max(values[r], least)
+                    inverse[j, k, i] += axes[k, r] * axes[i, r] / max(values[r], least)
     return S, inverse
 
 
@@ -101,8 +101,8 @@ def pulled_back(R: Array, inverse: Array, scale: Array, slope: Array, moments: A
         Pi[:] = 0.0
         for k in range(n):
             p[k] = 0.0
-            for l in range(n):
-                p[k] += inverse[j, k, l] * turned[l]
+            for i in range(n):
+                p[k] += inverse[j, k, i] * turned[i]
             r, s = (0, 1) if n == 1 else ((k + 1) % 3, (k + 2) % 3)
             Pi[s, r], Pi[r, s] = p[k], -p[k]
         for a in range(dim):

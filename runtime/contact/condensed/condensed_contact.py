@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -51,19 +50,25 @@ _FINDS = 3
 _GROWN = 4.0
 
 
-class _AllPoints(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _AllPoints:
     """All contact points while some are pressed by sharp points of colliders. points: these alone."""
 
     pressed: PressedPoints | None
     loaded: LoadedPoints
     compliance: PointCompliance
     points: ContactPoints | None
+    _last: list[tuple[CorotatedPoints, CorotatedPoints]] = field(default_factory=list, repr=False)
 
     def in_frame(self, of_facets: CorotatedPoints) -> CorotatedPoints:
-        """In the frame of the points on the facets."""
+        """In the frame of the points on the facets. The last are kept; this affects the cost and never the result."""
         if self.points is None or self.pressed is None:
             return of_facets
-        return CorotatedPressedPoints.of(of_facets, self.points, self.pressed.index)
+        last = self._last[0] if self._last else None  # read once, as another thread may replace it
+        if last is None or last[0] is not of_facets:
+            last = of_facets, CorotatedPressedPoints.of(of_facets, self.points, self.pressed.index)
+            self._last[:] = [last]
+        return last[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +263,6 @@ class CondensedContact:
             owner=distance.owner[candidates.may_be_active],
             position=problem.position,
             carriers=problem.carriers,
-            scale=every.scales(rows, candidates.index[candidates.may_be_active]),
             depth=candidates.depth,
             solution=solution,
             pressed=pressed,

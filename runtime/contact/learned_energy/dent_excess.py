@@ -37,8 +37,8 @@ _TINY = float(np.finfo(np.float64).tiny)
 
 class _Terms(NamedTuple):
     """value: chi; scale: of the weights [N^2], which are at most one, however small the forces are; total: B by this
-    scale; weight: |phi|^2 (m,) by it; excess: sum_c V r, and stress: its derivative by H (m, CELLS dim^2); below: sum_c V
-    (Psi_2 + 1e-8 mu) (m,), and linear_stress: its derivative; these four in B."""
+    scale; weight: |phi|^2 (m,) by it; excess: sum_c V r, and stress: its derivative by H (m, CELLS dim^2); below: sum_c
+    V (Psi_2 + 1e-8 mu) (m,), and linear_stress: its derivative; these four in B."""
 
     value: float
     scale: float
@@ -62,8 +62,8 @@ class _Changes(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class DentExcess:
     """chi of a contact with m loaded contact nodes. forces: phi (m, dim) [N] on them; strain: D (m CELLS dim^2, m dim);
-    material: of the m CELLS cells, linear: linear elasticity with its moduli, and volumes: theirs (m, CELLS); corners and shares: (k, c) the nodes of k points, by
-    their places among these, and their shares of a force on the point."""
+    material: of the m CELLS cells, linear: linear elasticity with its moduli, and volumes: theirs (m, CELLS); corners
+    and shares: (k, c) the nodes of k points, by their places among these, and their shares of a force on the point."""
 
     forces: Array
     strain: Array

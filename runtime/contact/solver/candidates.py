@@ -81,9 +81,7 @@ class PointDistance:
 
     def __call__(self, x: Array) -> SdfDerivatives:
         if self.planes is not None:
-            first = self._first
-            parts = self._facets(x[:first]), self._placed.distance(x[first:])
-            return SdfDerivatives(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+            return self._placed.following(self._facets(x[: self._first]), x)
         if len(self.colliders) == 1:
             return self.colliders[0](x)
         m, dim = x.shape

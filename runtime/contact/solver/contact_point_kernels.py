@@ -13,6 +13,10 @@ from softprint.runtime.compiled import compiled, summing
 Floats = NDArray[np.floating[Any]]
 
 
+# Factor for round-off of squared distances.
+_ROUNDED = 1.0 + 1e-9
+
+
 @compiled
 def near_box(
     x: Array, rotation: Array, translation: Array, lower: Array, upper: Array, reach: Array
@@ -22,8 +26,17 @@ def near_box(
     n, dim = x.shape
     inside = np.empty(n, dtype=np.int64)
     count = 0
+    # Most points are outside the ball about the box, too.
+    radius, centre = 0.5 * np.sqrt(np.square(upper - lower).sum()), translation.copy()
+    for a in range(dim):
+        for b in range(dim):
+            centre[a] += rotation[a, b] * 0.5 * (lower[b] + upper[b])
     for i in range(n):
-        near = True
+        square, near = 0.0, True
+        for a in range(dim):
+            square += (x[i, a] - centre[a]) ** 2
+        if square > _ROUNDED * (radius + reach[i] * np.sqrt(dim)) ** 2:
+            continue
         for a in range(dim):
             z = 0.0
             for b in range(dim):

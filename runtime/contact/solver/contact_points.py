@@ -119,13 +119,6 @@ class CorotatedPoints:
         R = nearest_rotations(F)
         return R if scale is None else R * scale.scale(F, self.surface_normals(index))[:, None, None]
 
-    def scales(self, rows: Array, index: IntArray) -> Array:
-        """s (m,) of some of the points (m,) at handle rows (n_rows, dim)."""
-        scale = self.points.scale
-        if scale is None:
-            return np.ones(len(index))
-        return scale.scale(self.deformation(rows, index), self.surface_normals(index))
-
     def carrier_derivatives(self, rows: Array, index: IntArray) -> Carriers:
         """A and its derivatives at some of the points (m,)."""
         F, scale = self.deformation(rows, index), self.points.scale

@@ -34,15 +34,17 @@ _SWEEPS = 12
 
 @summing
 def product(G: Floats, phi: Array) -> Array:
-    """G phi (n, dim) of forces (m, dim); G (n*dim, m*dim)."""
-    dim = phi.shape[1]
-    flat, result = phi.ravel(), np.empty(len(G))
-    for row in range(len(G)):
-        column, total = G[row], 0.0
-        for at in range(len(flat)):
-            total += column[at] * flat[at]
-        result[row] = total
-    return result.reshape(-1, dim)
+    """G phi (m, dim) of forces (m, dim), for the symmetric G (m*dim, m*dim). Most points bear no force."""
+    m, dim = phi.shape
+    result = np.zeros(m * dim)
+    for j in range(m):
+        for a in range(dim):
+            force = phi[j, a]
+            if force != 0.0:
+                column = G[j * dim + a]
+                for at in range(len(result)):
+                    result[at] += force * column[at]
+    return result.reshape(m, dim)
 
 
 @summing

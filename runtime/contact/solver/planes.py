@@ -10,6 +10,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import SdfDerivatives
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.compiled import compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,21 @@ class Planes:
         """The signed distances (k,) [m] of points x (k, dim), each from its plane, in the same coordinates."""
         return np.asarray(((x - self.place) * self.direction).sum(axis=1))
 
-    def distance(self, x: Array) -> SdfDerivatives:
-        """The same with derivatives."""
-        return SdfDerivatives(self.value(x), self.direction, np.zeros((*x.shape, x.shape[1])))
+    def following(self, others: SdfDerivatives, x: Array) -> SdfDerivatives:
+        """The distance of n points from something else, followed by that of the last k of points x (n + k, dim)."""
+        return SdfDerivatives(*_joined(*others, x, self.place, self.direction))
+
+
+@compiled
+def _joined(
+    value: Array, gradient: Array, hessian: Array, x: Array, place: Array, direction: Array
+) -> tuple[Array, Array, Array]:
+    n, (total, dim) = len(value), x.shape
+    s, g, H = np.empty(total), np.empty((total, dim)), np.zeros((total, dim, dim))
+    s[:n], g[:n], H[:n] = value, gradient, hessian
+    for k in range(total - n):
+        s[n + k] = 0.0
+        for a in range(dim):
+            s[n + k] += direction[k, a] * (x[n + k, a] - place[k, a])
+            g[n + k, a] = direction[k, a]
+    return s, g, H

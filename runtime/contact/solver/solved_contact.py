@@ -32,8 +32,7 @@ class SolvedContact:
 
     frame_rows: (n_rows, dim) of the corotated frame; poses: of these colliders; near: the points near each of them;
     index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider of each;
-    position: x (m, dim) [m], carriers A (m, dim, dim) and scales (m,) of the compliance of these points, see
-    `contact_points.py`; depth: estimate of the contact displacement [m];
+    position: x (m, dim) [m] and carriers A (m, dim, dim) of these points, see `contact_points.py`; depth: estimate of the contact displacement [m];
     solution: of these points; pressed: those that sharp points of the colliders press, None without any.
     """
 
@@ -45,7 +44,6 @@ class SolvedContact:
     owner: IntArray
     position: Array
     carriers: Array
-    scale: Array
     depth: float
     solution: ContactSolution
     pressed: PressedPoints | None
@@ -71,6 +69,11 @@ class SolvedContact:
         b, solution = self.solution.active, self.solution
         return kernels.pulled_back(self.carriers[b], solution.pressure[b], solution.normal[b])
 
+    @lazy
+    def scale(self) -> Array:
+        """s (m,) of the compliance of these points: A is s times a rotation."""
+        return np.asarray(np.sqrt(np.square(self.carriers).sum(axis=(1, 2)) / self.carriers.shape[1]))
+
     @property
     def drawn_force(self) -> Array:
         """The forces (k, dim) [N], in rest coordinates, that displace the body as the active points are displaced where
@@ -88,7 +91,9 @@ class SolvedContact:
         if name not in self.near:
             return None
         b, solution = self.solution.active, self.solution
-        everything = ActiveSet(self.active, self.carriers[b], solution.normal[b], solution.largest_displacement)
+        everything = ActiveSet(
+            self.active, self.carriers[b], solution.normal[b], solution.largest_displacement
+        )
         if len(self.near) == 1 and self.pressed is None:
             return everything
         return everything.take(self.owned_by(name) & ~self.is_pressed)

@@ -203,9 +203,11 @@ def test_balance_of_a_node_at_infinity_is_none(pressed):
 def test_products(pressed, dim):
     problem, solution = pressed
     v, F, weight = solution.rest_displacement, problem.carriers, np.arange(1.0, M + 1)
-    wide = np.random.default_rng(7).normal(size=(3 * dim, M * dim))
+    some = v * (np.arange(M) % 2)[:, None]  # most points bear no force
     same(solve_kernels.product(problem.compliance, v), (problem.compliance @ v.ravel()).reshape(v.shape))
-    same(solve_kernels.product(wide, v), (wide @ v.ravel()).reshape(3, dim))
+    same(
+        solve_kernels.product(problem.compliance, some), (problem.compliance @ some.ravel()).reshape(v.shape)
+    )
     same(solve_kernels.pulled_back(F, weight, v), np.einsum("j,jab,ja->jb", weight, F, v))
     same(solve_kernels.to_world(F, v), np.einsum("jab,jb->ja", F, v))
 

@@ -394,6 +394,12 @@ INPUTS = {
         ),
     },
     "linalg.means": {
+        "bounded_means": lambda rng, dim: (
+            rng.normal(size=(M, dim)),
+            rng.uniform(size=M),
+            rng.integers(0, M, (5, dim)),
+            rng.uniform(size=(5, dim)),
+        ),
         "numbered": lambda rng, dim: (rng.integers(0, M, (3, dim)), M),
         "means": lambda rng, dim: (
             rng.normal(size=(M, dim, ROWS)[:dim]),
