@@ -21,7 +21,6 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.contact.carriers.compliance_scale import ScaleDerivatives
 from softprint.runtime.contact.carriers.point_rotations import PointRotations
-from softprint.runtime.contact.carriers.rotation_kernels import pulled_back
 from softprint.runtime.lazy import lazy
 
 
@@ -49,13 +48,9 @@ class Carriers:
 
     def pulled_back(self, moments: Array) -> Array:
         """d(M : A)/dF (m, dim, dim); moments: M (m, dim, dim)."""
-        rotations = self.rotations
-        scale, slope = (
-            (np.ones(len(moments)), np.zeros(moments.shape))
-            if self.scale is None
-            else (self.scale.scale, self.scale.slope)
-        )
-        return pulled_back(rotations.value, rotations.inverse, scale, slope, moments)
+        if self.scale is None:
+            return self.rotations.pulled_back(moments)
+        return self.rotations.pulled_back(moments, self.scale.scale, self.scale.slope)
 
     def curvature(self, moments: Array) -> Array:
         """d2(M : A)/dF2 (m, dim, dim, dim, dim); moments: M (m, dim, dim)."""
@@ -63,7 +58,7 @@ class Carriers:
         if self.scale is None:
             return bent
         s, theta = self.scale.scale[:, None, None, None, None], self.scale.slope
-        turned = np.einsum("mab,mabcd->mcd", moments, self.rotations.slope)
+        turned = self.rotations.pulled_back(moments)
         crossed = turned[:, :, :, None, None] * theta[:, None, None]
         work = (self.value * moments).sum(axis=(1, 2))[:, None, None, None, None]
         found = s * (bent + crossed + crossed.transpose(0, 3, 4, 1, 2))

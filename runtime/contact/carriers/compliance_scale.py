@@ -133,18 +133,18 @@ def combined_strain(F: Array, normal: Array, c: Array) -> tuple[Array, Array]:
 def _curvature(c: Array, F: Array, normal: Array) -> Array:
     """d2z/dF2 (m, dim, dim, dim, dim)."""
     dim = F.shape[1]
-    one = np.eye(dim)
-    by_trace = np.einsum("ac,bd->abcd", one, one) / dim
-    by_normal = np.einsum("ac,mb,md->mabcd", one, normal, normal)
+    by_normal = np.eye(dim)[:, None, :, None] * (normal[:, :, None] * normal[:, None])[:, None, :, None]
     # det F is linear in F for every pair of its entries.
     by_volume = (F.reshape(len(F), -1) @ _SECOND_3 if dim == 3 else _SECOND_2).reshape(-1, dim, dim, dim, dim)
-    return np.asarray(c[0] * by_trace + c[1] * by_normal + c[2] * by_volume)
+    return np.asarray(c[0] * _BY_TRACE[dim] + c[1] * by_normal + c[2] * by_volume)
 
 
 _PERMUTATION_2 = np.array([[0.0, 1.0], [-1.0, 0.0]])
 _PERMUTATION_3 = np.zeros((3, 3, 3))
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _PERMUTATION_3[_a, _b, _c], _PERMUTATION_3[_a, _c, _b] = 1.0, -1.0
+# d2 (tr C / dim) / 2 dF_ab dF_cd.
+_BY_TRACE = {dim: np.einsum("ac,bd->abcd", np.eye(dim), np.eye(dim)) / dim for dim in (2, 3)}
 # d2 det F / dF_ab dF_cd: in 2D, and in 3D by the entries of F (9, 81).
 _SECOND_2 = np.einsum("ac,bd->abcd", _PERMUTATION_2, _PERMUTATION_2)
 _SECOND_3 = np.einsum("ace,bdf->efabcd", _PERMUTATION_3, _PERMUTATION_3).reshape(9, 81)

@@ -23,7 +23,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.rotations import nearest_rotations
-from softprint.runtime.contact.carriers.rotation_kernels import GENERATORS, stretches
+from softprint.runtime.contact.carriers.rotation_kernels import GENERATORS, SQUARES, pulled_back, stretches
 from softprint.runtime.lazy import lazy
 
 # The least eigenvalue of K that derivatives are taken with; 2 at rest.
@@ -46,6 +46,13 @@ class PointRotations:
         """dR_ab/dF_cd (m, dim, dim, dim, dim)."""
         return (np.swapaxes(self._turned, 1, 2) @ self._spun).reshape(len(self.F), *2 * self.F.shape[1:])
 
+    def pulled_back(self, moments: Array, scale: Array | None = None, slope: Array | None = None) -> Array:
+        """d(M : s R)/dF (m, dim, dim) of moments M (m, dim, dim), with scales s (m,), and the slopes of log s by F (m,
+        dim, dim); 1 and none by default."""
+        s = np.ones(len(moments)) if scale is None else scale
+        theta = np.zeros(moments.shape) if slope is None else slope
+        return pulled_back(self.value, self.inverse, s, theta, moments)
+
     def curvature(self, moments: Array) -> Array:
         """The second derivative of M : R by F (m, dim, dim, dim, dim); moments: M (m, dim, dim)."""
         E, T, L = self._generators, self._turned, self._spun
@@ -54,9 +61,7 @@ class PointRotations:
         Pi = (p * E.reshape(n, -1)).sum(axis=1).reshape(m, dim, dim)
         P = (T.reshape(m, n, dim, dim) @ Pi[:, None]).reshape(m, n, -1)
         inner = Pi @ self._stretch + np.swapaxes(self.value, 1, 2) @ moments
-        pairs = np.einsum("kab,lbc->klac", E, E)
-        pairs = 0.5 * (pairs + pairs.swapaxes(0, 1)).reshape(n * n, dim * dim)
-        N = (inner.reshape(m, -1) @ pairs.T).reshape(m, n, n)
+        N = (inner.reshape(m, -1) @ SQUARES[dim].T).reshape(m, n, n)
         half = np.swapaxes(L, 1, 2) @ (0.5 * N @ L + P)
         return (half + np.swapaxes(half, 1, 2)).reshape(m, *2 * self.F.shape[1:])
 

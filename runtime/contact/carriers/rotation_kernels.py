@@ -10,6 +10,11 @@ from softprint.runtime.compiled import compiled
 
 #: E (n, dim, dim) in 2D and 3D.
 GENERATORS = {dim: np.array([skew(axis) for axis in np.eye(rotation_dofs(dim))]) for dim in (2, 3)}
+#: sym(E_k E_l) (n*n, dim*dim) in 2D and 3D.
+SQUARES = {
+    dim: 0.5 * (np.einsum("kab,lbc->klac", E, E) + np.einsum("lab,kbc->klac", E, E)).reshape(len(E) ** 2, -1)
+    for dim, E in GENERATORS.items()
+}
 
 
 def _by_eigenvalues(R: Array, F: Array, least: float) -> tuple[Array, Array]:
