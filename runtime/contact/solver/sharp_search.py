@@ -7,6 +7,7 @@ are looked at, whatever the size of the mesh.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -27,7 +28,7 @@ from softprint.runtime.contact.solver.contact_points import ContactPoints, Corot
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
 from softprint.runtime.elasticity.invariants import cofactor
-from softprint.runtime.linalg.means import means
+from softprint.runtime.linalg.means import means, numbered
 from softprint.runtime.linalg.row_products import deformed_some, placed_some
 from softprint.runtime.mechanics.loaded_points import Gaps
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
@@ -56,6 +57,20 @@ class Dent(NamedTuple):
     nodes: IntArray
     forces: Array
     largest: float
+
+
+class _Undented(NamedTuple):
+    """The surface about sharp points of a collider, without the displacement by contact. sharp_points: (j, dim) [m];
+    farthest: how far contact may displace it [m]; nodes: (k,) of the surface, and facets: (f, dim) between these; F:
+    (k, dim, dim), positions: (k, dim) [m], and normals: (k, dim), outward, of any length, of these nodes."""
+
+    sharp_points: Array
+    farthest: float
+    nodes: IntArray
+    facets: IntArray
+    F: Array
+    positions: Array
+    normals: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +142,7 @@ class SharpSearch:
         self._beside = cKDTree(points.material.rest).query(mesh.points[facets].mean(axis=1))[1]
         self._first = len(points.material)
         counts = np.cumsum([self._first, *(len(sharp.points) for sharp in colliders)])
+        self._last: dict[int, tuple[tuple[object, ...], _Undented]] = {}
         self._sharp = list(zip(counts[:-1].tolist(), colliders, strict=True))
 
     def find(
@@ -168,25 +184,16 @@ class SharpSearch:
         dent: Dent | None,
     ) -> tuple[Array | IntArray, ...] | None:
         """The columns of `PressedPoints`, with the numbers of its own sharp points; None where there are none."""
-        z = sharp.points[which]
-        p = pose.apply(z)
-        lower, upper = bounds(p)
-        margin = _AROUND * self._spacing + (0.0 if dent is None else _DISPLACED * dent.largest)
-        near = np.zeros(len(x), dtype=bool)
-        near[in_box(x, lower - margin, upper + margin)] = True
-        facets = self._facets[near[self._beside]]
-        if not len(facets):
+        largest = 0.0 if dent is None else dent.largest
+        own = self._undented(sharp, which, points, rows, pose, x, largest)
+        if not len(own.facets):
             return None
-        nodes, facets = np.unique(facets, return_inverse=True)
-        facets = facets.reshape(-1, x.shape[1])
-        F = deformed_some(self._gradients, rows, nodes)
-        y = self._positions(points, rows, nodes, F, dent)
-        facet, weights, depth = nearest_of(p, y, facets)
-        corners = facets[facet]
-        normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
-        against = inward_normals(corners, weights, normals, pose)
+        z = sharp.points[which]
+        facet, weights, depth = nearest_of(own.sharp_points, self._dented(own, dent), own.facets)
+        corners = own.facets[facet]
+        against = inward_normals(corners, weights, own.normals, pose)
         direction, bearing = bearing_normals(sharp.collider, z, against, sharp.spacing[which])
-        of = self._owner[nodes[corners]]
+        of = self._owner[own.nodes[corners]]
         shares = np.where(of >= 0, weights, 0.0)
         soon = depth > -self._spacing * np.where(which < sharp.n_edges, *_SOON)
         kept = np.flatnonzero(bearing & soon & (shares.sum(axis=1) > _LEAST_SHARE))
@@ -195,7 +202,7 @@ class SharpSearch:
         return (
             which[kept],
             np.full(len(kept), sharp.number),
-            self.surface.nodes[nodes[corners[kept]]],
+            self.surface.nodes[own.nodes[corners[kept]]],
             weights[kept],
             np.maximum(of[kept], 0),
             shares[kept],
@@ -203,21 +210,53 @@ class SharpSearch:
             direction[kept],
         )
 
-    def _positions(
-        self, points: CorotatedPoints, rows: Array, nodes: IntArray, F: Array, dent: Dent | None
-    ) -> Array:
-        """(k, dim) [m] of some of the surface nodes (k,), with the displacement by contact that is known."""
+    def _undented(
+        self,
+        sharp: SharpCollider,
+        which: IntArray,
+        points: CorotatedPoints,
+        rows: Array,
+        pose: RigidPose,
+        x: Array,
+        largest: float,
+    ) -> _Undented:
+        """About some sharp points of a collider (j,). largest: displacement by contact [m]. The last is kept, as these
+        are looked for again with another dent."""
+        last, key = self._last.get(sharp.number), (points, rows, pose)
+        if last is not None and all(map(operator.is_, last[0], key)) and largest <= last[1].farthest:
+            return last[1]
+        p = pose.apply(sharp.points[which])
+        lower, upper = bounds(p)
+        farthest = _DISPLACED * largest
+        margin = _AROUND * self._spacing + farthest
+        near = np.zeros(len(x), dtype=bool)
+        near[in_box(x, lower - margin, upper + margin)] = True
+        nodes, facets = numbered(self._facets[near[self._beside]], len(self.surface.nodes))
+        F = deformed_some(self._gradients, rows, nodes)
+        normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
+        own = _Undented(p, farthest, nodes, facets, F, self._positions(points, rows, nodes), normals)
+        self._last[sharp.number] = key, own
+        return own
+
+    def _positions(self, points: CorotatedPoints, rows: Array, nodes: IntArray) -> Array:
+        """(k, dim) [m] of some of the surface nodes (k,), without the displacement by contact."""
         x = placed_some(self.surface.material.basis, rows, nodes)
         if points.condensation is not None:
             x += points.condensation.of_nodes.displacement(rows, nodes)
         if self.surface.internal is not None:
             x += self.surface.internal.of_corners(rows)[nodes]
-        of = self._owner[nodes]
-        free = np.flatnonzero(of >= 0)
-        if dent is not None and len(dent.nodes) and len(free):
-            v = self._compliance.displacement(of[free], dent.nodes, dent.forces)
-            x[free] += to_world(nearest_rotations(F[free]), v)
         return x
+
+    def _dented(self, own: _Undented, dent: Dent | None) -> Array:
+        """(k, dim) [m] of these nodes, with the displacement by contact that is known."""
+        of = self._owner[own.nodes]
+        free = np.flatnonzero(of >= 0)
+        if dent is None or not len(dent.nodes) or not len(free):
+            return own.positions
+        v = self._compliance.displacement(of[free], dent.nodes, dent.forces)
+        y = own.positions.copy()
+        y[free] += to_world(nearest_rotations(own.F[free]), v)
+        return y
 
 
 def bearing_facets(facets: IntArray, owner: IntArray) -> IntArray:
