@@ -39,7 +39,7 @@ docs-tools:
 demo: install
 	$(SOFTPRINT) run $(EXPERIMENT) --out $(OUT) --ranks $(RANKS) $(OPTIONS)
 
-# Two workers, each with its own cache of compiled forms, see tests/conftest.py.
+# Two workers.
 test: install docs-tools
 	$(PYTHON) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 

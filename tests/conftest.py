@@ -13,14 +13,11 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
-# Set before any library is loaded: one thread per test process, and a separate cache of compiled forms per pytest
-# worker, because two processes that compile the same form at the same time may conflict. The cache is beside pytest's
-# own, so that the next run finds its forms compiled.
+# Set before any library is loaded: one thread per test process, and a cache of compiled forms beside pytest's own, so
+# that the next run finds its forms compiled. Workers share it: one process at a time compiles, and the others wait.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ["XDG_CACHE_HOME"] = str(
-    REPOSITORY / ".pytest_cache" / "forms" / os.environ.get("PYTEST_XDIST_WORKER", "alone")
-)
+os.environ["XDG_CACHE_HOME"] = str(REPOSITORY / ".pytest_cache" / "forms")
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")  # pictures without a display
 
 
