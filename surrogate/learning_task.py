@@ -13,11 +13,10 @@ from torch import Tensor
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.learned.form import ModelT
+from softprint.runtime.learned.worst_error import worst_relative_error
 
 # Number of samples used to measure the normalisation of inputs and outputs.
 NORMALISATION_SAMPLES = 512
-# Samples with less than this share of the mean squared displacement hardly touch; they are left out of the worst case.
-_TELLING = 0.01
 
 
 @dataclass(frozen=True)
@@ -42,9 +41,7 @@ class HeldOutError:
         error = np.maximum(error, 0.0)  # differences of large numbers
         if not len(square):
             return cls(float("nan"), float("nan"), 0)
-        tells = square >= _TELLING * square.mean()
-        worst = float((error[tells] / square[tells]).max())
-        return cls(float(error.sum() / square.sum()) ** 0.5, worst**0.5, len(square))
+        return cls(float(error.sum() / square.sum()) ** 0.5, worst_relative_error(error, square), len(square))
 
     @property
     def squared(self) -> float:

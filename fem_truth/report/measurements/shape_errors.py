@@ -23,10 +23,8 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.static_correction import StaticCorrection
+from softprint.runtime.learned.worst_error import worst_relative_error
 from softprint.runtime.truth.truth_file import TruthData
-
-# Samples with less than this share of the mean squared displacement hardly touch; they are left out of the worst case.
-_TELLING = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +48,13 @@ class SampleErrors:
         squared = float(self.missed_contact.sum() / self.contact.sum())
         whole = float(self.missed_whole.sum() / self.whole.sum())
         relative = np.sqrt(self.missed_contact / self.contact)
-        tells = self.contact >= _TELLING * self.contact.mean()
         return {
             "squared": squared,
             "rms": squared**0.5,
             "whole_squared": whole,
             "whole_rms": whole**0.5,
             "median": float(np.median(relative)),
-            "worst": float(relative[tells].max()),
+            "worst": worst_relative_error(self.missed_contact, self.contact),
             "samples": len(self.sample),
         }
 
