@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.io.tensor_file import load_tensors, save_tensors
+from softprint.runtime.io.torch_file import load_tensors, save_tensors
 
 KIND, VERSION = "training_checkpoint", 3
 REMEDY = "remove it and train again"

@@ -21,7 +21,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io import h5_contents
 from softprint.runtime.io.files import create_softprint_h5, open_softprint_h5
 from softprint.runtime.io.seal import BLOCK, Damage, Unsealed, damage, seal
-from softprint.runtime.io.tensor_file import load_tensors, save_tensors
+from softprint.runtime.io.torch_file import load_tensors, save_tensors
 from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.mechanics.mechanics_file import read_mechanics_header
 from softprint.runtime.scenes.motion_file import load_motion

@@ -1,8 +1,8 @@
-"""Tensor files: safetensors with checksums of every byte in its metadata. Never pickle.
+"""Files of named arrays: safetensors with checksums of every byte in its metadata. Never pickle.
 
 safetensors has no checksums, and allows no bytes after its tensors. So the checksums of the file's blocks
 (:mod:`runtime.io.seal`) are a metadata text, computed with this text filled with zeros. Any tool reads such a file, and
-every altered byte is detected, in tensors, in texts, and between them.
+every altered byte is detected, in tensors, in texts, and between them. `torch_file.py` has the same for PyTorch.
 """
 
 from __future__ import annotations
@@ -11,18 +11,16 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.torch import load, save
+from safetensors.numpy import load, save
 
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.io.seal import BLOCK, checksums
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 Header = TypeVar("Header")
 
@@ -31,12 +29,12 @@ _BEGINS = b'"checksums":"'
 _LENGTH_BYTES = 8  # safetensors: length of the header, header (JSON), tensors
 
 
-def save_tensors(
-    path: Path, kind: str, version: int, texts: Mapping[str, str], tensors: Mapping[str, Tensor]
+def save_arrays(
+    path: Path, kind: str, version: int, texts: Mapping[str, str], arrays: Mapping[str, NDArray[Any]]
 ) -> None:
-    """Write tensors and texts, atomically, with the permissions of the user's umask."""
+    """Write arrays and texts, atomically, with the permissions of the user's umask."""
     texts = {"softprint_kind": kind, "softprint_version": str(version), **texts}
-    bare = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    bare = {name: np.require(array, requirements="C") for name, array in arrays.items()}
     blocks = len(save(bare, metadata=texts)) // BLOCK + 1
     blocks += 1 + blocks * _DIGITS // BLOCK  # for the checksums themselves
     content = save(bare, metadata={**texts, "checksums": "0" * (_DIGITS * blocks)})
@@ -48,10 +46,10 @@ def save_tensors(
         temporary.write_bytes(content[:start] + text + content[stop:])
 
 
-def load_tensors(
+def load_arrays(
     path: Path, kind: str, version: int, remedy: str
-) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Texts and tensors of a file. Raises SoftprintError, which ends in the remedy, if it is missing, damaged, of
+) -> tuple[dict[str, str], dict[str, NDArray[Any]]]:
+    """Texts and arrays of a file. Raises SoftprintError, which ends in the remedy, if it is missing, damaged, of
     another kind or of another version."""
     what = kind.replace("_", " ")
     try:
@@ -76,20 +74,20 @@ def load_tensors(
     if not sealed:
         raise SoftprintError(f"{path}: the {what} file is damaged (its checksums are gone): {remedy}")
     try:
-        tensors = load(content)
+        arrays = load(content)
     except (SafetensorError, ValueError, KeyError, RuntimeError, MemoryError) as error:
         raise SoftprintError(f"{path}: not a readable {what} file ({error}): {remedy}") from error
-    return texts, tensors
+    return texts, arrays
 
 
 def load_with_header(
     header: type[Header], path: Path, kind: str, version: int, remedy: str
-) -> tuple[Header, dict[str, Tensor]]:
-    """The text `header` of a file, a JSON object with the fields of a dataclass, and its tensors; errors as
-    `load_tensors`."""
-    texts, tensors = load_tensors(path, kind, version, remedy)
+) -> tuple[Header, dict[str, NDArray[Any]]]:
+    """The text `header` of a file, a JSON object with the fields of a dataclass, and its arrays; errors as
+    `load_arrays`."""
+    texts, arrays = load_arrays(path, kind, version, remedy)
     try:
-        return header(**json.loads(texts["header"])), tensors
+        return header(**json.loads(texts["header"])), arrays
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise SoftprintError(f"{path}: the header is incomplete ({error}): {remedy}") from error
 

@@ -2,7 +2,8 @@
 
 The header contains the architecture and dimension of the correction, what it belongs to (hash of the body, name of the
 collider, hash of the truth data, content hash of the mechanics that it adds to) and its error on held-out states. The
-mechanics themselves are a file of the run directory (`mechanics_file.py`).
+mechanics themselves are a file of the run directory (`mechanics_file.py`). PyTorch, which takes seconds to import, is
+imported where a model is made or saved, and not for headers.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import NDArray
+
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
@@ -20,15 +23,14 @@ from softprint.runtime.colliders.shape_samples import is_same_shape
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.io.files import provenance
-from softprint.runtime.io.tensor_file import load_with_header, save_tensors
+from softprint.runtime.io.tensor_file import load_with_header
 from softprint.runtime.learned.correction import Correction
-from softprint.runtime.learned.form import LearnedModel, find_form
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.mechanics_file import PATTERN as MECHANICS_FILES
 from softprint.runtime.mechanics.mechanics_file import mechanics_hash, read_mechanics
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    from softprint.runtime.learned.form import LearnedModel
 
 KIND, VERSION = "correction", 21
 REMEDY = "train it again"
@@ -78,6 +80,8 @@ def save_correction(
 ) -> None:
     """Write a trained model with its header; atomic. mechanics_hash: see `MechanicsHeader.content_hash`; shape: the
     `shape_samples` of the collider, None if the model is for any."""
+    from softprint.runtime.io.torch_file import save_tensors
+
     header = CorrectionHeader(
         name=name,
         collider=collider,
@@ -155,7 +159,7 @@ def read_correction(
 ) -> TrainedCorrection:
     """The correction of a file for this body. mechanics and errors: see :func:`load_correction`."""
     path = Path(path)
-    header, tensors = _read(path)
+    header, arrays = _read(path)
     if header.body_hash != body.content_hash:
         raise SoftprintError(
             f"{path}: was trained for another body (hash {header.body_hash[:12]}) than {body.name!r} "
@@ -163,7 +167,7 @@ def read_correction(
         )
     own = _mechanics(path, header, body, mechanics) if header.mechanics_hash else None
     try:
-        make = _maker(header, tensors, own, body)
+        make = _maker(header, arrays, own, body)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(
             f"{path}: weights and header do not fit together ({error}): train it again"
@@ -208,15 +212,22 @@ def _mechanics(
 
 
 def _maker(
-    header: CorrectionHeader, tensors: dict[str, Tensor], mechanics: BodyMechanics | None, body: ReducedBody
+    header: CorrectionHeader,
+    arrays: Mapping[str, NDArray[Any]],
+    mechanics: BodyMechanics | None,
+    body: ReducedBody,
 ) -> Callable[[Collider], Correction]:
+    import torch
+
+    from softprint.runtime.learned.form import find_form
+
     form = find_form(header.form)
     if form.needs_mechanics and mechanics is None:
         raise ValueError("no hash of mechanics")
     model = form.model(header.options, header.dim, header.n_rows)
-    model.load_state_dict(tensors)
+    model.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
     return lambda collider: form.correction(header.name, model, body, collider, mechanics)
 
 
-def _read(path: Path) -> tuple[CorrectionHeader, dict[str, Tensor]]:
+def _read(path: Path) -> tuple[CorrectionHeader, dict[str, NDArray[Any]]]:
     return load_with_header(CorrectionHeader, path, KIND, VERSION, REMEDY)

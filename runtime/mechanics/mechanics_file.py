@@ -1,7 +1,7 @@
 """Mechanics files: the linear mechanics of a body at rest, as safetensors with a JSON header, never pickle.
 
 They depend on the body alone, so that one file serves every correction of a run directory. The large tensors of a
-compliance are stored in half precision (`surface_compliance_tensors.py`). The content hash is that of the tensors as
+compliance are stored in half precision (`surface_compliance_arrays.py`). The content hash is that of the arrays as
 stored in the file, so that it does not change when mechanics are saved and loaded.
 """
 
@@ -11,20 +11,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-import torch
+from numpy.typing import NDArray
 
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import content_hash, provenance
-from softprint.runtime.io.tensor_file import load_with_header, save_tensors
+from softprint.runtime.io.tensor_file import load_with_header, save_arrays
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.static_condensation import condensation_arrays, take_condensation
-from softprint.runtime.mechanics.surface_compliance_tensors import surface_compliance_tensors, take_compliance
-
-if TYPE_CHECKING:
-    from torch import Tensor
+from softprint.runtime.mechanics.surface_compliance_arrays import surface_compliance_arrays, take_compliance
 
 KIND, VERSION = "mechanics", 1
 REMEDY = "make it again with `softprint mechanics`"
@@ -37,7 +34,7 @@ class MechanicsHeader:
 
     body_hash: of the body; contact_nodes: the largest number that was requested (a small surface has fewer);
     static_condensation: whether the file contains one; gravity: of the static condensation [m/s^2], empty without one;
-    content_hash: of the tensors.
+    content_hash: of the arrays.
     """
 
     body_hash: str
@@ -58,16 +55,16 @@ def save_mechanics(
 ) -> MechanicsHeader:
     """Write the mechanics of a body; atomic. contact_nodes: the number that was requested, by default the
     actual number. Returns the header of the file."""
-    tensors, internal = _tensors(mechanics), mechanics.condensation
+    arrays, internal = _arrays(mechanics), mechanics.condensation
     header = MechanicsHeader(
         body_hash=body.content_hash,
         contact_nodes=len(mechanics.surface_compliance.nodes) if contact_nodes is None else contact_nodes,
         gravity=[] if internal is None else internal.gravity.tolist(),
         static_condensation=internal is not None,
-        content_hash=_hash(tensors),
+        content_hash=content_hash(arrays),
         provenance=provenance(),
     )
-    save_tensors(Path(path), KIND, VERSION, {"header": json.dumps(asdict(header))}, tensors)
+    save_arrays(Path(path), KIND, VERSION, {"header": json.dumps(asdict(header))}, arrays)
     return header
 
 
@@ -79,14 +76,14 @@ def load_mechanics(path: str | Path, body: ReducedBody) -> BodyMechanics:
 
 def read_mechanics(path: str | Path, body: ReducedBody) -> tuple[MechanicsHeader, BodyMechanics]:
     """The header and the mechanics of a file; raises as `load_mechanics`."""
-    header, tensors = _read(Path(path))
+    header, arrays = _read(Path(path))
     if header.body_hash != body.content_hash:
         raise SoftprintError(
             f"{path}: holds the mechanics of another body (hash {header.body_hash[:12]}) than {body.name!r} "
             f"({body.content_hash[:12]}): {REMEDY}"
         )
     try:
-        return header, _mechanics(tensors)
+        return header, _mechanics(arrays)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(f"{path}: the mechanics are incomplete ({error}): {REMEDY}") from error
 
@@ -98,31 +95,26 @@ def read_mechanics_header(path: str | Path) -> MechanicsHeader:
 
 def mechanics_hash(mechanics: BodyMechanics) -> str:
     """The content hash of a file of these mechanics."""
-    return _hash(_tensors(mechanics))
+    return content_hash(_arrays(mechanics))
 
 
 def as_saved(mechanics: BodyMechanics) -> BodyMechanics:
     """The mechanics as loaded from a file, with the compliance rounded to half precision: corrections are trained with
     the values that the runtime uses."""
-    return _mechanics(_tensors(mechanics))
+    return _mechanics(_arrays(mechanics))
 
 
-def _tensors(mechanics: BodyMechanics) -> dict[str, Tensor]:
-    tensors = surface_compliance_tensors(mechanics.surface_compliance)
+def _arrays(mechanics: BodyMechanics) -> dict[str, NDArray[Any]]:
+    arrays = surface_compliance_arrays(mechanics.surface_compliance)
     if mechanics.condensation is not None:
-        arrays = condensation_arrays(mechanics.condensation)
-        tensors |= {name: torch.from_numpy(array) for name, array in arrays.items()}
-    return tensors
+        arrays |= condensation_arrays(mechanics.condensation)
+    return arrays
 
 
-def _mechanics(tensors: Mapping[str, Tensor]) -> BodyMechanics:
-    left = dict(tensors)
+def _mechanics(arrays: Mapping[str, NDArray[Any]]) -> BodyMechanics:
+    left = dict(arrays)
     return BodyMechanics(take_compliance(left), take_condensation(left))
 
 
-def _hash(tensors: Mapping[str, Tensor]) -> str:
-    return content_hash({name: tensor.numpy() for name, tensor in tensors.items()})
-
-
-def _read(path: Path) -> tuple[MechanicsHeader, dict[str, Tensor]]:
+def _read(path: Path) -> tuple[MechanicsHeader, dict[str, NDArray[Any]]]:
     return load_with_header(MechanicsHeader, path, KIND, VERSION, REMEDY)

@@ -177,7 +177,7 @@ def condensation_arrays(response: StaticCondensation) -> dict[str, NDArray[np.fl
 
 
 def take_condensation(arrays: dict[str, Any]) -> StaticCondensation | None:
-    """Removes the arrays (or torch tensors) of `condensation_arrays` from those of a file, and returns their
+    """Removes the arrays of `condensation_arrays` from those of a file, and returns their
     condensation; None where the file has none."""
     names = [field.name for field in fields(StaticCondensation)]
     if not any(_PREFIX + name in arrays for name in names):

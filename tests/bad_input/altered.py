@@ -10,7 +10,7 @@ import h5py
 from safetensors import safe_open
 
 from softprint.runtime.io.seal import seal
-from softprint.runtime.io.tensor_file import save_tensors
+from softprint.runtime.io.torch_file import save_tensors
 
 
 @contextmanager

@@ -58,5 +58,5 @@ VERB = Verb(
     example="softprint mechanics examples/jelly3d_small.toml",
     run=run,
     configure=configure,
-    needs=("h5py", "torch", "safetensors"),
+    needs=("h5py", "safetensors"),
 )

@@ -15,7 +15,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.cubature import Cubature
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import provenance
-from softprint.runtime.io.tensor_file import load_with_header, save_tensors
+from softprint.runtime.io.torch_file import load_with_header, save_tensors
 from softprint.runtime.learned.internal.model import InternalModel, InternalOptions, ModesModel, ModesOptions
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import pytest
 from softprint.runtime.mechanics import surface_compliance as module
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.surface_compliance import compute_surface_compliance, n_columns
-from softprint.runtime.mechanics.surface_compliance_tensors import surface_compliance_tensors, take_compliance
+from softprint.runtime.mechanics.surface_compliance_arrays import surface_compliance_arrays, take_compliance
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_fewer_contact_nodes_than_surface_nodes_keep_the_area(jelly_body, respon
 def test_kept_in_half_precision(jelly3d_body, monkeypatch):
     monkeypatch.setattr(module, "_ANCHORS", 40)
     compliance = compute_surface_compliance(jelly3d_body, NullSpaceCompliance(jelly3d_body), 10_000)
-    again = take_compliance(dict(surface_compliance_tensors(compliance)))
+    again = take_compliance(dict(surface_compliance_arrays(compliance)))
     before, after = compliance.dense(), again.dense()
     # Ten bits of mantissa: 5e-4 of each entry.
     assert np.abs(after - before).max() < 1e-3 * np.abs(before).max()
