@@ -18,7 +18,7 @@ TOY = {
     "sampling.depths": "2",
     "sampling.repeat_share": "0.2",
     "training.steps": "20",
-    "report.frames": "2",
+    "report.frames": "1",
     "dynamics.time_step": "0.05",
 }
 SOLID = {

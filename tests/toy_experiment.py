@@ -33,7 +33,7 @@ repeat_share = 0.2
 [training]
 steps = 20
 [report]
-frames = 2
+frames = 1
 [[training.models]]
 name = "thesis5"
 encoding = "weighted_rows"

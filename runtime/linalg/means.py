@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.compiled import compiled, summing
+
+Floats = NDArray[np.floating[Any]]
 
 
 def _unique(corners: IntArray, n_nodes: int) -> tuple[IntArray, IntArray]:
@@ -66,3 +71,22 @@ def bounded_means(x: Array, reach: Array, corners: IntArray, weights: Array) -> 
             for a in range(dim):
                 position[p, a] += share * x[node, a]
     return position, bound
+
+
+def _added(values: Floats, corners: IntArray, weights: Array, n: int) -> Floats:
+    total = np.zeros((n, values.shape[1]), values.dtype)
+    np.add.at(total, corners, weights[..., None].astype(values.dtype) * values[:, None])
+    return total
+
+
+@summing(reference=_added)
+def shared(values: Floats, corners: IntArray, weights: Array, n: int) -> Floats:
+    """The transpose of `means`: what n nodes have of values (m, k) on points, (n, k) in their precision."""
+    m, c = corners.shape
+    total = np.zeros((n, values.shape[1]), values.dtype)
+    for p in range(m):
+        for a in range(c):
+            node, share = corners[p, a], values.dtype.type(weights[p, a])
+            for i in range(values.shape[1]):
+                total[node, i] += share * values[p, i]
+    return total

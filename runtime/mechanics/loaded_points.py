@@ -31,7 +31,7 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray, scatter_sum
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.lazy import lazy
-from softprint.runtime.linalg.means import means, numbered
+from softprint.runtime.linalg.means import means, numbered, shared
 from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance, outside_frames
 from softprint.runtime.mesh.facet_lattice import lattice
 from softprint.runtime.mesh.mesh import Mesh, facet_vectors
@@ -180,9 +180,7 @@ class LoadedPoints:
         if self.are_nodes:
             return index, forces
         nodes, corners, shares = self.among(index)
-        onto = np.zeros((len(nodes), forces.shape[1]), forces.dtype)
-        np.add.at(onto, corners, shares[..., None].astype(forces.dtype) * forces[:, None])
-        return nodes, onto
+        return nodes, shared(forces, corners, shares, len(nodes))
 
     def among(self, index: IntArray) -> tuple[IntArray, IntArray, Array]:
         """For some of the points (m,): the contact nodes (k,), ascending, that their forces act on, which of these are

@@ -28,6 +28,7 @@ from softprint.runtime.compiled import compiled
 from softprint.runtime.contact.learned_energy.dent_strain import CELLS, DentStrain
 from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.lazy import lazy
+from softprint.runtime.linalg.means import shared
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 # In mu: the energy density of a strain of 1e-4.
@@ -76,8 +77,8 @@ class DentExcess:
     @classmethod
     def of(cls, strain: DentStrain, loaded: LoadedPoints, active: IntArray, forces: Array) -> DentExcess:
         """Of forces (k, dim) [N], in rest coordinates, on active points (k,)."""
-        _, corners, shares = loaded.among(active)
-        nodes, phi = loaded.to_nodes(active, forces)
+        nodes, corners, shares = loaded.among(active)
+        phi = shared(forces, corners, shares, len(nodes))
         D = strain.among(nodes).reshape(-1, phi.size)
         cells = (nodes[:, None] * CELLS + np.arange(CELLS)).ravel()
         material, linear = strain.material.at(cells), strain.linear.at(cells)

@@ -394,6 +394,12 @@ INPUTS = {
         ),
     },
     "linalg.means": {
+        "shared": lambda rng, dim: (
+            rng.normal(size=(5, dim)),
+            rng.integers(0, M, (5, dim)),
+            rng.uniform(size=(5, dim)),
+            M,
+        ),
         "bounded_means": lambda rng, dim: (
             rng.normal(size=(M, dim)),
             rng.uniform(size=M),
