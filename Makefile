@@ -40,7 +40,8 @@ demo: install
 	$(SOFTPRINT) run $(EXPERIMENT) --out $(OUT) --ranks $(RANKS) $(OPTIONS)
 
 # Two workers.
-test: install docs-tools
+test:
+	@tools/install.sh --with-docs
 	$(PYTHON) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: install

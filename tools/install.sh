@@ -3,6 +3,7 @@
 #
 #   tools/install.sh [--check]        --check: only report whether anything is missing (exit status 1 if so)
 #   tools/install.sh --docs           only what builds the documentation, in an environment of its own, .venv.docs
+#   tools/install.sh --with-docs      both, at once
 #
 # Debian packages first (with sudo if not root), then pinned wheels:
 #   * DOLFINx, PETSc, MPI and packages that depend on numpy are Debian's: their versions must match.
@@ -122,14 +123,21 @@ if [ "${1:-}" = --docs ]; then
     install_docs
     exit 0
 fi
-if is_complete; then
+with_docs=
+[ "${1:-}" = --with-docs ] && with_docs=1
+finished() {
+    is_complete || return 0
+    [ -z "$with_docs" ] || install_docs
     exit 0
-fi
+}
+finished
 [ "${1:-}" = --check ] && exit 1
 exec {lock}> .venv.lock
 flock "$lock" # two concurrent installations would corrupt .venv
-is_complete && exit 0
+finished
 install_debian_packages
+[ -z "$with_docs" ] || { install_docs & docs=$!; }
 install_wheels
 install_softprint
+[ -z "$with_docs" ] || wait "$docs"
 say "Installed. Try: $VENV/bin/softprint doctor"
