@@ -41,21 +41,27 @@ class StaticContact:
 
     def handle_force(self, rows: Array, way: Sequence[Poses]) -> Array:
         """h (n_rows, dim) [N] at handle rows (n_rows, dim), with the colliders at the last of several poses; contact is
-        followed along them."""
-        frame, timings = self._terms.in_frame(rows), Timings()
-        body = BodyEvaluation(frame, Configuration(rows, way[0]), None, None, timings)
+        followed along them. Every pose is a step, with a frame of its own: within one, sharp points of colliders press
+        the same points of the body."""
+        body = self._at(rows, way[0])
         for poses in way[1:]:
-            _ = body.contact  # the warm start of the next
-            body = body.near(Configuration(rows, poses))
+            body = self._at(rows, poses, body)
         force = body.surface.linearise(body.field, None, {}, len(rows))[0]
         if body.contact is not None:
             force = force + body.contact.gradient
         if body.frames is not None:
             force = force + body.frames.linearise({})[0]
         if body.field is not None:
-            alone = frame.elastic.evaluate(rows, None).linearise(None)[0]
+            alone = body.frame.elastic.evaluate(rows, None).linearise(None)[0]
             force = force + body.elastic.linearise(body.field)[0] - alone
         return force
+
+    def _at(self, rows: Array, poses: Poses, before: BodyEvaluation | None = None) -> BodyEvaluation:
+        """before: from whose contact that here is followed, None for none."""
+        contact = None if before is None else before.contact
+        start = None if contact is None else contact.warm_start
+        frame = self._terms.in_frame(rows)
+        return BodyEvaluation(frame, Configuration(rows, poses), start, None, Timings())
 
 
 class HandleCoordinates:

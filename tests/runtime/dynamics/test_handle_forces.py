@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from softprint.runtime.colliders import RigidPose, Sphere
+from softprint.runtime.colliders import Box, RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates, StaticContact
 from softprint.runtime.dynamics.placed_collider import PlacedCollider
+from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 
 LAW = PenaltyContact(1e9, refinement=0)
@@ -44,6 +45,26 @@ def test_with_mechanics_it_balances_the_force_on_the_ball(jelly_body, dim):
     rigid = jelly_body.handles.affine_part @ bare.handle_force(jelly_body.rest_rows, way)
     # The ball is pushed up, and less than by a surface that does not give way.
     assert 0.0 < total[-1] < 0.9 * rigid[-1]
+
+
+def test_sharp_points_press_where_the_collider_is(jelly_body, dim):
+    """And not where it first touched: the force is that of a contact which is followed in steps."""
+    law = PenaltyContact(1e9, refinement=1)
+    mechanics = compute_mechanics(jelly_body, 400, condensation=False)
+    box = Box(np.full(dim, 0.012), name="box")
+    start = np.append(np.full(dim - 1, 0.004), 0.06 + 0.0125)
+    ways = [start + s * np.append(np.full(dim - 1, 0.01), -0.004) for s in np.linspace(0.0, 1.0, 6)]
+    poses = [RigidPose(np.eye(dim), at) for at in ways]
+    static = StaticContact(jelly_body, [PlacedCollider("box", box)], law, mechanics)
+    force = static.handle_force(jelly_body.rest_rows, [{"box": pose} for pose in poses])
+    probe, near = ContactStateProbe(jelly_body, box, mechanics, law, 1e-3), None
+    for pose in poses:
+        near = probe.solve(jelly_body.rest_rows, pose, near)
+    assert near.is_pressed.any()
+    # The same solves: round-off. With the points of the first touch it is a tenth off.
+    np.testing.assert_allclose(
+        force, probe.evaluation(near).gradient, rtol=1e-9, atol=1e-9 * np.abs(force).max()
+    )
 
 
 def test_coordinates_of_held_frames_are_left_out(jelly_body, dim):
