@@ -106,11 +106,11 @@ class DentExcess:
 
     def _changes(self, of_points: Array) -> _Changes:
         """By changes (k*dim, n) of the forces on the points."""
-        scale = 2.0 / self._terms.scale
-        flat, weights = _by_points(
-            self.corners, self.shares, np.ascontiguousarray(of_points), self.forces, scale
-        )
-        return _Changes(flat, weights, (self.strain @ flat).reshape(len(weights), -1, flat.shape[1]))
+        (m, dim), n = self.forces.shape, of_points.shape[1]
+        on_points = np.ascontiguousarray(of_points).reshape(-1, dim * n)
+        flat = shared(on_points, self.corners, self.shares, m).reshape(m * dim, n)
+        weights = np.einsum("ma,man->mn", self.forces, flat.reshape(m, dim, n))
+        return _Changes(flat, 2.0 / self._terms.scale * weights, (self.strain @ flat).reshape(m, -1, n))
 
     def _crossed(self, one: _Changes, other: _Changes) -> Array:
         """d|phi|^2 dr - dB dchi (n, n'), in B."""
@@ -226,34 +226,3 @@ def _sums(
                     of_linear[i, at] = share * linear_stress[c, a, b]
                     at += 1
     return value, scale, total, weight, above, below, found, of_linear
-
-
-def _added(
-    corners: IntArray, shares: Array, of_points: Array, forces: Array, scale: float
-) -> tuple[Array, Array]:
-    (m, dim), n = forces.shape, of_points.shape[1]
-    change = np.zeros((m, dim, n))
-    np.add.at(change, corners, shares[..., None, None] * of_points.reshape(-1, 1, dim, n))
-    return change.reshape(-1, n), scale * np.einsum("ma,man->mn", forces, change)
-
-
-@compiled(reference=_added)
-def _by_points(
-    corners: IntArray, shares: Array, of_points: Array, forces: Array, scale: float
-) -> tuple[Array, Array]:
-    """Changes of the forces phi (m*dim, n) on the nodes by those on the points (k*dim, n), and scale phi . dphi at each
-    node (m, n)."""
-    (m, dim), n = forces.shape, of_points.shape[1]
-    change, along = np.zeros((m * dim, n)), np.zeros((m, n))
-    for p in range(len(corners)):
-        for k in range(corners.shape[1]):
-            for a in range(dim):
-                into, share, own = change[corners[p, k] * dim + a], shares[p, k], of_points[p * dim + a]
-                for i in range(n):
-                    into[i] += share * own[i]
-    for i in range(m):
-        for a in range(dim):
-            into, share, own = along[i], scale * forces[i, a], change[i * dim + a]
-            for k in range(n):
-                into[k] += share * own[k]
-    return change, along

@@ -48,6 +48,7 @@ class Planes:
 def _joined(
     value: Array, gradient: Array, hessian: Array, x: Array, place: Array, direction: Array
 ) -> tuple[Array, Array, Array]:
+    """Signed distances with derivatives of n points, followed by those of the last points x from planes."""
     n, (total, dim) = len(value), x.shape
     s, g, H = np.empty(total), np.empty((total, dim)), np.zeros((total, dim, dim))
     s[:n], g[:n], H[:n] = value, gradient, hessian

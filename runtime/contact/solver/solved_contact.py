@@ -32,9 +32,9 @@ class SolvedContact:
 
     frame_rows: (n_rows, dim) of the corotated frame; poses: of these colliders; near: the points near each of them;
     index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider of each;
-    position: x (m, dim) [m] and carriers A (m, dim, dim) of these points, see
-    `contact_points.py`; depth: estimate of the contact displacement [m];
-    solution: of these points; pressed: those that sharp points of the colliders press, None without any.
+    position: x (m, dim) [m] and carriers A (m, dim, dim) of these points, see `contact_points.py`; depth: estimate of
+    the contact displacement [m]; solution: of these points; pressed: those that sharp points of the colliders press,
+    None without any.
     """
 
     rows: Array

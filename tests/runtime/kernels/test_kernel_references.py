@@ -291,13 +291,6 @@ INPUTS = {
     },
     "contact.learned_energy.dent_excess": {
         "_sums": excess_of_cells,
-        "_by_points": lambda rng, dim: (
-            rng.integers(0, M, (3, dim)),
-            rng.uniform(size=(3, dim)),
-            rng.normal(size=(3 * dim, 4)),
-            rng.normal(size=(M, dim)),
-            1.5,
-        ),
     },
     "contact.learned_energy.dent_strain": {
         "strain_blocks": strains_of_contact_nodes,
