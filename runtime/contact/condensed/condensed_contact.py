@@ -10,7 +10,7 @@ has to push too, and 20 % less where their dents overlap. One collider is a grou
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -19,6 +19,7 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
+from softprint.runtime.contact.condensed.all_points import AllPoints
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
@@ -30,7 +31,7 @@ from softprint.runtime.contact.solver.candidates import Candidates, PointDistanc
 from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
-from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints, PressedPoints
+from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.sharp_search import Dent, SharpSearch, bearing_facets, sharp_colliders
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
 from softprint.runtime.contact.solver.warm_start import PointCompliance, WarmStart
@@ -42,33 +43,12 @@ from softprint.runtime.mechanics.local_compliance import LocalCompliance
 
 # The dent can push more points into a collider, and these again others: at most so many searches for such points.
 _SEARCHES = 3
-# The way from a warm start is cut in half at most so often: finer parts cost more and hardly ever end elsewhere.
-_HALVINGS = 1
+# A way from a warm start that is too long for a prediction is cut in half at most so often.
+_HALVINGS = 2
 # The points that sharp points press are found again this often at most, at the start of a step.
 _FINDS = 3
 # A prediction with so many times the energy of the last contact, if that had any, is one of another contact.
 _GROWN = 4.0
-
-
-@dataclass(frozen=True, eq=False)
-class _AllPoints:
-    """All contact points while some are pressed by sharp points of colliders. points: these alone."""
-
-    pressed: PressedPoints | None
-    loaded: LoadedPoints
-    compliance: PointCompliance
-    points: ContactPoints | None
-    _last: list[tuple[CorotatedPoints, CorotatedPoints]] = field(default_factory=list, repr=False)
-
-    def in_frame(self, of_facets: CorotatedPoints) -> CorotatedPoints:
-        """In the frame of the points on the facets. The last are kept; this affects the cost and never the result."""
-        if self.points is None or self.pressed is None:
-            return of_facets
-        last = self._last[0] if self._last else None  # read once, as another thread may replace it
-        if last is None or last[0] is not of_facets:
-            last = of_facets, CorotatedPressedPoints.of(of_facets, self.points, self.pressed.index)
-            self._last[:] = [last]
-        return last[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +69,7 @@ class CondensedContact:
     sharp: SharpSearch | None
     learned: LearnedEnergy | None
     strain: DentStrain | None
-    _last: list[_AllPoints] = field(default_factory=list, repr=False)
+    _last: list[AllPoints] = field(default_factory=list, repr=False)
 
     @classmethod
     def of(
@@ -159,15 +139,15 @@ class CondensedContact:
             index, force = index[which], force[which]
         return self._with(solved.pressed).loaded.to_nodes(index, force)
 
-    def _with(self, pressed: PressedPoints | None) -> _AllPoints:
+    def _with(self, pressed: PressedPoints | None) -> AllPoints:
         """All contact points. The last are kept; this affects the cost and never the result."""
         if pressed is None or self.sharp is None:
-            return _AllPoints(None, self.loaded, self.compliance, None)
+            return AllPoints(None, self.loaded, self.compliance, None)
         last = self._last[0] if self._last else None  # read once, as another thread may replace it
         if last is None or last.pressed is not pressed:
             loaded = self.loaded.followed_by(pressed.index, pressed.nodes, pressed.shares)
             compliance = InterpolatedCompliance(self.of_nodes, loaded)
-            last = _AllPoints(pressed, loaded, compliance, self.sharp.surface.pressed(pressed))
+            last = AllPoints(pressed, loaded, compliance, self.sharp.surface.pressed(pressed))
             self._last[:] = [last]
         return last
 
@@ -213,36 +193,34 @@ class CondensedContact:
         halvings: int = _HALVINGS,
     ) -> SolvedContact | None:
         """pressed: the points that sharp points of the colliders press, None where these are to be found; halvings: how
-        often the way from the warm start may be cut in half, where Newton's method does not follow the contact along
-        all of it."""
+        often the way from the warm start may be cut in half where it is too long for a prediction. Where Newton's
+        method loses the contact it is cut once: finer parts hardly ever end elsewhere."""
         bounded = points.bounded_positions(rows)
         near = self._near(points, rows, poses, warm_start, bounded)
         if pressed is None:
             pressed = self._pressed(points, rows, poses, warm_start, bounded[0])
-        found = self._candidates(near, pressed, points, rows, poses, warm_start)
-        if found is None:
+        both = self._candidates(near, pressed, points, rows, poses, warm_start)
+        if both is None:
             return None
-        candidates, distance = found
+        candidates, distance = both
         together = self._with(pressed)
         every = together.in_frame(points)
         problem = self._problem(every, together.compliance, rows, candidates, distance)
         if warm_start is None:
-            solution = problem.solve()
+            solution, followed = problem.solve(), False
         else:
             which = candidates.may_be_active
             index, own = candidates.index[which], distance.among(which)
             start = warm_start.predict(index, problem, poses, own, together.compliance)
-            if start is None:  # the warm start is from a state too far away to be useful
-                return self._solve(points, rows, poses, None)
-            last = warm_start.solved
-            followed = problem.follow(start, _GROWN * last.solution.energy or np.inf)
-            if followed is None and halvings:
-                half = {name: last.poses.get(name, pose).towards(pose, 0.5) for name, pose in poses.items()}
-                middle = self._solve(points, 0.5 * (last.rows + rows), half, warm_start, None, halvings - 1)
-                return self._solve(points, rows, poses, self.resume(middle, points), None, halvings - 1)
-            if followed is None:
-                followed = problem.descend(problem.lowest(start, warm_start.held(index, problem, poses)))
-            solution = followed
+            if start is None:
+                return self._from_afar(points, rows, poses, warm_start, halvings)
+            found = problem.follow(start, _GROWN * warm_start.solved.solution.energy or np.inf)
+            followed = found is not None
+            if found is None and halvings:
+                return self._in_halves(points, rows, poses, warm_start, 0)
+            if found is None:
+                found = problem.descend(problem.lowest(start, warm_start.held(index, problem, poses)))
+            solution = found
         for _ in range(_SEARCHES):
             pushed = self._pushed_in(
                 every, together.compliance, rows, candidates, problem, solution, distance
@@ -266,15 +244,37 @@ class CondensedContact:
             depth=candidates.depth,
             solution=solution,
             pressed=pressed,
+            followed=followed,
         )
 
+    def _in_halves(
+        self, points: CorotatedPoints, rows: Array, poses: Poses, warm_start: WarmStart, halvings: int
+    ) -> SolvedContact | None:
+        """The contact followed from the warm start to the middle of the way, of body and colliders, and on from there.
+        halvings: see `_solve`, of both parts."""
+        last = warm_start.solved
+        half = {name: last.poses.get(name, pose).towards(pose, 0.5) for name, pose in poses.items()}
+        middle = self._solve(points, 0.5 * (last.rows + rows), half, warm_start, None, halvings)
+        end = self._solve(points, rows, poses, self.resume(middle, points), None, halvings)
+        return end if end is None or middle is None or middle.followed else replace(end, followed=False)
+
+    def _from_afar(
+        self, points: CorotatedPoints, rows: Array, poses: Poses, warm_start: WarmStart, halvings: int
+    ) -> SolvedContact | None:
+        """The contact where the warm start is from a state too far away to predict from: followed in parts, or, where
+        that is lost, whichever has the least energy of what was found there and of the contact without the warm start,
+        in which the body may be on the wrong side of a thin wall."""
+        found = []
+        for more in range(halvings):
+            end = self._in_halves(points, rows, poses, warm_start, more)
+            if end is not None and end.followed:
+                return end
+            found += [] if end is None else [end]
+        anew = self._solve(points, rows, poses, None)
+        return None if anew is None else min([anew, *found], key=lambda end: end.solution.energy)
+
     def _pressed(
-        self,
-        points: CorotatedPoints,
-        rows: Array,
-        poses: Poses,
-        warm_start: WarmStart | None,
-        x: Array,
+        self, points: CorotatedPoints, rows: Array, poses: Poses, warm_start: WarmStart | None, x: Array
     ) -> PressedPoints | None:
         """The points that sharp points of the colliders press: the same during a step. x: approximate positions of the
         contact points on the facets."""

@@ -1,6 +1,8 @@
 """Contacts that are followed from state to state: of several equilibria, that which a slow approach from outside comes
 to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -151,6 +153,41 @@ def test_a_contact_that_is_lost_on_the_way_is_followed_in_parts(jelly2d_body, me
     assert len(ways) == 2
     # Both are balanced to 1e-5 of the depth.
     assert found.energy == pytest.approx(expected.energy, rel=1e-8)
+
+
+def test_a_way_too_long_for_one_prediction_is_followed_in_parts(jelly2d_body, rod, mechanics):
+    """From a shallow contact to beyond the middle of the rod at once: more than twice the displacement by contact, from
+    which nothing is predicted."""
+    rows = jelly2d_body.rest_rows
+    contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, PenaltyContact(STIFFNESS))
+    slowly = followed(contact, rows, [{"rod": lying(depth)} for depth in DEPTH * np.arange(1, 9) / 8])
+    shallow, deep = followed(contact, rows, [{"rod": lying(0.3 * DEPTH)}, {"rod": lying(DEPTH)}])
+    assert 2.0 * shallow.solved.depth < 0.7 * DEPTH
+    assert not shallow.solved.followed
+    assert deep.solved.followed
+    # Both are balanced to 1e-5 of the depth.
+    assert deep.energy == pytest.approx(slowly[-1].energy, rel=1e-8)
+    at_once = followed(contact, rows, [{"rod": lying(DEPTH)}])[0]
+    assert at_once.energy < 0.9 * deep.energy  # the surface is through there
+
+
+@pytest.mark.parametrize("lost", [0.5, 2.0])
+def test_what_is_lost_from_afar_has_the_least_energy(jelly2d_body, rod, mechanics, monkeypatch, lost):
+    """As if a contact that cannot be followed ended with another energy than that which is found anew."""
+    rows = jelly2d_body.rest_rows
+    contact = CondensedContact.of(jelly2d_body, mechanics, {"rod": rod}, PenaltyContact(STIFFNESS))
+    points, shallow = contact.in_frame(rows), followed(contact, rows, [{"rod": lying(0.3 * DEPTH)}])[0]
+    (anew,) = followed(contact, rows, [{"rod": lying(DEPTH)}])
+
+    def in_halves(contact, *given, solved=anew.solved):
+        solution = replace(solved.solution, energy=lost * solved.solution.energy)
+        return replace(solved, solution=solution, followed=False)
+
+    monkeypatch.setattr(CondensedContact, "_in_halves", in_halves)
+    found = contact.evaluate(points, rows, {"rod": lying(DEPTH)}, shallow.warm_start)
+    assert found.solved.solution.energy == pytest.approx(
+        min(lost, 1.0) * anew.solved.solution.energy, rel=1e-12
+    )
 
 
 def test_a_prediction_far_off_is_not_followed(jelly2d_body, mechanics, monkeypatch):
