@@ -246,15 +246,6 @@ FIGURES: Mapping[str, Figure] = {
         (RESULTS,),
         ("demo",),
     ),
-    "press_over_bone": Figure(
-        (
-            "softprint body examples/finger_small.toml",
-            "softprint mechanics examples/finger_small.toml",
-            "python -m benchmarks.press_depth examples/finger_small.toml --shapes bead --place 0.012 0 "
-            "--deepest 0.0105 --printed 1e-3",
-        ),
-        (RESULTS,),
-    ),
     "friction": Figure(("python -m benchmarks.dragged_ball",), (RESULTS,)),
     "motions_alone": Figure(
         (
@@ -440,7 +431,23 @@ FIGURES: Mapping[str, Figure] = {
         (RESULTS,),
         ("ball_small",),
     ),
+    "ball_forces": Figure(
+        (
+            "python -m reproduction.linear_response examples/ball_small.toml bars --frames 8",
+            "python -m reproduction.internal_forces examples/ball_small.toml --states 10",
+        ),
+        (RESULTS,),
+        ("ball_small",),
+    ),
     "finger_small": _whole("finger_small", "read"),
+    "press_over_bone": Figure(
+        (
+            "python -m benchmarks.press_depth examples/finger_small.toml --shapes bead --place 0.012 0 "
+            "--deepest 0.0105 --printed 1e-3 --models mechanics ours",
+        ),
+        (RESULTS,),
+        ("finger_small",),
+    ),
     "hand_small": _whole("hand_small", "explore"),
     "hand_full": Figure(
         (
