@@ -4,17 +4,20 @@ the report; and what contact makes of the corrected surface."""
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
 
+from reproduction.contact_on_internal import main as contact_on_internal
+from reproduction.contact_on_internal import on_internal
 from softprint.runtime.body.body_file import load_body
 from softprint.runtime.cli.main import main
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.scenes.corrected_body import body_below
 from softprint.runtime.scenes.motion_file import load_motion
-from softprint.runtime.scenes.playing import build_model
+from softprint.runtime.scenes.playing import build_model, play
 from tests.toy_experiment import write_experiment
 
 MODELS = """
@@ -95,6 +98,29 @@ def test_every_form_on_an_internal_correction(tmp_path, capsys):
     mechanics = player._simulator.mechanics  # the colliders are far away at the start
     expected += mechanics.condensation.corotated(away.frame).displacement(away.rows)
     np.testing.assert_allclose(player.positions(away), expected, atol=1e-12)
+
+    # The same contact on the internal correction of any run, without training.
+    placed = on_internal(
+        experiment, body, scene, run / "corrections/plain.safetensors", run / "internal/own.safetensors"
+    )
+    frames = list(play(placed, last))
+    np.testing.assert_allclose(frames[-1].state.rows, motions["mechanics"].rows[last], atol=1e-9)
+    contact_on_internal(
+        [
+            str(path),
+            "--out",
+            str(run),
+            "--models",
+            "plain",
+            "--internal",
+            str(run / "internal/own.safetensors"),
+        ]
+    )
+    said = capsys.readouterr().out
+    assert re.search(
+        r"^\| plain \| [\d.]+ \| [\d.]+ of [\d.]+ \| [\d.]+ \| 100.0% \| 1.0 \|$", said, re.MULTILINE
+    )
+    assert re.search(r"^\| plain on own \| [\d.]+ \|", said, re.MULTILINE)
 
     # Training again with another internal correction below is another training.
     kept = (run / "corrections" / "ours.safetensors").read_bytes()

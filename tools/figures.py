@@ -431,6 +431,16 @@ FIGURES: Mapping[str, Figure] = {
         (RESULTS,),
         ("ball_small",),
     ),
+    "ball_on_modes": Figure(
+        (
+            "softprint generate examples/ball_alone_small.toml",
+            "softprint train examples/ball_alone_small.toml",
+            "python -m reproduction.contact_on_internal examples/ball_small.toml "
+            "--internal runs/ball_alone_small/internal/modes.safetensors",
+        ),
+        ("docs/internal_corrections.md",),
+        ("ball_small",),
+    ),
     "ball_forces": Figure(
         (
             "python -m reproduction.linear_response examples/ball_small.toml bars --frames 8",
