@@ -104,13 +104,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     full = load_motion(path)
     if not full.in_contact.any():
         raise SoftprintError(f"{path}: nothing is touched in this motion")
+    as_they_are = [corrected_model(experiment, body, scene, run, name) for name in options.models]
+    changed = [
+        on_internal(experiment, body, scene, correction_path(run, name), options.internal)
+        for name in options.models
+    ]
     print("| model | mm from full space | force, N off | Newton | converged | step |")
     print("| --- " * 6 + "|")
-    for name in options.models:
-        line, alone = row(name, corrected_model(experiment, body, scene, run, name), full, None)
+    for name, one, other in zip(options.models, as_they_are, changed, strict=True):
+        line, alone = row(name, one, full, None)
         print(line, flush=True)
-        changed = on_internal(experiment, body, scene, correction_path(run, name), options.internal)
-        print(row(f"{name} on {options.internal.stem}", changed, full, alone)[0], flush=True)
+        print(row(f"{name} on {options.internal.stem}", other, full, alone)[0], flush=True)
 
 
 if __name__ == "__main__":

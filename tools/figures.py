@@ -437,6 +437,8 @@ FIGURES: Mapping[str, Figure] = {
             "softprint train examples/ball_alone_small.toml",
             "python -m reproduction.contact_on_internal examples/ball_small.toml "
             "--internal runs/ball_alone_small/internal/modes.safetensors",
+            "python -m reproduction.contact_on_internal examples/ball_small.toml "
+            "--internal runs/ball_alone_small/internal/more.safetensors",
         ),
         ("docs/internal_corrections.md",),
         ("ball_small",),

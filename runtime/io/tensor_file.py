@@ -65,7 +65,8 @@ def load_arrays(
     if sealed:
         _refuse_damage(path, content, what, remedy)
     if texts.get("softprint_kind") != kind:
-        raise SoftprintError(f"{path}: a safetensors file, but not a {what} of Softprint's: {remedy}")
+        article = "an" if what[0] in "aeiou" else "a"
+        raise SoftprintError(f"{path}: a safetensors file, but not {article} {what} of Softprint's: {remedy}")
     if texts.get("softprint_version") != str(version):
         raise SoftprintError(
             f"{path}: {what} of version {texts.get('softprint_version')}, but this program reads version "
