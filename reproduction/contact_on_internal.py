@@ -47,7 +47,7 @@ def on_internal(
     parts = scene_parts(experiment, scene)
     own, trained = corrected_body(body, internal, parts.gravity), read_correction(correction, body)
     corrections, mechanics = [], own.mechanics
-    for placed in parts.colliders:
+    for placed in filter(lambda placed: trained.is_for(placed.collider), parts.colliders):
         found = trained.on(placed.collider)
         if not isinstance(found, ForceCorrection):
             raise SoftprintError(f"{correction} is not a correction by learned forces")

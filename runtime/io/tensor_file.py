@@ -65,8 +65,7 @@ def load_arrays(
     if sealed:
         _refuse_damage(path, content, what, remedy)
     if texts.get("softprint_kind") != kind:
-        article = "an" if what[0] in "aeiou" else "a"
-        raise SoftprintError(f"{path}: a safetensors file, but not {article} {what} of Softprint's: {remedy}")
+        raise SoftprintError(f"{path}: a safetensors file, but no {what} of Softprint's: {remedy}")
     if texts.get("softprint_version") != str(version):
         raise SoftprintError(
             f"{path}: {what} of version {texts.get('softprint_version')}, but this program reads version "

@@ -34,7 +34,7 @@ class SolvedContact:
     index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider of each;
     position: x (m, dim) [m] and carriers A (m, dim, dim) of these points, see `contact_points.py`; depth: estimate of
     the contact displacement [m]; solution: of these points; pressed: those that sharp points of the colliders press,
-    None without any; followed: whether Newton's method followed it all the way from a warm start.
+    None without any; followed: whether Newton's method followed it all the way from where its last solve started.
     """
 
     rows: Array
