@@ -473,7 +473,7 @@ def test_hdf5_of_another_kind(finished, name, attribute, value, words):
     ("change", "words"),
     [
         ({"softprint_version": "99"}, ("version 99",)),
-        ({"softprint_kind": "soup"}, ("not a correction",)),
+        ({"softprint_kind": "soup"}, ("no correction",)),
         ({"header": "{}"}, ("header", "train it again")),
         ({"header": "soup"}, ("header", "train it again")),
     ],

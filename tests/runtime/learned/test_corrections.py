@@ -321,7 +321,7 @@ def test_bad_files_are_refused(jelly2d_body, jelly3d_body, mechanics, tmp_path):
     other = tmp_path / "other.safetensors"
     for change, complaint in (
         ({"softprint_version": "99"}, "version 99"),
-        ({"softprint_kind": "recipe"}, "not a correction"),
+        ({"softprint_kind": "recipe"}, "no correction"),
         ({"header": json.dumps({"name": "x"})}, "header is incomplete"),
     ):
         shutil.copy(path, other)

@@ -87,7 +87,7 @@ def test_bad_files_are_refused(path, jelly2d_body, tmp_path):
         load_mechanics(tmp_path / "absent.safetensors", jelly2d_body)
     for change, complaint in (
         ({"softprint_version": "99"}, "version 99"),
-        ({"softprint_kind": "correction"}, "not a mechanics"),
+        ({"softprint_kind": "correction"}, "no mechanics"),
         ({"header": json.dumps({"body_hash": "x"})}, "header is incomplete"),
     ):
         shutil.copy(path, other)
