@@ -4,20 +4,18 @@ the report; and what contact makes of the corrected surface."""
 from __future__ import annotations
 
 import json
-import re
 
 import numpy as np
 import pytest
 
-from reproduction.contact_on_internal import main as contact_on_internal
-from reproduction.contact_on_internal import on_internal
 from softprint.runtime.body.body_file import load_body
 from softprint.runtime.cli.main import main
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.scenes.corrected_body import body_below
 from softprint.runtime.scenes.motion_file import load_motion
-from softprint.runtime.scenes.playing import build_model, play
+from softprint.runtime.scenes.playing import build_model
+from softprint.runtime.viewer.session.workshop import Workshop
 from tests.toy_experiment import write_experiment
 
 MODELS = """
@@ -45,6 +43,10 @@ name = "settled"
 form = "thesis5"
 hidden = [8, 8]
 added_to = "condensed"
+[[training.models]]
+name = "alone"
+form = "thesis5"
+hidden = [8, 8]
 [[training.internal]]
 name = "own"
 on = "condensation"
@@ -70,10 +72,10 @@ def test_every_form_on_an_internal_correction(tmp_path, capsys):
     here = [str(path), "--out", str(run), "--quiet"]
     assert main(["generate", *here]) == 0
     assert main(["train", *here]) == 0
-    everyone = [word for name in ("full", "bare", "own", *NAMES) for word in ("--model", name)]
+    everyone = [word for name in ("full", "bare", "own", *NAMES, "plain+own") for word in ("--model", name)]
     assert main(["simulate", *here, *everyone]) == 0
     assert main(["report", *here, "--no-pictures"]) == 0
-    assert main(["bench", *here, "--model", "ours", "--steps", "1", "--scene", "held_out"]) == 0
+    assert main(["bench", *here, "--model", "plain+own", "--steps", "1", "--scene", "held_out"]) == 0
     errors = json.loads((run / "report.json").read_text())["errors"]
     assert 0.0 < errors["ours"]["relative_rms"] < 1.0
 
@@ -99,28 +101,25 @@ def test_every_form_on_an_internal_correction(tmp_path, capsys):
     expected += mechanics.condensation.corotated(away.frame).displacement(away.rows)
     np.testing.assert_allclose(player.positions(away), expected, atol=1e-12)
 
-    # The same contact on the internal correction of any run, without training.
-    placed = on_internal(
-        experiment, body, scene, run / "corrections/plain.safetensors", run / "internal/own.safetensors"
-    )
-    frames = list(play(placed, last))
-    np.testing.assert_allclose(frames[-1].state.rows, motions["mechanics"].rows[last], atol=1e-9)
-    contact_on_internal(
-        [
-            str(path),
-            "--out",
-            str(run),
-            "--models",
-            "plain",
-            "--internal",
-            str(run / "internal/own.safetensors"),
-        ]
-    )
-    said = capsys.readouterr().out
-    assert re.search(
-        r"^\| plain \| [\d.]+ \| [\d.]+ of [\d.]+ \| [\d.]+ \| 100.0% \| 1.0 \|$", said, re.MULTILINE
-    )
-    assert re.search(r"^\| plain on own \| [\d.]+ \|", said, re.MULTILINE)
+    # Contact that was trained without the internal correction, played on it, is that of mechanics trained on it.
+    joint = load_motion(run / "motions" / "held_out_plain+own.h5")
+    np.testing.assert_allclose(joint.rows, motions["mechanics"].rows, atol=1e-9)
+    np.testing.assert_allclose(joint.positions(last), motions["mechanics"].positions(last), atol=1e-9)
+    assert errors["plain+own"]["relative_rms"] == pytest.approx(errors["mechanics"]["relative_rms"], rel=1e-6)
+    assert "plain+own" in Workshop(experiment, body, scene, run).names
+
+    for name, words in (
+        ("plain+", "are expected beside the +"),
+        ("plain+nothing", "nothing.safetensors"),
+        ("nobody+own", "there is no model 'nobody'"),
+        ("mechanics+other", "trained on the internal correction 'own'"),
+        ("alone+own", "displacement field"),
+    ):
+        capsys.readouterr()
+        assert main(["simulate", *here, "--model", name]) == 1, name
+        said = capsys.readouterr().err
+        assert words in said, said
+        assert "Traceback" not in said
 
     # Training again with another internal correction below is another training.
     kept = (run / "corrections" / "ours.safetensors").read_bytes()

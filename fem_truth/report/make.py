@@ -53,6 +53,8 @@ from softprint.runtime.learned.internal_correction import internal_correction
 from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
+from softprint.runtime.scenes.corrected_body import CorrectedBody, on_corrected_body
+from softprint.runtime.scenes.model_name import ModelName
 from softprint.runtime.scenes.scene import scene_parts
 from softprint.runtime.truth.truth_file import load_truth
 
@@ -172,16 +174,21 @@ def state_corrections(
     if files.internal or any(own.header.added_to for own in trained.values()):
         internals = _internal_displacements(experiment, files, body)
     found: dict[str, StateCorrection] = {}
-    for name, own in trained.items():
-        made, below = own.on(collider), own.header.added_to
+    for name in [*trained, *(files.joint if trained else ())]:
+        named = ModelName.of(name)
+        own = trained[named.correction]
+        made, below = own.on(collider), named.below(own.header.added_to)
         if not below:
             found[name] = StaticCorrection(made, body)
             continue
         if below not in internals:
             raise SoftprintError(
-                f"{files.corrections[name]}: is added to the internal correction {below!r}, which is missing"
+                f"{files.corrections[named.correction]}: is added to the internal correction {below!r}, which is "
+                "missing"
             )
         without = internals[below]
+        if named.internal:
+            made = on_corrected_body(made, CorrectedBody(body, internal=without.internal))
         found[name] = WithInternal(StaticCorrection(made, body, internal=without.internal), without)
     return {**found, **(internals if files.internal else {})}
 

@@ -11,7 +11,7 @@ from softprint.runtime.experiment.experiment import CONDENSED, FULL
 from softprint.runtime.mechanics.mechanics_file import PATTERN as MECHANICS_FILES
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.scenes.motion_file import Motion, load_motion
-from softprint.runtime.scenes.playing import internal_models
+from softprint.runtime.scenes.playing import internal_models, joint_models
 from softprint.runtime.scenes.simulate import inputs_hash, motion_path
 
 BARE = "bare"
@@ -19,19 +19,21 @@ BARE = "bare"
 
 @dataclass(frozen=True)
 class RunFiles:
-    """Paths of the existing files; corrections, and internal ones, by name in alphabetical order."""
+    """Paths of the existing files; corrections, and internal ones, by name in alphabetical order; joint: the models of
+    two of them that have played a scene, see `ModelName`."""
 
     folder: Path
     body: Path
     truth: Path | None
     corrections: dict[str, Path]
     internal: dict[str, Path]
+    joint: tuple[str, ...] = ()
 
     @property
     def models(self) -> list[str]:
         """The models with which a scene may have been simulated."""
         condensed = [CONDENSED] if self.internal else []
-        return [FULL, BARE, *self.corrections, *condensed, *self.internal]
+        return [FULL, BARE, *self.corrections, *condensed, *self.internal, *self.joint]
 
     @property
     def trained(self) -> dict[str, Path]:
@@ -74,7 +76,12 @@ def find_run_files(folder: Path, experiment: Experiment) -> RunFiles:
     truth = folder / "truth.h5"
     corrections = {path.stem: path for path in sorted((folder / "corrections").glob("*.safetensors"))}
     internal = {name: internal_path(folder, name) for name in internal_models(folder)}
-    return RunFiles(folder, body, truth if truth.is_file() else None, corrections, internal)
+    joint = tuple(
+        name
+        for name in joint_models(folder)
+        if any(motion_path(folder, scene.name, name).is_file() for scene in scenes)
+    )
+    return RunFiles(folder, body, truth if truth.is_file() else None, corrections, internal, joint)
 
 
 def missing_notes(files: RunFiles, experiment: Experiment) -> list[str]:

@@ -91,6 +91,10 @@ class ContactCorrection(Protocol):
     band: float
     learned: LearnedEnergy | None
 
+    def without_condensation(self) -> ContactCorrection:
+        """The same on a body that another correction settles."""
+        ...
+
     def bind(self, points: MaterialPoints, contact: CondensedContact, name: str) -> BoundContactCorrection:
         """The correction at these points, nodes of the body, prepared once. contact: solves the contacts, with the
         collider under this name."""

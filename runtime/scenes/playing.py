@@ -7,6 +7,7 @@ its name there is the model's name (`full` for full space).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -21,12 +22,13 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import CONDENSED
 from softprint.runtime.learned.correction import ContactCorrection
 from softprint.runtime.scenes.corrected_body import (
-    CorrectedBody,
     body_below,
     condensed_mechanics,
     corrected_body,
     internal_path,
+    on_corrected_body,
 )
+from softprint.runtime.scenes.model_name import ON, ModelName
 from softprint.runtime.scenes.scene import find_scene, scene_parts, scene_simulator, scene_steps
 
 if TYPE_CHECKING:
@@ -159,6 +161,25 @@ def internal_models(out: Path) -> list[str]:
     return sorted(file.stem for file in (out / "internal").glob("*.safetensors"))
 
 
+def joint_models(out: Path) -> list[str]:
+    """Names of the corrections by contact forces on each internal correction of a run directory, see `ModelName`."""
+    internal = internal_models(out)
+    return [
+        f"{name}{ON}{below}" for name in (_by_contact_forces(out) if internal else []) for below in internal
+    ]
+
+
+def _by_contact_forces(out: Path) -> Iterator[str]:
+    """Of the corrections trained without an internal one; damaged files are told of where they are played."""
+    from softprint.runtime.learned.correction_file import read_header
+
+    for name in trained_models(out):
+        with suppress(SoftprintError):
+            header = read_header(correction_path(out, name))
+            if header.mechanics_hash and not header.added_to:
+                yield name
+
+
 def usual_models(out: Path) -> list[str]:
     """What plays a scene where no model is named: the bare subspace and all that is trained; static condensation, too,
     where internal corrections are."""
@@ -169,24 +190,30 @@ def usual_models(out: Path) -> list[str]:
 def corrected_model(
     experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str
 ) -> ReducedModel:
-    """The subspace with the correction that was trained under that name."""
-    path = correction_path(out, name)
+    """The subspace with the correction that was trained under that name; see `ModelName` for two in one."""
+    own = ModelName.of(name)
+    path = correction_path(out, own.correction)
     if not path.is_file():
         known = ", ".join([BARE, CONDENSED, *trained_models(out), *internal_models(out)])
         raise SoftprintError(
-            f"there is no model {name!r}: looked for {path}. Known models: {known}; `softprint train` makes "
+            f"there is no model {own.correction!r}: looked for {path}. Known models: {known}; `softprint train` makes "
             f"corrections; models of installed packages: {', '.join(_announced()) or 'no others'}"
         )
-    return model_of_file(experiment, body, scene, path)
+    return model_of_file(experiment, body, scene, path, own.internal)
 
 
-def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path) -> ReducedModel:
-    """The subspace with the correction of a file, on every collider of the scene that it applies to."""
+def model_of_file(
+    experiment: Experiment, body: ReducedBody, scene: SceneSpec, path: Path, internal: str = ""
+) -> ReducedModel:
+    """The subspace with the correction of a file, on every collider of the scene that it applies to; internal: the
+    internal correction that it acts on, of the run directory of that file, if not that of its training."""
     parts = scene_parts(experiment, scene)
     # Imported here, because torch takes a second to load and the other models do not need it.
     from softprint.runtime.learned.correction_file import read_correction
 
     trained = read_correction(path, body)
+    below = ModelName(path.stem, internal).below(trained.header.added_to)
+    own = body_below(body, path.parent.parent, below, parts.gravity)
     corrections = [
         trained.on(placed.collider) for placed in parts.colliders if trained.is_for(placed.collider)
     ]
@@ -195,9 +222,8 @@ def model_of_file(experiment: Experiment, body: ReducedBody, scene: SceneSpec, p
             f"scene {scene.name!r} has no collider {trained.header.collider!r}, for which {path.name} was trained: "
             f"play it with the model {BARE!r}"
         )
-    own = CorrectedBody(body)
-    if trained.header.added_to:
-        own = body_below(body, path.parent.parent, trained.header.added_to, parts.gravity)
+    if below != trained.header.added_to:
+        corrections = [on_corrected_body(correction, own) for correction in corrections]
     # The correction's own mechanics, which may be without static condensation.
     of_contact = (c.mechanics for c in corrections if isinstance(c, ContactCorrection))
     mechanics = next(of_contact, own.mechanics)

@@ -16,6 +16,7 @@ from softprint.runtime.experiment.experiment import CONDENSED, FULL
 from softprint.runtime.experiment.sources import scene_files
 from softprint.runtime.io.files import content_hash, file_hash
 from softprint.runtime.scenes.corrected_body import internal_path
+from softprint.runtime.scenes.model_name import ModelName
 from softprint.runtime.scenes.motion_colliders import collider_tables
 from softprint.runtime.scenes.motion_file import (
     MotionHeader,
@@ -76,7 +77,8 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
     content |= scene_files(experiment, scene)
     if internal_path(out, model).is_file():
         content["internal"] = file_hash(internal_path(out, model))
-    correction = correction_path(out, model)
+    name = ModelName.of(model)
+    correction = correction_path(out, name.correction)
     if model != BARE and correction.is_file():
         # Imported here, because torch takes a second to load and the other models do not need it.
         from softprint.runtime.learned.correction_file import read_header
@@ -84,8 +86,9 @@ def inputs_hash(experiment: Experiment, body: ReducedBody, scene: SceneSpec, out
         header = read_header(correction)
         content["correction"] = file_hash(correction)
         content["mechanics"] = header.mechanics_hash
-        if header.added_to and header.added_to != CONDENSED:
-            content["internal"] = file_hash(internal_path(out, header.added_to))
+        below = name.below(header.added_to)
+        if below and below != CONDENSED:
+            content["internal"] = file_hash(internal_path(out, below))
     return content_hash(content)
 
 

@@ -45,12 +45,16 @@ class ForceCorrection:
         self.name, self.collider, self.shape = name, collider.name, collider
         self.model, self.mechanics = model.eval(), mechanics
         self.law, self.band, self.learned = model.options.law, model.options.band, model.options.learned
-        self._compliance = mechanics.surface_compliance
-        self._mesh_points = body.mesh.points
+        self._compliance, self._body = mechanics.surface_compliance, body
+
+    def without_condensation(self) -> ForceCorrection:
+        """See `ContactCorrection.without_condensation`."""
+        mechanics = self.mechanics._replace(condensation=None)
+        return ForceCorrection(self.name, self.model, self._body, self.shape, mechanics)
 
     def bind(self, points: MaterialPoints, contact: CondensedContact, name: str) -> BoundForceCorrection:
         """See `ContactCorrection.bind`. The points must be nodes of the body."""
-        distance, nodes = cKDTree(self._mesh_points).query(points.rest)
+        distance, nodes = cKDTree(self._body.mesh.points).query(points.rest)
         if len(points) and distance.max() > 0.0:
             raise SoftprintError(f"correction {self.name!r} is evaluated at nodes of the body only")
         measurement = ContactMeasurement(contact, name, self.shape, self.band)

@@ -22,8 +22,15 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import CONDENSED
 from softprint.runtime.learned.correction import ContactCorrection, Correction
 from softprint.runtime.rigid import FreeCollider, free_collider
-from softprint.runtime.scenes.corrected_body import CorrectedBody, body_below
-from softprint.runtime.scenes.playing import BARE, correction_path, internal_models, usual_models
+from softprint.runtime.scenes.corrected_body import CorrectedBody, body_below, on_corrected_body
+from softprint.runtime.scenes.model_name import ModelName
+from softprint.runtime.scenes.playing import (
+    BARE,
+    correction_path,
+    internal_models,
+    joint_models,
+    usual_models,
+)
 from softprint.runtime.scenes.scene import SceneParts, scene_parts, scene_simulator
 from softprint.runtime.viewer.session.painting import Painter
 
@@ -78,8 +85,8 @@ class Workshop:
 
     @property
     def names(self) -> list[str]:
-        """The models that can play: the bare subspace, and every correction of the run directory."""
-        return list(dict.fromkeys(usual_models(self.out)))
+        """The models that can play: the bare subspace, and those of the run directory, joint ones too."""
+        return list(dict.fromkeys([*usual_models(self.out), *joint_models(self.out)]))
 
     @property
     def tables(self) -> tuple[ColliderTable, ...]:
@@ -144,15 +151,18 @@ class Workshop:
 
     def _body(self, model: str, corrections: Mapping[str, Correction]) -> CorrectedBody:
         """The body of a model without its contact. The mechanics are those of its contact correction, if it has one."""
-        below = model
+        below = "" if model == BARE else model
         if model not in (BARE, CONDENSED, *internal_models(self.out)):
-            below = self._read(model).header.added_to
-        own = CorrectedBody(self.body) if below in ("", BARE) else self._body_below(below)
+            below = self._below(model)
+        own = self._body_below(below)
         of_contact = (c.mechanics for c in corrections.values() if isinstance(c, ContactCorrection))
         return own._replace(mechanics=next(of_contact, own.mechanics))
 
+    def _below(self, model: str) -> str:
+        return ModelName.of(model).below(self._read(model).header.added_to)
+
     def _body_below(self, name: str) -> CorrectedBody:
-        """With static condensation, or an internal correction."""
+        """As it is, with static condensation, or with an internal correction."""
         if name not in self._bodies:
             self._bodies[name] = body_below(self.body, self.out, name, self.parts.gravity)
         return self._bodies[name]
@@ -162,6 +172,9 @@ class Workshop:
             return {}, ""
         trained = self._read(model)
         corrections = {name: trained.on(shape) for name, shape in shapes.items() if trained.is_for(shape)}
+        if (below := self._below(model)) != trained.header.added_to:
+            own = self._body_below(below)
+            corrections = {name: on_corrected_body(one, own) for name, one in corrections.items()}
         without = [name for name in shapes if name not in corrections]
         if not without:
             return corrections, ""
@@ -170,16 +183,17 @@ class Workshop:
         )
 
     def _read(self, model: str) -> TrainedCorrection:
-        if model not in self._trained:
-            path = correction_path(self.out, model)
+        name = ModelName.of(model).correction
+        if name not in self._trained:
+            path = correction_path(self.out, name)
             if not path.is_file():
                 raise SoftprintError(
-                    f"there is no model {model!r}: looked for {path}; known models: {', '.join(self.names)}"
+                    f"there is no model {name!r}: looked for {path}; known models: {', '.join(self.names)}"
                 )
             from softprint.runtime.learned.correction_file import read_correction
 
-            self._trained[model] = read_correction(path, self.body)
-        return self._trained[model]
+            self._trained[name] = read_correction(path, self.body)
+        return self._trained[name]
 
     def _free_collider(self, shape: Collider, pose: RigidPose, density: float) -> FreeCollider:
         key = (f"{id(shape)}", density)
