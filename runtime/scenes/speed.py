@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 # Frames in contact before the first that is timed. The first have no contact of the step before to start from, so that
 # some kernels run in later ones only.
-_WARM = 5
+WARM = 5
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _warm_up(model: SceneModel, n_steps: int, draw: Callable[[Any], object]) -> 
         state = result.state
         draw(state)
         in_contact += result.in_contact
-        if in_contact == _WARM:
+        if in_contact == WARM:
             break
 
 

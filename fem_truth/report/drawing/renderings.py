@@ -114,7 +114,7 @@ class GlRenderer:
         import pyvista as pv
 
         towards = _GRID_AXES[:, 1]
-        plane: dict[str, Any] = {"normal": towards, "origin": centre}
+        plane: dict[str, Any] = {"normal": towards, "origin": _moved_inside(centre, towards, positions)}
         volume = pv.UnstructuredGrid({pv.CellType.TETRA: self.mesh.cells}, positions)
         volume["rest"] = self._rest
         section = volume.slice(**plane)
@@ -124,8 +124,9 @@ class GlRenderer:
             plotter.add_mesh(section, color=SECTION, lighting=False)
             self._add_lines(plotter, section, "#a9563b", towards, axes=(0, 2))
             solid = self._placed_collider(pose)
-            plotter.add_mesh(solid.clip(**plane), color=COLLIDER, opacity=0.35, smooth_shading=True)
-            outline = solid.slice(**plane)
+            behind, outline = solid.clip(**plane), solid.slice(**plane)
+            if behind.n_points:
+                plotter.add_mesh(behind, color=COLLIDER, opacity=0.35, smooth_shading=True)
             if outline.n_points:
                 outline.points += self._lift(towards)
                 plotter.add_mesh(outline, color="#26324a", line_width=3.0, lighting=False)
@@ -232,6 +233,17 @@ def _look(plotter: "pv.Plotter", at: Array, direction: Array, height: float) -> 
     plotter.camera.up = (0.0, 0.0, 1.0)
     plotter.camera.view_angle = angle
     plotter.reset_camera_clipping_range()
+
+
+def _moved_inside(centre: Array, normal: Array, positions: Array) -> Array:
+    """The origin (dim,) of a plane through `centre`, moved along its normal where it would touch or miss the body: a
+    contact may lie at the rim, where only some of the models to compare reach."""
+    along = positions @ normal
+    low, high = along.min(), along.max()
+    margin = 0.02 * (high - low)
+    return np.asarray(
+        centre + (np.clip(centre @ normal, low + margin, high - margin) - centre @ normal) * normal
+    )
 
 
 def _shot(build: Callable[["pv.Plotter"], None], alt: str, from_above: bool = True) -> Picture:

@@ -9,6 +9,7 @@ from softprint.fem_truth.report.measurements.comparison import node_distances, r
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.scenes.motion_file import Motion
+from softprint.runtime.scenes.speed import WARM
 
 TOTAL = "total"  # the timing that includes all others, and the remainder
 
@@ -81,12 +82,12 @@ def timing_rows(motions: Mapping[str, Sequence[Motion]]) -> dict[str, dict[str, 
 
 
 def _steps_in_contact(motion: Motion) -> BoolArray:
-    """(n_frames,) mask. Frame 0 is the start of the scene, which no step computed. The first of several is left out,
-    because kernels may be compiled in it."""
+    """(n_frames,) mask. Frame 0 is the start of the scene, which no step computed. The first ones are left out, at most
+    half of them, because kernels may be compiled there."""
     touching = motion.in_contact.copy() if motion.colliders else np.ones(motion.n_frames, dtype=bool)
     touching[0] = False
-    if np.count_nonzero(touching) > 1:
-        touching[np.argmax(touching)] = False
+    steps = np.flatnonzero(touching)
+    touching[steps[: min(WARM, len(steps) // 2)]] = False
     return touching
 
 

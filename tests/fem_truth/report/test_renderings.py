@@ -78,6 +78,19 @@ def test_pictures_by_gl(jelly3d_body):
         assert 0.1 < np.mean(opacity > 0) < 0.95
 
 
+def test_a_contact_at_the_rim_is_cut_through_the_body(jelly3d_body):
+    """Of several models at one contact, some do not reach as far: through the contact, a plane misses their bodies, and
+    it may miss the collider, too."""
+    if gl_problem():
+        pytest.skip("off-screen OpenGL does not work here")
+    x, pose = jelly3d_body.mesh.points, RigidPose(np.eye(3), np.array([0, 0, 0.07]))
+    renderer = GlRenderer(jelly3d_body.mesh, Sphere(0.02, 3))
+    for axis in renderings._GRID_AXES.T:
+        for side in (x @ axis).min(), (x @ axis).max():
+            cut = renderer.cut(x, pose, 1.1 * side * axis, "cut")
+            assert np.mean(pixels(cut)[..., 3] > 0) > 0.05, (axis, side)
+
+
 def test_without_gl_the_report_says_so_and_still_draws(jelly3d_body, monkeypatch):
     failed = subprocess.CompletedProcess(
         [], -6, "", "some text\nlibEGL.so.1: cannot open shared object file\n"
