@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import threading
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
 
@@ -125,24 +126,29 @@ def test_a_stored_state_goes_on_with_the_same_bits(motion, tmp_path):
     np.testing.assert_array_equal(drawn, simulator.surface_positions(states[BRANCH]))
 
 
-def play_elsewhere(pickled, path, connection):
+def play_elsewhere(pickled, path):
     """In another process: goes on from a stored state."""
-    simulator = ForkingPickler.loads(pickled)
-    connection.send(play(simulator, load_state(path), BEYOND)[-1])
+    return play(ForkingPickler.loads(pickled), load_state(path), BEYOND)[-1]
+
+
+@pytest.fixture(scope="module")
+def processes():
+    """One of each kind, as a new interpreter takes seconds to start."""
+    found = {
+        method: ProcessPoolExecutor(1, mp_context=multiprocessing.get_context(method))
+        for method in ("fork", "spawn")
+    }
+    yield found
+    for process in found.values():
+        process.shutdown()
 
 
 @pytest.mark.parametrize("method", ["fork", "spawn"])
-def test_another_process_goes_on_with_the_same_bits(motion, tmp_path, method):
+def test_another_process_goes_on_with_the_same_bits(motion, processes, tmp_path, method):
     simulator, states = motion
     save_state(tmp_path / "state.h5", states[BRANCH])
-    context = multiprocessing.get_context(method)
-    ours, theirs = context.Pipe()
-    arguments = bytes(ForkingPickler.dumps(simulator)), tmp_path / "state.h5", theirs
-    process = context.Process(target=play_elsewhere, args=arguments)
-    process.start()
-    theirs.close()
-    reached = ours.recv()
-    process.join()
+    pickled = bytes(ForkingPickler.dumps(simulator))
+    reached = processes[method].submit(play_elsewhere, pickled, tmp_path / "state.h5").result()
     same_bits(reached, states[BRANCH + BEYOND])
 
 
