@@ -95,6 +95,25 @@ def softprint(tmp_path) -> Callable[..., subprocess.CompletedProcess[str]]:
     return call
 
 
+@pytest.fixture
+def softprint_here(softprint, tmp_path, capsys, monkeypatch) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """As `softprint`, in this process where one rank is enough: a new one takes seconds to import what verbs need."""
+    from softprint.runtime.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str | Path, ranks: int = 1):
+        if ranks > 1:
+            return softprint(*arguments, ranks=ranks)
+        words = [str(argument) for argument in arguments]
+        capsys.readouterr()
+        status = main.main(words)
+        said = capsys.readouterr()
+        return subprocess.CompletedProcess(words, status, said.out, said.err)
+
+    return call
+
+
 @pytest.fixture(scope="session")
 def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a toy experiment in 2D; its folder `run` has all output files."""

@@ -21,7 +21,7 @@ from tests.toy_experiment import write_experiment, write_library_experiment
 
 
 @pytest.mark.slow
-def test_from_mesh_to_report(softprint, tmp_path, dim):
+def test_from_mesh_to_report(softprint_here, tmp_path, dim):
     experiment = write_experiment(tmp_path, dim)
     run = tmp_path / "run"
     steps = [
@@ -33,7 +33,7 @@ def test_from_mesh_to_report(softprint, tmp_path, dim):
         (("report", *(["--no-pictures"] if dim == 2 else [])), 1),
     ]
     for (verb, *options), ranks in steps:
-        done = softprint(verb, experiment, "--out", run, "--quiet", *options, ranks=ranks)
+        done = softprint_here(verb, experiment, "--out", run, "--quiet", *options, ranks=ranks)
         assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
     made = {path.relative_to(run).as_posix() for path in run.rglob("*") if path.is_file()}
     assert {"body.h5", "mechanics_3000.safetensors", "truth.h5", "report.html", "report.json"} <= made
@@ -62,16 +62,20 @@ def test_from_mesh_to_report(softprint, tmp_path, dim):
     kept = ("truth.h5", "mechanics_3000.safetensors", "corrections/ours.safetensors")
     before = [(run / name).read_bytes() for name in kept]
     for (verb, *options), ranks in steps[:5]:
-        assert softprint(verb, experiment, "--out", run, "--quiet", *options, ranks=ranks).returncode == 0
+        assert (
+            softprint_here(verb, experiment, "--out", run, "--quiet", *options, ranks=ranks).returncode == 0
+        )
     assert [(run / name).read_bytes() for name in kept] == before
 
 
 @pytest.mark.slow
-def test_from_a_library_to_an_unseen_shape(softprint, tmp_path):
+def test_from_a_library_to_an_unseen_shape(softprint_here, tmp_path):
     experiment, run = write_library_experiment(tmp_path), tmp_path / "run"
     played = ("simulate", "--model=full", "--model=bare", "--model=ours", "--model=thesis6")
     for verb, *options in (("body",), ("generate",), ("train",), played, ("report", "--no-pictures")):
-        done = softprint(verb, experiment, "--out", run, "--quiet", *options, ranks=1 + (verb == "generate"))
+        done = softprint_here(
+            verb, experiment, "--out", run, "--quiet", *options, ranks=1 + (verb == "generate")
+        )
         assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
     assert read_header(run / "corrections" / "ours.safetensors").collider == ANY_COLLIDER
     shapes = json.loads((run / "report.json").read_text())["shapes"]
@@ -82,13 +86,13 @@ def test_from_a_library_to_an_unseen_shape(softprint, tmp_path):
     # The error of body mechanics on an unseen round shape is some per cent, on any mesh.
     assert shapes["sides"]["mechanics"]["testing"]["squared"] < 0.05
     assert "Unseen shapes" in (run / "report.html").read_text()
-    whole = softprint("export", experiment, "--out", run, "--quiet")
+    whole = softprint_here("export", experiment, "--out", run, "--quiet")
     assert whole.returncode == 1
     assert "name one with --collider" in whole.stderr
-    one = softprint("export", experiment, "--out", run, "--quiet", "--collider", "pear")
+    one = softprint_here("export", experiment, "--out", run, "--quiet", "--collider", "pear")
     assert one.returncode == 0, one.stderr
     assert (run / "published" / "dataset.h5").is_file()
-    resized = softprint(
+    resized = softprint_here(
         "train", experiment, "--out", run, "--quiet", "--no-resume", "--set", "library.size=0.03"
     )
     assert "library.size: 0.02 -> 0.03" in resized.stderr
@@ -110,7 +114,7 @@ def test_from_a_library_to_an_unseen_shape(softprint, tmp_path):
 
 
 @pytest.mark.slow
-def test_meshes_of_ones_own_are_learned_from_and_judged(softprint, tmp_path):
+def test_meshes_of_ones_own_are_learned_from_and_judged(softprint_here, tmp_path):
     """Five files: three to train on, one to choose by and one to judge by, beside no shape of the library."""
     experiment, run = write_library_experiment(tmp_path), tmp_path / "run"
     folder = tmp_path / "shapes"
@@ -134,7 +138,7 @@ def test_meshes_of_ones_own_are_learned_from_and_judged(softprint, tmp_path):
     ]
     options = [word for setting in table for word in ("--set", setting)]
     for verb in ("body", "generate", "train"):
-        done = softprint(verb, experiment, "--out", run, "--quiet", *options)
+        done = softprint_here(verb, experiment, "--out", run, "--quiet", *options)
         assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
     assert read_header(run / "corrections" / "ours.safetensors").collider == ANY_COLLIDER
     roles = load_experiment(experiment, table).library_roles
@@ -146,14 +150,14 @@ def test_meshes_of_ones_own_are_learned_from_and_judged(softprint, tmp_path):
         of = truth.contacts["collider"][truth.samples["contact"]]
         assert {names[number] for number in of[split.train]} <= {"bead", "brick", "pill"}
         assert {names[number] for number in of[split.validation]} == {"chosen"}
-    judge_a_copy(softprint, experiment, run, tmp_path / "copy")
+    judge_a_copy(softprint_here, experiment, run, tmp_path / "copy")
     (folder / "bead.stl").write_bytes((folder / "pill.stl").read_bytes())
-    changed = softprint("train", experiment, "--out", run, "--quiet", "--no-resume", *options)
+    changed = softprint_here("train", experiment, "--out", run, "--quiet", "--no-resume", *options)
     assert changed.returncode == 1
     assert "library mesh bead file hash" in changed.stderr
 
 
-def judge_a_copy(softprint, experiment, run, copy):
+def judge_a_copy(softprint_here, experiment, run, copy):
     """Of the trained correction, by a file that it never saw, with an experiment that trains nothing."""
     text = experiment.read_text()
     start, end = text.index("[library]"), text.index("[[scenes]]")
@@ -168,7 +172,7 @@ def judge_a_copy(softprint, experiment, run, copy):
         shutil.copy(file, copy)
     played = ("simulate", "--model=full", "--model=ours")
     for verb, *options in (("generate",), played, ("report", "--no-pictures")):
-        done = softprint(verb, judging, "--out", copy, "--quiet", *options)
+        done = softprint_here(verb, judging, "--out", copy, "--quiet", *options)
         assert done.returncode == 0, f"{verb}: {done.stdout}\n{done.stderr}"
     shapes = json.loads((copy / "report.json").read_text())["shapes"]
     assert shapes["testing"] == ["judged"]

@@ -60,11 +60,11 @@ def test_one_length_is_enough():
         MeshSpec(name="b", shape="mesh", file="b.stl", scale=0.1, size=0.02)
 
 
-def test_a_collider_beside_its_origin_is_named_as_the_reason(experiment, softprint):
+def test_a_collider_beside_its_origin_is_named_as_the_reason(experiment, softprint_here):
     # The scene that records states puts the ball, not its origin, above the block.
     text = experiment.read_text().replace("[0.0, 0.0, 0.085]", "[-0.1, 0.0, 0.085]")
     experiment.write_text(text.replace("[0.01, 0.0, 0.072]", "[-0.09, 0.0, 0.072]"))
-    done = softprint("generate", experiment, "--units", "10", timeout=300)
+    done = softprint_here("generate", experiment, "--units", "10")
     assert done.returncode == 1
     (said,) = [line for line in done.stderr.splitlines() if "contacts have no converged sample" in line]
     assert " of 10 contacts" in said
@@ -72,20 +72,20 @@ def test_a_collider_beside_its_origin_is_named_as_the_reason(experiment, softpri
     assert "`centre = true`" in said
 
 
-def test_its_middle_is_moved_on_request(experiment, softprint):
+def test_its_middle_is_moved_on_request(experiment, softprint_here):
     experiment.write_text(experiment.read_text().replace("resolution = 16", "resolution = 16\ncentre = true"))
-    done = softprint("generate", experiment, "--units", "3", timeout=300)
+    done = softprint_here("generate", experiment, "--units", "3")
     assert done.returncode == 0, done.stderr
     assert "100.0 % converged" in done.stdout
 
 
 @pytest.mark.parametrize("verb", ["generate", "simulate"])
-def test_another_unit_is_named_as_the_reason(experiment, softprint, verb):
+def test_another_unit_is_named_as_the_reason(experiment, softprint_here, verb):
     experiment.write_text(
         experiment.read_text().replace("resolution = 16", "resolution = 16\nscale = 1000.0")
     )
-    softprint("body", experiment, timeout=300)
-    done = softprint(verb, experiment, timeout=300)
+    softprint_here("body", experiment)
+    done = softprint_here(verb, experiment)
     assert done.returncode == 1
     said = done.stderr.splitlines()[-1]
     assert "'ball' is 40 m large and the body 0.1 m" in said
@@ -94,8 +94,8 @@ def test_another_unit_is_named_as_the_reason(experiment, softprint, verb):
 
 def test_a_collider_that_never_touches_is_named(experiment, softprint):
     experiment.write_text(experiment.read_text().replace("0.072]", "0.285]").replace("0.075]", "0.285]"))
-    softprint("body", experiment, timeout=300)
-    done = softprint("simulate", experiment, timeout=300)
+    softprint("body", experiment)
+    done = softprint("simulate", experiment)
     assert done.returncode == 0, done.stderr
     assert "collider 'ball' never touches the body" in done.stdout + done.stderr
 
@@ -104,15 +104,15 @@ def test_a_pierced_body_is_named(experiment, softprint):
     """With contact at nodes, between which it passes, the ball ends in the middle of the block."""
     experiment.write_text(experiment.read_text().replace("0.072]", "0.03]").replace("0.075]", "0.03]"))
     centred = ("--set", "colliders.ball.centre=true", "--set", "contact.refinement=0")
-    softprint("body", experiment, *centred, timeout=300)
-    done = softprint("simulate", experiment, *centred, timeout=300)
+    softprint("body", experiment, *centred)
+    done = softprint("simulate", experiment, *centred)
     assert done.returncode == 0, done.stderr
     assert "the body is pierced in" in done.stdout + done.stderr
     assert "collider 'ball' is" in done.stdout + done.stderr
 
 
-def test_a_config_error_under_mpirun_is_said_once(experiment, softprint):
-    done = softprint("generate", experiment, "--set", "sampling.places=-3", ranks=2, timeout=120)
+def test_a_config_error_under_mpirun_is_said_once(experiment, softprint_here):
+    done = softprint_here("generate", experiment, "--set", "sampling.places=-3", ranks=2)
     assert done.returncode != 0
     (said,) = [
         line for line in done.stderr.splitlines() if "toy.toml" in line

@@ -209,23 +209,23 @@ def test_a_distance_suits_the_mesh(jelly_body):
     assert BarrierLaw.of(2e-4, jelly_body.mesh, 2e4) == BarrierLaw(2e-4, 1e5)
 
 
-def test_a_scene_is_played_with_a_barrier_and_truth_is_not_generated(softprint, tmp_path):
+def test_a_scene_is_played_with_a_barrier_and_truth_is_not_generated(softprint_here, tmp_path):
     experiment, run = write_experiment(tmp_path, 3), tmp_path / "run"
     options = ("--out", run, "--quiet", "--set", "contact.model='barrier'", "--set", "contact.friction=0")
-    done = softprint("body", experiment, *options)
+    done = softprint_here("body", experiment, *options)
     assert done.returncode == 0, done.stderr
-    played = softprint("simulate", experiment, *options, "--model", "full")
+    played = softprint_here("simulate", experiment, *options, "--model", "full")
     assert played.returncode == 0, played.stderr
     motion = load_motion(motion_path(run, "held_out", "full"))
     assert motion.converged.all()
     assert motion.colliders["ball"].force[-1][2] > 0.05
     assert not motion.colliders["ball"].intrusion.any()
     # Contact is told by forces: nothing penetrates.
-    reported = softprint("report", experiment, *options, "--no-pictures")
+    reported = softprint_here("report", experiment, *options, "--no-pictures")
     assert reported.returncode == 0, reported.stderr
     (scene,) = json.loads((run / "report.json").read_text())["scenes"]
     assert scene["n_contact"] == motion.in_contact.sum() > 0
-    refused = softprint("generate", experiment, *options)
+    refused = softprint_here("generate", experiment, *options)
     assert refused.returncode == 1
     assert "reference samples are solved with a penalty" in refused.stderr
     assert not (run / "truth.h5").exists()

@@ -8,8 +8,8 @@ from PIL import Image
 from tests.runtime.convert.gltf_reader import Gltf
 
 
-def test_a_motion_is_converted(softprint, motion3d, tmp_path):
-    result = softprint(
+def test_a_motion_is_converted(softprint_here, motion3d, tmp_path):
+    result = softprint_here(
         "convert", motion3d.path, "out/press.glb", "--from", "5f", "--to", "0.2", "--every", "1"
     )
     assert result.returncode == 0, result.stderr
@@ -17,8 +17,8 @@ def test_a_motion_is_converted(softprint, motion3d, tmp_path):
     assert len(Gltf(tmp_path / "out" / "press.glb").primitive("body")["targets"]) == 6
 
 
-def test_a_film_is_drawn(softprint, motion3d, tmp_path):
-    result = softprint(
+def test_a_film_is_drawn(softprint_here, motion3d, tmp_path):
+    result = softprint_here(
         "convert", motion3d.path, "press.gif", "--rate", "10", "--colour", "pressure", "--width", "200"
     )
     assert result.returncode == 0, result.stderr
@@ -40,9 +40,9 @@ def test_a_film_is_drawn(softprint, motion3d, tmp_path):
         (("MOTION", "a.pc2", "--colour", "displacement"), "has no colours"),
     ],
 )
-def test_bad_input_is_one_sentence(softprint, motion3d, tmp_path, arguments, message):
+def test_bad_input_is_one_sentence(softprint_here, motion3d, tmp_path, arguments, message):
     stand_ins = {"MOTION": motion3d.path, "BODY": motion3d.path.parent.parent / "body.h5"}
-    result = softprint("convert", *(stand_ins.get(word, word) for word in arguments))
+    result = softprint_here("convert", *(stand_ins.get(word, word) for word in arguments))
     assert result.returncode == 1
     assert message in result.stderr
     assert "Traceback" not in result.stderr
