@@ -59,6 +59,22 @@ def test_amplitudes_know_their_derivative(jelly_body, gravity):
     close(field.pulled_back(forces), np.tensordot(forces, expected, axes=2))
 
 
+def test_amplitudes_know_how_their_derivative_changes(jelly_body, gravity):
+    """The second derivatives of b . a, and of the work of forces along u at some of the nodes."""
+    correction, rows = EquilibriumCorrection(made_modes(jelly_body, gravity), jelly_body), bent(jelly_body)
+    point, rng = correction.amplitudes.at(rows), np.random.default_rng(4)
+    b, directions = rng.normal(size=len(point.a)), rng.normal(size=(rows.size, 3))
+    slopes = differences(lambda at: correction.amplitudes.at(at).pulled_back(b).ravel(), rows)
+    expected = slopes.reshape(rows.size, rows.size)
+    nearly(point.curvature(b, None), expected)
+    nearly(point.curvature(b, directions), directions.T @ expected @ directions)
+    nearly(point.curvature(2.0 * b, directions), 2.0 * directions.T @ expected @ directions)
+    bound = correction.bind().at(np.arange(3, jelly_body.n_nodes, 2))
+    forces = rng.normal(size=bound.displacement(rows).shape)
+    slopes = differences(lambda at: bound.linearise(at).pulled_back(forces).ravel(), rows)
+    nearly(bound.linearise(rows).curvature(forces, None), slopes.reshape(rows.size, rows.size))
+
+
 def test_the_elastic_energy_has_the_gradient_and_hessian_of_its_equilibrium(jelly_body):
     """With the amplitudes where the energy is least on the same cubature."""
     correction, rows = EquilibriumCorrection(made_modes(jelly_body), jelly_body), bent(jelly_body)
@@ -86,7 +102,7 @@ def test_the_elastic_energy_has_the_gradient_and_hessian_of_its_equilibrium(jell
 
 
 def test_weight_and_elasticity_together_are_stationary(jelly_body, gravity):
-    """The energy of both by the rows: second derivatives of the amplitudes cancel."""
+    """The energy of both by the rows."""
     correction, rows = EquilibriumCorrection(made_modes(jelly_body, gravity), jelly_body), bent(jelly_body)
     assert correction.gravity == gravity
     points = CorrectedPoints(jelly_body, [], internal=correction)

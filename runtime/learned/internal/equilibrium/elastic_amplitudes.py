@@ -44,6 +44,8 @@ _SLOW = 1e-3
 _DECREASE, _SHORTEST, _ENERGY_ROUND_OFF = 1e-4, 1e-6, 1e-13
 # Of solves with E_aa: how far they are refined, in how many steps at most, and when a kept factor is computed anew.
 _REFINED, _REFINEMENTS, _SLOWLY_REFINED = 1e-10, 8, 0.1
+# Of a strain, for derivatives of the tangent.
+_STEP = 1e-3
 # The first shift of a matrix that is not positive definite, relative to its diagonal.
 _SHIFT = 1e-3
 
@@ -124,6 +126,12 @@ class ElasticAmplitudes:
         """w A (m, dim*dim, dim*dim)."""
         own, square = self.elasticity, F.shape[1] ** 2
         return np.asarray(own.weights[:, None, None] * own.material.tangent(F).reshape(-1, square, square))
+
+    def tangent_along(self, F: Array, G: Array) -> Singles:
+        """w dA/dF G (m, dim*dim, dim*dim) by central differences, right to a few parts in a million."""
+        step = _STEP / np.abs(G).max()
+        ahead, behind = self.weighted_tangent(F + step * G), self.weighted_tangent(F - step * G)
+        return np.asarray((ahead - behind) / (2.0 * step), dtype=np.float32)
 
     def _solved(self, rows: Array, last: AmplitudePoint | None) -> AmplitudePoint:
         """From the better of two starts."""
@@ -235,6 +243,34 @@ class AmplitudePoint:
         self._computed[:] = [(directions, found)]
         return found
 
+    def curvature(self, along: Array, directions: Array | None) -> Array:
+        """d2(b . a)/drows2 (k, k) of a direction b (K,), along directions (n_rows*dim, k), by default every row and axis.
+        Zero for the b of the weight, which elastic forces have with the opposite sign.
+
+        With y = E_aa^-1 b fixed, it is minus the second derivative of y . E_a = sum_c w P(F_c) : G_c along the
+        equilibrium, where G_c = dF_c/da y is linear in q:  B^T w (dA/dF G) B + 2 sym(B^T w A dG/dq + f_y . d2u/dq da
+        da/dq), with B = dF/dq along the equilibrium and the forces f_y of the stress w A G.
+        """
+        T = np.eye(self.rows.size) if directions is None else directions
+        if self._negligible(along) or self._negligible(along - self._pull):
+            return np.zeros((T.shape[1], T.shape[1]))
+        own, field, y, da = self.amplitudes, self.amplitudes.field, self._inverse_of(along), self.along(directions)
+        G = own.corner_strain(self.modes.displacement(y))
+        moved = field.row_along(self.a, T) + self.modes.by_amplitude @ da.astype(np.float32)
+        B = own.elasticity.basis_along(T) + own.gradients_single @ moved
+        turned = own.gradients_single @ field.row_along(y, T)
+        by_stress = np.matmul(own.tangent_along(self.strained.F, G), _by_cell(B, G))
+        both = 0.5 * by_stress + np.matmul(self._tangent.astype(np.float32), _by_cell(turned, G))
+        half = (B.T @ both.reshape(B.shape)).astype(np.float64)
+        half += (field.mixed(own.corner_forces(self._stress_of(G))).T @ T).T @ da
+        return -half - half.T
+
+    @lazy
+    def _pull(self) -> Array:
+        """M^T (q g) (K,), the b of the weight."""
+        own = self.amplitudes
+        return np.zeros_like(self.a) if own.moments is None else own.moments.T @ (self.rows @ own.gravity)
+
     def pulled_back(self, along: Array) -> Array:
         """d(b . a)/drows (n_rows, dim) of a direction b (K,), by one solve. That of elastic forces without gravity is
         zero, within the tolerance of the equilibrium; with gravity, they and the weight have the same b."""
@@ -244,7 +280,7 @@ class AmplitudePoint:
             if self._negligible(along - known):
                 return found
         own, field = self.amplitudes, self.amplitudes.field
-        y = self._times_inverse(along)
+        y = self._inverse_of(along)
         stress = self._stress_by(y)
         found = own.elasticity.gradient_of(stress) + field.row_forces(self.a, own.corner_forces(stress))
         found += field.row_forces(y, self.strained.forces)
@@ -261,6 +297,20 @@ class AmplitudePoint:
     def _negligible(self, along: Array) -> bool:
         decrement = float(along @ self.known_factor.solve(along))
         return decrement <= 4.0 * self.amplitudes.tolerance(self.strained)
+
+    def _inverse_of(self, along: Array) -> Array:
+        """E_aa^-1 b (K,); the last is kept."""
+        for known, found in self._inverses:
+            if known is along or np.array_equal(known, along):
+                return found
+        found = self._times_inverse(along)
+        self._inverses[:] = [(along, found)]
+        return found
+
+    @lazy
+    def _inverses(self) -> list[tuple[Array, Array]]:
+        """The last direction and E_aa^-1 times it."""
+        return []
 
     def _times_inverse(self, along: Array) -> Array:
         """E_aa^-1 b (K,), refined with E_aa in double precision."""
@@ -293,6 +343,11 @@ class AmplitudePoint:
     def _stress_of(self, dF: Array) -> Array:
         """w A dF (m, dim, dim)."""
         return np.asarray((self._tangent @ dF.reshape(len(dF), -1, 1)).reshape(dF.shape))
+
+
+def _by_cell(B: Singles, of: Array) -> Singles:
+    """(m*dim*dim, k) as (m, dim*dim, k), for the strain (m, dim, dim) of the cells."""
+    return B.reshape(len(of), -1, B.shape[1])
 
 
 def _corner_gradients(corners: IntArray, gradients: Array, n_nodes: int) -> sp.csr_matrix:
