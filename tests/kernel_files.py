@@ -16,6 +16,7 @@ _FILES = (
     "runtime/contact/carriers/rotation_kernels.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
     "runtime/dynamics/terms/corner_gradients.py",
+    "runtime/learned/internal/equilibrium/mode_kernels.py",
     "runtime/touch/raster_kernels.py",
     *(
         str(path.relative_to(REPOSITORY))

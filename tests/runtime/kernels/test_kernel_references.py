@@ -406,6 +406,16 @@ INPUTS = {
             rng.uniform(size=(5, dim)),
         ),
     },
+    "learned.internal.equilibrium.mode_kernels": {
+        "summed": lambda rng, dim: (
+            rng.normal(size=(M * dim, 5)).astype(np.float32),
+            rng.normal(size=5),
+        ),
+        "along_modes": lambda rng, dim: (
+            rng.normal(size=(M * dim, 5)).astype(np.float32),
+            rng.normal(size=M * dim),
+        ),
+    },
     "linalg.row_products": {
         "placed_some": lambda rng, dim: (rng.normal(size=(M, ROWS)), rng.normal(size=(ROWS, dim)), some(rng)),
         "placed": lambda rng, dim: (rng.normal(size=(M, ROWS)), rng.normal(size=(ROWS, dim))),

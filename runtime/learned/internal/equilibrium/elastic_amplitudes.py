@@ -244,8 +244,8 @@ class AmplitudePoint:
         return found
 
     def curvature(self, along: Array, directions: Array | None) -> Array:
-        """d2(b . a)/drows2 (k, k) of a direction b (K,), along directions (n_rows*dim, k), by default every row and axis.
-        Zero for the b of the weight, which elastic forces have with the opposite sign.
+        """d2(b . a)/drows2 (k, k) of a direction b (K,), along directions (n_rows*dim, k), by default every row and
+        axis. Zero for the b of the weight, which elastic forces have with the opposite sign.
 
         With y = E_aa^-1 b fixed, it is minus the second derivative of y . E_a = sum_c w P(F_c) : G_c along the
         equilibrium, where G_c = dF_c/da y is linear in q:  B^T w (dA/dF G) B + 2 sym(B^T w A dG/dq + f_y . d2u/dq da
@@ -254,7 +254,12 @@ class AmplitudePoint:
         T = np.eye(self.rows.size) if directions is None else directions
         if self._negligible(along) or self._negligible(along - self._pull):
             return np.zeros((T.shape[1], T.shape[1]))
-        own, field, y, da = self.amplitudes, self.amplitudes.field, self._inverse_of(along), self.along(directions)
+        own, field, y, da = (
+            self.amplitudes,
+            self.amplitudes.field,
+            self._inverse_of(along),
+            self.along(directions),
+        )
         G = own.corner_strain(self.modes.displacement(y))
         moved = field.row_along(self.a, T) + self.modes.by_amplitude @ da.astype(np.float32)
         B = own.elasticity.basis_along(T) + own.gradients_single @ moved

@@ -21,15 +21,16 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.internal.correction import times_each
+from softprint.runtime.learned.internal.equilibrium.mode_kernels import along_modes, summed
 
 Singles = NDArray[np.float32]
 
 
 class ModeField:
-    """u at n nodes. modes: m (n, dim, K); by_row: G (n, dim, n_rows) [1/m]; points: U_p (n, n_points); taken_back: T
-    (n_points, n_rows, K)."""
+    """u at n nodes. modes: m (n, dim, K) in single precision; by_row: G (n, dim, n_rows) [1/m]; points: U_p (n,
+    n_points); taken_back: T (n_points, n_rows, K)."""
 
-    def __init__(self, modes: Array, by_row: Array, points: Array, taken_back: Array) -> None:
+    def __init__(self, modes: Singles, by_row: Array, points: Array, taken_back: Array) -> None:
         self.modes, self.by_row, self.points, self.taken_back = modes, by_row, points, taken_back
 
     @classmethod
@@ -42,7 +43,7 @@ class ModeField:
             moved = body.point_projection @ products.reshape(body.n_nodes, -1)
         by_row = np.ascontiguousarray(gradient.transpose(0, 2, 1))
         points = np.ascontiguousarray(body.basis[:, :n_points])
-        own = np.ascontiguousarray(modes.transpose(1, 2, 0))
+        own = np.ascontiguousarray(modes.transpose(1, 2, 0), dtype=np.float32)
         return cls(own, by_row, points, moved.reshape(n_points, body.n_rows, len(modes)))
 
     @property
@@ -55,7 +56,6 @@ class ModeField:
         other = copy(self)
         other.modes, other.by_row = self.modes[nodes], self.by_row[nodes]
         other.points = self.points[nodes]
-        other.__dict__.pop("modes_single", None)
         return other
 
     def moments(self, mass: Array) -> Array:
@@ -69,11 +69,6 @@ class ModeField:
         """u as a linear function of the amplitudes, at handle rows (n_rows, dim)."""
         n, dim, n_rows = self.by_row.shape
         return RowModes(self, rows, (self.by_row.reshape(n * dim, n_rows) @ rows).reshape(n, dim, dim))
-
-    @lazy
-    def modes_single(self) -> Singles:
-        """m in single precision."""
-        return self.modes.astype(np.float32)
 
     def row_forces(self, a: Array, forces: Array) -> Array:
         """sum_n f_n . du_n/drows (n_rows, dim) [N] of forces f (n, dim) [N], with the amplitudes fixed."""
@@ -93,7 +88,7 @@ class ModeField:
         """sum_n f_n . d2u_n/drows da (n_rows*dim, K) of forces f (n, dim) [N]."""
         n, dim, n_rows = self.by_row.shape
         by_row = self.by_row.reshape(n * dim, n_rows).astype(np.float32)
-        modes, single = self.modes_single, forces.astype(np.float32)
+        modes, single = self.modes, forces.astype(np.float32)
         found = np.empty((n_rows, dim, self.count), dtype=np.float32)
         for axis in range(dim):
             found[:, axis] = by_row.T @ (single[:, axis, None, None] * modes).reshape(n * dim, -1)
@@ -103,7 +98,7 @@ class ModeField:
     def sum(self, a: Array) -> Array:
         """sum_k a_k m_k (n, dim)."""
         n, dim, count = self.modes.shape
-        return np.asarray((self.modes.reshape(n * dim, count) @ a).reshape(n, dim))
+        return summed(self.modes.reshape(n * dim, count), a).reshape(n, dim)
 
     def points_moved(self, a: Array) -> Array:
         """T a (n_points, n_rows)."""
@@ -127,7 +122,7 @@ class RowModes:
     def by_amplitude(self) -> Singles:
         """du/da (n*dim, K), in single precision: for Hessians."""
         field = self.field
-        found = self.turned.astype(np.float32).transpose(0, 2, 1) @ field.modes_single
+        found = self.turned.astype(np.float32).transpose(0, 2, 1) @ field.modes
         if field.points.shape[1]:
             moved = np.einsum("psk,si->pik", field.taken_back, self.rows).astype(np.float32)
             found -= np.tensordot(field.points.astype(np.float32), moved, axes=1)
@@ -139,4 +134,4 @@ class RowModes:
         local = times_each(np.ascontiguousarray(self.turned.transpose(0, 2, 1)), forces)
         of_points = (field.points.T @ forces) @ self.rows.T
         taken = field.taken_back.reshape(-1, field.count).T @ of_points.ravel()
-        return np.asarray(field.modes.reshape(-1, field.count).T @ local.ravel() - taken)
+        return along_modes(field.modes.reshape(-1, field.count), local.ravel()) - taken
