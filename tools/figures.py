@@ -43,6 +43,7 @@ README, RESULTS = "README.md", "docs/results.md"
 ANY, DESCRIPTOR = "docs/any_collider.md", "docs/thesis_descriptor_model.md"
 _BODIES = "examples/{jelly3d,ball,finger,hand}.toml"
 _SMALL = "examples/jelly_library_small.toml"
+_JOINT = "--model mechanics+modes --model mechanics+more --model ours+modes --model ours+more"
 _MODELS = "--model full --model bare --model mechanics --model ours"
 
 
@@ -435,10 +436,12 @@ FIGURES: Mapping[str, Figure] = {
         (
             "softprint generate examples/ball_alone_small.toml",
             "softprint train examples/ball_alone_small.toml",
-            "python -m reproduction.contact_on_internal examples/ball_small.toml "
-            "--internal runs/ball_alone_small/internal/modes.safetensors",
-            "python -m reproduction.contact_on_internal examples/ball_small.toml "
-            "--internal runs/ball_alone_small/internal/more.safetensors",
+            "mkdir -p runs/ball_small/internal",
+            "cp runs/ball_alone_small/internal/*.safetensors runs/ball_small/internal",
+            f"softprint simulate examples/ball_small.toml {_JOINT}",
+            "python -m benchmarks.motions_alone runs/ball_small/motions/bars_"
+            "{full,bare,mechanics,mechanics+modes,mechanics+more,ours,ours+modes,ours+more}.h5",
+            f"softprint bench examples/ball_small.toml --model mechanics --model ours {_JOINT}",
         ),
         ("docs/internal_corrections.md",),
         ("ball_small",),

@@ -21,7 +21,7 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
-from softprint.runtime.contact.piercing_kernels import bounds, in_box, nearest_depths, nearest_distances
+from softprint.runtime.contact.piercing_kernels import bounds, farther_from_all, in_box, nearest_depths
 from softprint.runtime.mesh.nearest_facets import nearest_of
 
 # A collider pierces the body from this depth on, in distances between contact points. Where a dent stretches the
@@ -145,13 +145,16 @@ class PiercingSearch:
         if not len(z):
             return None
         # Nor deeper than it is far from any point of the surface: in ordinary contact that says enough.
-        z = z[nearest_distances(z, surface.known) > limit]
+        z = z[farther_from_all(z, surface.known, limit)]
         if not len(z):
             return None
         # Contact may have moved nodes of the surface from anywhere along the collider to a point of it.
         lower, upper = bounds(around)
         near = in_box(x, lower - limit, upper + limit)
         y = surface.positions(near)
+        z = z[farther_from_all(z, y, limit)]
+        if not len(z):
+            return None
         distance, depth = nearest_depths(z, y, surface.normals(near))
         # Farther than the limit from every node near the collider: another node may be nearer.
         far = np.flatnonzero((distance > limit) & ((depth > 0.0) | np.isinf(distance)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.compiled import compiled
 
 
@@ -31,23 +31,29 @@ def in_box(x: Array, lower: Array, upper: Array) -> IntArray:
     return inside[:count]
 
 
-def _nearest_distances(z: Array, y: Array) -> Array:
+def _farther_from_all(z: Array, y: Array, limit: float) -> BoolArray:
     apart = np.sqrt(((z[:, None] - y[None]) ** 2).sum(axis=2))
-    return np.asarray(apart.min(axis=1, initial=np.inf))
+    return np.asarray(apart.min(axis=1, initial=np.inf) > limit)
 
 
-@compiled(reference=_nearest_distances)
-def nearest_distances(z: Array, y: Array) -> Array:
-    """Distance (m,) of points z (m, dim) from the nearest of others y (n, dim), infinite without any."""
-    distance = np.full(len(z), np.inf)
-    for i in range(len(z)):
-        for j in range(len(y)):
+@compiled(reference=_farther_from_all)
+def farther_from_all(z: Array, y: Array, limit: float) -> BoolArray:
+    """Whether points z (m, dim) are farther than the limit from every other y (n, dim). Of these only some are looked
+    at: sorted along the first axis, those within the limit along it."""
+    m, dim = z.shape
+    far = np.ones(m, dtype=np.bool_)
+    order = np.argsort(y[:, 0])
+    along = y[order, 0]
+    first, last = np.searchsorted(along, z[:, 0] - limit), np.searchsorted(along, z[:, 0] + limit, side="right")
+    for i in range(m):
+        for j in order[first[i] : last[i]]:
             square = 0.0
-            for a in range(z.shape[1]):
+            for a in range(dim):
                 square += (z[i, a] - y[j, a]) ** 2
-            distance[i] = min(distance[i], square)
-        distance[i] = np.sqrt(distance[i])
-    return distance
+            if square <= limit**2:
+                far[i] = False
+                break
+    return far
 
 
 def _nearest_depths(z: Array, y: Array, normal: Array) -> tuple[Array, Array]:

@@ -303,7 +303,7 @@ INPUTS = {
     "contact.piercing_kernels": {
         "bounds": lambda rng, dim: (rng.normal(size=(M, dim)),),
         "in_box": lambda rng, dim: (rng.normal(size=(M, dim)), np.full(dim, -0.8), np.full(dim, 0.9)),
-        "nearest_distances": lambda rng, dim: (rng.normal(size=(3, dim)), rng.normal(size=(M, dim))),
+        "farther_from_all": lambda rng, dim: (rng.normal(size=(9, dim)), rng.normal(size=(M, dim)), 0.7),
         "nearest_depths": lambda rng, dim: (
             rng.normal(size=(3, dim)),
             rng.normal(size=(M, dim)),
