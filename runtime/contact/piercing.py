@@ -16,12 +16,13 @@ from itertools import product
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
-from softprint.runtime.contact.piercing_kernels import bounds, farther_from_all, in_box, nearest_depths
+from softprint.runtime.contact.piercing_kernels import bounds, farther_from_all, in_box
 from softprint.runtime.mesh.nearest_facets import nearest_of
 
 # A collider pierces the body from this depth on, in distances between contact points. Where a dent stretches the
@@ -155,7 +156,7 @@ class PiercingSearch:
         z = z[farther_from_all(z, y, limit)]
         if not len(z):
             return None
-        distance, depth = nearest_depths(z, y, surface.normals(near))
+        distance, depth = _nearest_depths(z, y, surface.normals(near))
         # Farther than the limit from every node near the collider: another node may be nearer.
         far = np.flatnonzero((distance > limit) & ((depth > 0.0) | np.isinf(distance)))
         if len(far):
@@ -163,9 +164,20 @@ class PiercingSearch:
             everywhere[near] = y
             depth[far] = 0.0
             some, near = far[:: -(-len(far) // _FAR_POINTS)], np.arange(len(x))
-            _, depth[some] = nearest_depths(z[some], everywhere, surface.normals(near))
+            _, depth[some] = _nearest_depths(z[some], everywhere, surface.normals(near))
         deep = np.flatnonzero(depth > limit)
         return _FarInside(z[deep], depth[deep], near) if len(deep) else None
+
+
+def _nearest_depths(z: Array, y: Array, normal: Array) -> tuple[Array, Array]:
+    """Distance (m,) of points z (m, dim) from the nearest of the surface points y (n, dim), and the same as a depth
+    (m,): 0 for points on the outer side, to which the outward normal (n, dim) of the nearest surface point points.
+    Without surface points all are infinitely far away."""
+    if not len(y):
+        return np.full(len(z), np.inf), np.zeros(len(z))
+    distance, nearest = cKDTree(y).query(z)
+    inner = ((z - y[nearest]) * normal[nearest]).sum(axis=1) < 0.0
+    return distance, np.where(inner, distance, 0.0)
 
 
 class _FarInside(NamedTuple):

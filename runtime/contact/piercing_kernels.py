@@ -54,39 +54,3 @@ def farther_from_all(z: Array, y: Array, limit: float) -> BoolArray:
                 far[i] = False
                 break
     return far
-
-
-def _nearest_depths(z: Array, y: Array, normal: Array) -> tuple[Array, Array]:
-    """|z - y| and whether (z - y) . n < 0, with the nearest y of each z."""
-    squared = ((z[:, None] - y[None]) ** 2).sum(axis=2)
-    nearest = squared.argmin(axis=1)
-    distance = np.sqrt(squared[np.arange(len(z)), nearest])
-    inner = ((z - y[nearest]) * normal[nearest]).sum(axis=1) < 0.0
-    return distance, np.where(inner, distance, 0.0)
-
-
-@compiled(reference=_nearest_depths)
-def nearest_depths(z: Array, y: Array, normal: Array) -> tuple[Array, Array]:
-    """Distance (m,) of points z (m, dim) from the nearest of the surface points y (n, dim), and the same as a depth
-    (m,): 0 for points on the outer side, to which the outward normal (n, dim) of the nearest surface point points.
-    Without surface points all are infinitely far away."""
-    m, dim = z.shape
-    distance, depth = np.empty(m), np.zeros(m)
-    if len(y) == 0:
-        distance[:] = np.inf
-        return distance, depth
-    for i in range(m):
-        least, nearest = np.inf, 0
-        for j in range(len(y)):
-            square = 0.0
-            for a in range(dim):
-                square += (z[i, a] - y[j, a]) ** 2
-            if square < least:
-                least, nearest = square, j
-        distance[i] = np.sqrt(least)
-        along = 0.0
-        for a in range(dim):
-            along += (z[i, a] - y[nearest, a]) * normal[nearest, a]
-        if along < 0.0:
-            depth[i] = distance[i]
-    return distance, depth

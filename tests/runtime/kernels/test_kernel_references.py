@@ -304,11 +304,6 @@ INPUTS = {
         "bounds": lambda rng, dim: (rng.normal(size=(M, dim)),),
         "in_box": lambda rng, dim: (rng.normal(size=(M, dim)), np.full(dim, -0.8), np.full(dim, 0.9)),
         "farther_from_all": lambda rng, dim: (rng.normal(size=(9, dim)), rng.normal(size=(M, dim)), 0.7),
-        "nearest_depths": lambda rng, dim: (
-            rng.normal(size=(3, dim)),
-            rng.normal(size=(M, dim)),
-            rng.normal(size=(M, dim)),
-        ),
     },
     "contact.carriers.compliance_scale": {
         "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=3)),
