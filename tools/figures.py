@@ -43,6 +43,10 @@ README, RESULTS = "README.md", "docs/results.md"
 ANY, DESCRIPTOR = "docs/any_collider.md", "docs/thesis_descriptor_model.md"
 _BODIES = "examples/{jelly3d,ball,finger,hand}.toml"
 _SMALL = "examples/jelly_library_small.toml"
+_HAND = (
+    "examples/hand_small.toml --set sampling.states=4 --set sampling.max_depth=0.004 --out runs/hand_states"
+)
+_HAND_JOINT = "--model mechanics+few --model mechanics+modes --model ours+few --model ours+modes"
 _JOINT = "--model mechanics+modes --model mechanics+more --model ours+modes --model ours+more"
 _MODELS = "--model full --model bare --model mechanics --model ours"
 
@@ -464,6 +468,19 @@ FIGURES: Mapping[str, Figure] = {
         ("finger_small",),
     ),
     "hand_small": _whole("hand_small", "explore"),
+    "hand_on_modes": Figure(
+        (
+            f"softprint run {_HAND}",
+            "mkdir -p runs/hand_states/internal",
+            "cp runs/hand_alone_small/internal/*.safetensors runs/hand_states/internal",
+            f"softprint simulate {_HAND} {_HAND_JOINT}",
+            "python -m benchmarks.motions_alone runs/hand_states/motions/explore_"
+            "{full,bare,mechanics,mechanics+few,mechanics+modes,ours,ours+few,ours+modes}.h5",
+            f"softprint bench {_HAND} --steps 60 --model mechanics --model ours {_HAND_JOINT}",
+        ),
+        ("docs/internal_corrections.md",),
+        ("modes_in_equilibrium",),
+    ),
     "hand_full": Figure(
         (
             "softprint body examples/hand.toml",

@@ -153,7 +153,8 @@ def speed_table(speeds: list[Speed]) -> list[str]:
     share of converged steps, ratios of means to the bare subspace and to full space, phases."""
     by_name = {speed.model: speed for speed in speeds}
     heads = ("steps", "mean ms", "95 %", "median", "CPU ms", "1/s", "Newton", "conv.", "of bare", "full is")
-    lines = [f"{'model':<14}" + "".join(f"{head:>9}" for head in heads) + "  phases [ms]"]
+    width = max(14, *(len(speed.model) for speed in speeds))
+    lines = [f"{'model':<{width}}" + "".join(f"{head:>9}" for head in heads) + "  phases [ms]"]
     for speed in speeds:
         ratios = [
             f"{speed.mean / by_name['bare'].mean:.2f}x" if "bare" in by_name else "",
@@ -161,7 +162,7 @@ def speed_table(speeds: list[Speed]) -> list[str]:
         ]
         phases = ", ".join(f"{phase} {1e3 * seconds:.2f}" for phase, seconds in speed.phases.items())
         lines.append(
-            f"{speed.model:<14}{speed.steps:>9}{1e3 * speed.mean:>9.2f}{1e3 * speed.p95:>9.2f}"
+            f"{speed.model:<{width}}{speed.steps:>9}{1e3 * speed.mean:>9.2f}{1e3 * speed.p95:>9.2f}"
             f"{1e3 * speed.median:>9.2f}{1e3 * speed.cpu:>9.2f}{speed.frames_per_second:>9.1f}"
             f"{speed.iterations:>9.1f}{speed.converged:>9.0%}{ratios[0]:>9}{ratios[1]:>9}  {phases}"
         )

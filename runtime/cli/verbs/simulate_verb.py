@@ -21,8 +21,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model",
         action="append",
         metavar="NAME",
-        help="bare, condensed, full (needs DOLFINx) or the name of a trained correction; repeatable (default: "
-        "bare and every correction in the run directory; condensed, too, beside internal ones)",
+        help="bare, condensed, full (needs DOLFINx) or the name of a trained correction, or of two: ours+modes is "
+        "contact by ours on the internal correction modes; repeatable (default: bare and every correction in the run "
+        "directory; condensed, too, beside internal ones)",
     )
     add_collider_options(parser)
 
