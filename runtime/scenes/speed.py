@@ -153,7 +153,7 @@ def speed_table(speeds: list[Speed]) -> list[str]:
     share of converged steps, ratios of means to the bare subspace and to full space, phases."""
     by_name = {speed.model: speed for speed in speeds}
     heads = ("steps", "mean ms", "95 %", "median", "CPU ms", "1/s", "Newton", "conv.", "of bare", "full is")
-    width = max(14, *(len(speed.model) for speed in speeds))
+    width = max([14, *(len(speed.model) for speed in speeds)])
     lines = [f"{'model':<{width}}" + "".join(f"{head:>9}" for head in heads) + "  phases [ms]"]
     for speed in speeds:
         ratios = [
