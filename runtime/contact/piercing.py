@@ -157,8 +157,8 @@ class PiercingSearch:
         if not len(z):
             return None
         distance, depth = _nearest_depths(z, y, surface.normals(near))
-        # Farther than the limit from every node near the collider: another node may be nearer.
-        far = np.flatnonzero((distance > limit) & ((depth > 0.0) | np.isinf(distance)))
+        # They are farther than the limit from every node near the collider: another node may be nearer.
+        far = np.flatnonzero((depth > 0.0) | np.isinf(distance))
         if len(far):
             everywhere = x.copy()
             everywhere[near] = y

@@ -95,11 +95,14 @@ class ElasticAmplitudes:
         density, stress = own.material.energy_and_stress(F)
         stress = own.weights[:, None, None] * stress
         forces, elastic = self.corner_forces(stress), float(own.weights @ density)
-        slope, height = modes.forces(forces), 0.0
-        if self.moments is not None:
-            pull = self.moments.T @ (rows @ self.gravity)
-            slope, height = slope - pull, float(pull @ a)
-        return Strained(F, elastic - height, elastic, forces, slope)
+        pull = self.pull(rows)
+        return Strained(F, elastic - float(pull @ a), elastic, forces, modes.forces(forces) - pull)
+
+    def pull(self, rows: Array) -> Array:
+        """M^T (q g) (K,) of the weight at handle rows (n_rows, dim)."""
+        if self.moments is None:
+            return np.zeros(self.field.count)
+        return np.asarray(self.moments.T @ (rows @ self.gravity))
 
     def tolerance(self, strained: Strained) -> float:
         """[J] The Newton decrement below which amplitudes are those of the equilibrium."""
@@ -213,9 +216,7 @@ class AmplitudePoint:
         )
         slope = self.modes.forces(own.corner_forces(self._stress_of(dF)))
         slope += own.field.at(change).forces(self.strained.forces)
-        if own.moments is not None:
-            slope -= own.moments.T @ (change @ own.gravity)
-        return self.a - self.known_factor.solve(slope)
+        return self.a - self.known_factor.solve(slope - own.pull(change))
 
     @lazy
     def _tangent(self) -> Array:
@@ -252,14 +253,10 @@ class AmplitudePoint:
         da/dq), with B = dF/dq along the equilibrium and the forces f_y of the stress w A G.
         """
         T = np.eye(self.rows.size) if directions is None else directions
-        if self._negligible(along) or self._negligible(along - self._pull):
+        if self._negligible(along) or self._negligible(along - self.amplitudes.pull(self.rows)):
             return np.zeros((T.shape[1], T.shape[1]))
-        own, field, y, da = (
-            self.amplitudes,
-            self.amplitudes.field,
-            self._inverse_of(along),
-            self.along(directions),
-        )
+        own, field = self.amplitudes, self.amplitudes.field
+        y, da = self._inverse_of(along), self.along(directions)
         G = own.corner_strain(self.modes.displacement(y))
         moved = field.row_along(self.a, T) + self.modes.by_amplitude @ da.astype(np.float32)
         B = own.elasticity.basis_along(T) + own.gradients_single @ moved
@@ -269,12 +266,6 @@ class AmplitudePoint:
         half = (B.T @ both.reshape(B.shape)).astype(np.float64)
         half += (field.mixed(own.corner_forces(self._stress_of(G))).T @ T).T @ da
         return -half - half.T
-
-    @lazy
-    def _pull(self) -> Array:
-        """M^T (q g) (K,), the b of the weight."""
-        own = self.amplitudes
-        return np.zeros_like(self.a) if own.moments is None else own.moments.T @ (self.rows @ own.gravity)
 
     def pulled_back(self, along: Array) -> Array:
         """d(b . a)/drows (n_rows, dim) of a direction b (K,), by one solve. That of elastic forces without gravity is
