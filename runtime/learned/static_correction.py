@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,8 +12,13 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
+from softprint.runtime.contact.solver.warm_start import TOO_FAR
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.learned.correction import ContactCorrection, Correction
+
+# Of a way that is too long for a prediction, how far the body moves at most in each part, as a multiple of the contact
+# displacement before it, and the number of parts at most.
+_PART, _MOST_PARTS = 0.5, 16
 
 
 class StaticCorrection:
@@ -43,10 +49,30 @@ class StaticCorrection:
         self._condensation = condensation if condensation is None or nodes is None else condensation.at(nodes)
 
     def solve(self, rows: Array, pose: RigidPose, near: SolvedContact | None) -> SolvedContact | None:
-        """The contact at handle rows (n_rows, dim). near: warm start, a solved contact nearby. None for a field
-        correction, or without contact."""
+        """The contact at handle rows (n_rows, dim). near: warm start, a solved contact; where it is too far away to
+        predict from, contact is followed on the straight way from there, in steps. None for a field correction, or
+        without contact."""
         if self._contact is None:
             return None
+        if near is None:
+            return self._step(rows, pose, None)
+        solved: SolvedContact | None = near
+        parts, start = self._parts(rows, pose, near), near.poses[self._name]
+        for t in np.arange(1, parts) / parts:
+            solved = self._step(near.rows + t * (rows - near.rows), start.towards(pose, t), solved)
+        return self._step(rows, pose, solved)
+
+    def _parts(self, rows: Array, pose: RigidPose, near: SolvedContact) -> int:
+        """The number of steps on the way from a solved contact: one for any that can be predicted from."""
+        assert self._contact is not None
+        moved = self._contact.moved(self._contact.in_frame(rows), rows, {self._name: pose}, near)
+        if near.depth == 0.0 or moved <= TOO_FAR * near.depth:
+            return 1
+        return min(math.ceil(moved / (_PART * near.depth)), _MOST_PARTS)
+
+    def _step(self, rows: Array, pose: RigidPose, near: SolvedContact | None) -> SolvedContact | None:
+        """The contact at handle rows (n_rows, dim), in a frame of its own, as in the first evaluation of a step."""
+        assert self._contact is not None
         points, start = self._contact.in_frame(rows), self._contact.resume(near)
         return self._contact.evaluate(points, rows, {self._name: pose}, start).solved
 

@@ -21,16 +21,22 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.all_points import AllPoints
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.condensed.pushed_points import pushed_in
 from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.penalty import PenaltyContact
-from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.candidate_search import CandidateSearch
-from softprint.runtime.contact.solver.candidates import Candidates, PointDistance, PosedCollider, merge
+from softprint.runtime.contact.solver.candidates import (
+    Candidates,
+    PointDistance,
+    PosedCollider,
+    carried,
+    merge,
+)
 from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
-from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
+from softprint.runtime.contact.solver.contact_solve import ContactProblem
 from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.sharp_search import Dent, SharpSearch, bearing_facets, sharp_colliders
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
@@ -139,6 +145,15 @@ class CondensedContact:
             index, force = index[which], force[which]
         return self._with(solved.pressed).loaded.to_nodes(index, force)
 
+    def moved(self, points: CorotatedPoints, rows: Array, poses: Poses, solved: SolvedContact) -> float:
+        """How far [m] at most an active point of a solved contact moves beside its collider from there to handle rows
+        (n_rows, dim), with the colliders at poses, without contact displacement."""
+        b, names = solved.solution.active, solved.names
+        x = self._with(solved.pressed).in_frame(points).positions(rows, solved.active)
+        before, after = ([at[name] for name in names] for at in (solved.poses, poses))
+        follows, _ = carried(solved.deformed_position[b], solved.owner[b], before, after)
+        return float(np.linalg.norm(x - solved.position[b] - follows, axis=1).max(initial=0.0))
+
     def _with(self, pressed: PressedPoints | None) -> AllPoints:
         """All contact points. The last are kept; this affects the cost and never the result."""
         if pressed is None or self.sharp is None:
@@ -222,9 +237,7 @@ class CondensedContact:
                 found = problem.descend(problem.lowest(start, warm_start.held(index, problem, poses)))
             solution = found
         for _ in range(_SEARCHES):
-            pushed = self._pushed_in(
-                every, together.compliance, rows, candidates, problem, solution, distance
-            )
+            pushed = pushed_in(every, together.compliance, rows, candidates, problem, solution, distance)
             if not pushed.any():
                 break
             before, candidates = candidates.may_be_active, candidates.with_possibly_active(pushed)
@@ -375,26 +388,3 @@ class CondensedContact:
             distance.among(which),
             tight=self.learned is not None,
         )
-
-    def _pushed_in(
-        self,
-        points: CorotatedPoints,
-        compliance: PointCompliance,
-        rows: Array,
-        candidates: Candidates,
-        problem: ContactProblem,
-        solution: ContactSolution,
-        distance: PointDistance,
-    ) -> BoolArray:
-        """(n,) which of the candidates that were not in the problem are pushed into a collider by the dent."""
-        b, pushed = solution.active, np.zeros(len(candidates.index), dtype=bool)
-        # No other point is displaced farther than the active points.
-        beside = ~candidates.may_be_active & (candidates.distance < solution.largest_displacement)
-        if not beside.any():
-            return pushed
-        index, active = candidates.index[beside], candidates.index[candidates.may_be_active][b]
-        force = kernels.pulled_back(problem.carriers[b], solution.pressure[b], solution.normal[b])
-        v = compliance.displacement(index, *compliance.on_nodes(active, force))
-        moved = kernels.to_world(points.carriers(rows, index), v)
-        pushed[beside] = distance.among(beside).value(candidates.position[beside] + moved) < 0.0
-        return pushed

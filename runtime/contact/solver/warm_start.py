@@ -42,8 +42,8 @@ Floats = NDArray[np.floating[Any]]
 _DAMPED = 0.1
 # Of the force that a point which enters would need alone, the least that it starts with.
 _LEAST = 0.01
-# Where points have moved by more than this multiple of the contact displacement, the warm start is not used.
-_TOO_FAR = 2.0
+# Where points have moved by more than this multiple of the contact displacement, nothing is predicted.
+TOO_FAR = 2.0
 
 
 class PointCompliance(Protocol):
@@ -110,7 +110,7 @@ class WarmStart:
         moved, force_change = _motion_and_force_change(
             at, *positions, solution.rest_displacement, follows, pressure, g, rotations, b
         )
-        if np.abs(moved[b]).max(initial=0.0) > _TOO_FAR * near.depth:
+        if np.abs(moved[b]).max(initial=0.0) > TOO_FAR * near.depth:
             return None
         if b.size:
             factor = self.factor

@@ -364,3 +364,31 @@ def test_a_static_correction_follows_an_approach_path(jelly2d_body, rod, mechani
     top = under & (rest[:, 1] > TOP - 1e-9)
     assert along[top, 1].max() < -0.5 * DEPTH
     assert at_once[top, 1].max() > 0.0
+
+
+def test_a_static_correction_goes_in_steps_to_a_state_that_is_far_away(jelly2d_body, rod, mechanics, monkeypatch):
+    """The body rises as the rod comes down, together by three times the depth of the contact before."""
+    correction = StaticCorrection(correction_of(jelly2d_body, rod, mechanics), jelly2d_body)
+    rows = jelly2d_body.rest_rows
+    shallow, risen = correction.solve(rows, lying(0.2 * DEPTH), None), rows + [0.0, 0.29 * DEPTH]
+    states = []
+
+    def evaluate(contact, points, at, poses, *given, found=CondensedContact.evaluate):
+        assert points.frame_rows is at
+        states.append((at[0, 1] - rows[0, 1], TOP + RADIUS - poses["rod"].translation[1]))
+        return found(contact, points, at, poses, *given)
+
+    monkeypatch.setattr(CondensedContact, "evaluate", evaluate)
+    correction.solve(rows, lying(0.55 * DEPTH), shallow)
+    assert len(states) == 1  # near enough to predict from
+    states.clear()
+    deep = correction.solve(risen, lying(0.5 * DEPTH), shallow)
+    # 0.59 DEPTH in steps of 0.1 DEPTH, half of the depth of the first contact.
+    steps = np.arange(1, 7) / 6
+    expected = np.column_stack([0.29 * DEPTH * steps, (0.2 + 0.3 * steps) * DEPTH])
+    np.testing.assert_allclose(states, expected, atol=1e-12)
+    slowly = correction.solve(rows, lying(0.2 * DEPTH), None)
+    for t in np.arange(1, 31) / 30:
+        slowly = correction.solve(rows + [0.0, 0.29 * DEPTH * t], lying((0.2 + 0.3 * t) * DEPTH), slowly)
+    # Both are balanced to 1e-5 of the depth.
+    assert deep.solution.energy == pytest.approx(slowly.solution.energy, rel=1e-8)
