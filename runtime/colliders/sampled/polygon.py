@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from softprint.runtime.arrays import Array, BoolArray
 from softprint.runtime.colliders.sampled.grid import GridCollider
+from softprint.runtime.compiled import compiled
 from softprint.runtime.errors import SoftprintError
 
 # Arcs are drawn with chords of this angle: the sagitta is then 0.04 % of the fillet's radius.
@@ -50,22 +51,33 @@ def load_polygon(path: Path) -> Array:
     return vertices
 
 
+def _polygon_distance(points: Array, outline: Array) -> Array:
+    following = np.roll(outline, -1, axis=0)
+    edge, from_a = following - outline, points[:, None] - outline
+    t = np.clip((from_a * edge).sum(axis=-1) / (edge * edge).sum(axis=-1), 0.0, 1.0)
+    squared = np.square(from_a - t[..., None] * edge).sum(axis=-1).min(axis=1)
+    side = edge[:, 0] * from_a[..., 1] - edge[:, 1] * from_a[..., 0]
+    spans = (points[:, None, 1] >= outline[:, 1]) != (points[:, None, 1] >= following[:, 1])
+    crossings = (spans & ((side > 0) == (edge[:, 1] > 0))).sum(axis=1)
+    return np.where(crossings % 2 == 1, -1.0, 1.0) * np.sqrt(squared)
+
+
+@compiled(reference=_polygon_distance)
 def polygon_distance(points: Array, outline: Array) -> Array:
     """Exact signed distance (n,) of points (n, 2) to a closed outline (v, 2); sign by crossing parity."""
     result = np.empty(len(points))
-    for start in range(0, len(points), 4096):  # bounds the (points, segments) tables to tens of megabytes
-        p = points[start : start + 4096]
-        nearest = np.full(len(p), np.inf)
-        inside = np.zeros(len(p), dtype=bool)
-        for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-            edge, from_a = b - a, p - a
-            t = np.clip(from_a @ edge / (edge @ edge), 0.0, 1.0)
-            off = from_a - t[:, None] * edge
-            nearest = np.minimum(nearest, (off * off).sum(axis=1))
-            crosses = (p[:, 1] >= a[1]) != (p[:, 1] >= b[1])
-            side = edge[0] * from_a[:, 1] - edge[1] * from_a[:, 0]
-            inside ^= crosses & ((side > 0) == (edge[1] > 0))
-        result[start : start + 4096] = np.where(inside, -1.0, 1.0) * np.sqrt(nearest)
+    for i in range(len(points)):
+        nearest, inside = np.inf, False
+        for j in range(len(outline)):
+            k = j + 1 if j + 1 < len(outline) else 0
+            edge_x, edge_y = outline[k, 0] - outline[j, 0], outline[k, 1] - outline[j, 1]
+            x, y = points[i, 0] - outline[j, 0], points[i, 1] - outline[j, 1]
+            t = min(max((x * edge_x + y * edge_y) / (edge_x * edge_x + edge_y * edge_y), 0.0), 1.0)
+            off_x, off_y = x - t * edge_x, y - t * edge_y
+            nearest = min(nearest, off_x * off_x + off_y * off_y)
+            if (points[i, 1] >= outline[j, 1]) != (points[i, 1] >= outline[k, 1]):
+                inside ^= (edge_x * y - edge_y * x > 0.0) == (edge_y > 0.0)
+        result[i] = -np.sqrt(nearest) if inside else np.sqrt(nearest)
     return result
 
 

@@ -24,7 +24,10 @@ ONLY_3D = {
     "softprint.runtime.colliders.path._all_along",
     "softprint.runtime.colliders.surface_mesh.sweep_kernels._squared_distance",
 }
-ONLY_2D = {"softprint.runtime.body.rotations._polar_2d"}
+ONLY_2D = {
+    "softprint.runtime.body.rotations._polar_2d",
+    "softprint.runtime.colliders.sampled.polygon.polygon_distance",
+}
 
 
 def rotations(rng, dim, n=None):
@@ -267,6 +270,10 @@ INPUTS = {
     },
     "colliders.pose_kernels": {
         "rotated": lambda rng, dim: (rng.normal(size=(M, dim)), symmetric(rng, dim), rotations(rng, dim))
+    },
+    "colliders.sampled.polygon": {
+        # Sides may cross: the parity of crossings is defined all the same.
+        "polygon_distance": lambda rng, dim: (rng.normal(size=(50, 2)), rng.normal(size=(M, 2)))
     },
     "colliders.sampled.spline_kernels": {
         "values": lambda rng, dim: (inside(rng, dim, lattice := grid(rng, dim)), *lattice, np.full(M, 9.0)),
