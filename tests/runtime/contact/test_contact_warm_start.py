@@ -366,11 +366,13 @@ def test_a_static_correction_follows_an_approach_path(jelly2d_body, rod, mechani
     assert at_once[top, 1].max() > 0.0
 
 
-def test_a_static_correction_goes_in_steps_to_a_state_that_is_far_away(jelly2d_body, rod, mechanics, monkeypatch):
+def test_a_static_correction_goes_in_steps_to_a_state_that_is_far_away(
+    jelly2d_body, rod, mechanics, monkeypatch
+):
     """The body rises as the rod comes down, together by three times the depth of the contact before."""
     correction = StaticCorrection(correction_of(jelly2d_body, rod, mechanics), jelly2d_body)
     rows = jelly2d_body.rest_rows
-    shallow, risen = correction.solve(rows, lying(0.2 * DEPTH), None), rows + [0.0, 0.29 * DEPTH]
+    shallow, risen = correction.solve(rows, lying(0.2 * DEPTH), None), np.add(rows, [0.0, 0.29 * DEPTH])
     states = []
 
     def evaluate(contact, points, at, poses, *given, found=CondensedContact.evaluate):
@@ -389,6 +391,8 @@ def test_a_static_correction_goes_in_steps_to_a_state_that_is_far_away(jelly2d_b
     np.testing.assert_allclose(states, expected, atol=1e-12)
     slowly = correction.solve(rows, lying(0.2 * DEPTH), None)
     for t in np.arange(1, 31) / 30:
-        slowly = correction.solve(rows + [0.0, 0.29 * DEPTH * t], lying((0.2 + 0.3 * t) * DEPTH), slowly)
+        slowly = correction.solve(
+            np.add(rows, [0.0, 0.29 * DEPTH * t]), lying((0.2 + 0.3 * t) * DEPTH), slowly
+        )
     # Both are balanced to 1e-5 of the depth.
     assert deep.solution.energy == pytest.approx(slowly.solution.energy, rel=1e-8)
