@@ -18,12 +18,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
 from softprint.runtime.contact.piercing_kernels import bounds, farther_from_all, in_box
-from softprint.runtime.mesh.nearest_facets import nearest_of
+from softprint.runtime.mesh.nearest_facets import grouped_by_place, nearest_of
 
 # A collider pierces the body from this depth on, in distances between contact points. Where a dent stretches the
 # surface to twice its length, a collider point that touches it is up to 1.4 distances from the nearest of them, so that
@@ -140,23 +140,27 @@ class PiercingSearch:
         probe, x = self._probes[name], surface.approximate
         lower, upper = bounds(x)
         around = pose.apply(probe.points)
-        around = around[in_box(around, lower, upper)]
+        index = in_box(around, lower, upper)
+        around = around[index]
         # No point is deeper in the body than in the box about it.
-        z = around[in_box(around, lower + limit, upper - limit)]
+        inner = in_box(around, lower + limit, upper - limit)
+        index, z = index[inner], around[inner]
         if not len(z):
             return None
         # Nor deeper than it is far from any point of the surface: in ordinary contact that says enough.
-        z = z[farther_from_all(z, surface.known, limit)]
-        if not len(z):
+        kept = farther_from_all(z, surface.known, limit)
+        if not kept.any():
             return None
         # Contact may have moved nodes of the surface from anywhere along the collider to a point of it.
         lower, upper = bounds(around)
         near = in_box(x, lower - limit, upper + limit)
-        y = surface.positions(near)
+        y, normal = surface.positions(near), surface.normals(near)
+        kept &= ~probe.are_outside(index, pose, y, normal, limit)
+        z = z[kept]
         z = z[farther_from_all(z, y, limit)]
         if not len(z):
             return None
-        distance, depth = _nearest_depths(z, y, surface.normals(near))
+        distance, depth = _nearest_depths(z, y, normal)
         # They are farther than the limit from every node near the collider: another node may be nearer.
         far = np.flatnonzero((depth > 0.0) | np.isinf(distance))
         if len(far):
@@ -213,18 +217,39 @@ def depths_below(z: Array, x: Array, facets: IntArray) -> Array:
 @dataclass(frozen=True, eq=False)
 class _Probe:
     """Points (m, dim) [m] on a collider's surface and the bounds (dim,) of the collider, in its own coordinates. A
-    collider without bounds has no points: it is never inside a body."""
+    collider without bounds has no points: it is never inside a body. group: (m,) of neighbours; centre: (g, dim) and
+    radius: (g,) [m] of balls about these."""
 
     points: Array
     lower: Array
     upper: Array
+    group: IntArray
+    centre: Array
+    radius: Array
 
     @classmethod
     def of(cls, collider: Collider, spacing: float) -> _Probe:
         extent = float((collider.upper - collider.lower).max())
         finest, coarsest = extent / POINTS_ALONG[3], extent / _LEAST_ALONG
         apart = min(max(spacing, finest), coarsest) if np.isfinite(extent) else spacing
-        return cls(surface_points(collider, apart), collider.lower, collider.upper)
+        points = surface_points(collider, apart)
+        order, group = grouped_by_place(points)
+        points, starts = points[order], np.flatnonzero(np.diff(group, prepend=-1))
+        centre = np.add.reduceat(points, starts) / np.bincount(group)[:, None]
+        radius = np.maximum.reduceat(np.linalg.norm(points - centre[group], axis=1), starts)
+        return cls(points, collider.lower, collider.upper, group, centre, radius)
+
+    def are_outside(
+        self, index: IntArray, pose: RigidPose, y: Array, normal: Array, limit: float
+    ) -> BoolArray:
+        """Which of some points (k,) belong to a group on the outer side of surface points y (n, dim) with outward
+        normals (n, dim): as their centre is, with no surface point nearer than the limit [m] to the ball about them."""
+        outside = np.zeros(len(self.radius), dtype=bool)
+        groups = np.unique(self.group[index])
+        if len(y):
+            distance, depth = _nearest_depths(pose.apply(self.centre[groups]), y, normal)
+            outside[groups] = (depth == 0.0) & (distance > self.radius[groups] + limit)
+        return outside[self.group[index]]
 
 
 def _corners(lower: Array, upper: Array) -> Array:

@@ -11,6 +11,9 @@ from scipy.sparse import csr_matrix
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.compiled import compiled, summing
 
+# Rows of so many points, written together as columns, fit a cache.
+_BLOCK = 16
+
 
 def _sparse_products(index: IntArray, forces: Array, operator: Array, share: Any, near: Any) -> Array:
     """(P^T f) times the operator, plus N f, with sparse P and N^T."""
@@ -95,22 +98,25 @@ def interpolated(G: NDArray[np.float32], corners: IntArray, shares: Array) -> ND
     (m, c), with shares N (m, c). Symmetric; the entries of two points do not depend on the other points."""
     m, c = corners.shape
     dim = len(G) // (1 + corners.max())
-    kind = G.dtype.type
-    rows, result = np.empty((dim, len(G)), G.dtype), np.empty((m * dim, m * dim), G.dtype)
-    for p in range(m):
-        rows[:] = kind(0.0)
-        for a in range(c):
-            share = kind(shares[p, a])
-            for i in range(dim):
-                rows[i] += share * G[corners[p, a] * dim + i]
-        for q in range(p + 1):
-            for i in range(dim):
+    own, weights = np.empty(len(G), G.dtype), shares.astype(G.dtype)
+    result = np.empty((m * dim, m * dim), G.dtype)
+    for first in range(0, m, _BLOCK):
+        begin, end = first * dim, min(first + _BLOCK, m) * dim
+        for row in range(begin, end):
+            p, i = divmod(row, dim)
+            own[:] = 0.0
+            for a in range(c):
+                own += weights[p, a] * G[corners[p, a] * dim + i]
+            for q in range(p + 1):
                 for j in range(dim):
-                    entry = kind(0.0)
-                    for b in range(c):
-                        entry += kind(shares[q, b]) * rows[i, corners[q, b] * dim + j]
-                    result[p * dim + i, q * dim + j] = entry
-                    result[q * dim + j, p * dim + i] = entry
+                    entry = weights[q, 0] * own[corners[q, 0] * dim + j]
+                    for b in range(1, c):
+                        entry += weights[q, b] * own[corners[q, b] * dim + j]
+                    result[row, q * dim + j] = entry
+        # Columns written point by point would be read from memory and written back each time.
+        for column in range(end):
+            for row in range(max(begin, column + 1), end):
+                result[column, row] = result[row, column]
     return result
 
 

@@ -15,7 +15,10 @@ from softprint.runtime.compiled import compiled
 from softprint.runtime.mesh.simplex_kernels import bounding_balls
 
 # At most so many facets in a group.
-_GROUP = 16
+_GROUP = 32
+# A point far from a surface is outside where its way from a facet nearby makes an angle with the outward normal that
+# has at least this cosine.
+_OPPOSITE = 0.5
 # Points of facets whose squared distances differ by less than this share are the same: on a common edge or corner.
 _EQUAL = 1e-9
 
@@ -44,14 +47,27 @@ class SurfaceSearch:
         surface. near: (m,) facets that are probably near the points, which makes the search faster."""
         first = np.full(len(points), -1) if near is None else self._number[near]
         balls = bounding_balls(x, self._facets)
-        facet, weights, depth = _nearest(points, first, x, self._facets, *balls, self._starts)
+        facet, weights, depth = _nearest(points, first, x, self._facets, *balls, self._starts, np.inf)
         return NearestFacets(self._order[facet], weights, depth)
 
 
-def nearest_of(points: Array, x: Array, facets: IntArray) -> NearestFacets:
-    """`SurfaceSearch.nearest` for some tens of facets (f, dim), which need no search."""
-    begin, whole = np.full(len(points), -1), np.array([0, len(facets)])
-    return NearestFacets(*_nearest(points, begin, x, facets, *bounding_balls(x, facets), whole))
+def nearest_of(
+    points: Array, x: Array, facets: IntArray, group: IntArray | None = None, beyond: float = np.inf
+) -> NearestFacets:
+    """`SurfaceSearch.nearest` for facets (f, dim) that are searched once. group: (f,) ascending, of their middles, see
+    `grouped_by_place`; without it all are looked at. beyond: for points farther outside than this [m], any facet nearby
+    will do; their depth is then the distance from that, negative, and also less than -beyond."""
+    begin = np.full(len(points), -1)
+    starts = np.zeros(1, dtype=np.int64) if group is None else np.flatnonzero(np.diff(group, prepend=-1))
+    starts = np.append(starts, len(facets))
+    return NearestFacets(*_nearest(points, begin, x, facets, *bounding_balls(x, facets), starts, beyond))
+
+
+def grouped_by_place(places: Array) -> tuple[IntArray, IntArray]:
+    """An order (n,) of places (n, dim) in which neighbours follow each other, and the group of each of these: some tens
+    of neighbours."""
+    groups = _groups(places, np.arange(len(places)))
+    return np.concatenate(groups), np.repeat(np.arange(len(groups)), [len(own) for own in groups])
 
 
 def _groups(centres: Array, index: IntArray) -> list[IntArray]:
@@ -73,27 +89,32 @@ def _nearest(
     centre: Array,
     radius: Array,
     starts: IntArray,
+    beyond: float,
 ) -> tuple[IntArray, Array, Array]:
     """The facet (m,), weights (m, dim) and depth (m,) of points (m, dim). first: (m,) facets near them, or -1; centre
     (f, dim) and radius (f,) of balls about the facets (f, dim), of which group g has those from starts[g] to
-    starts[g + 1]."""
+    starts[g + 1]; beyond: see `nearest_of`."""
     m, dim = points.shape
     found, weights, depth = np.zeros(m, dtype=np.int64), np.zeros((m, dim)), np.empty(m)
     group_centre, group_radius = _group_balls(centre, radius, starts)
-    trial = np.empty(dim)
+    trial, square_to = np.empty(dim), np.empty(len(group_centre))
     for i in range(m):
         p, side = points[i], 0.0
-        begin = first[i]
+        nearest = _squared_distances(p, group_centre, square_to)
+        begin, far = first[i], False
         if begin < 0:
-            near = _nearest_place(p, group_centre)
-            begin = starts[near] + _nearest_place(p, centre[starts[near] : starts[near + 1]])
+            begin = _nearest_place(p, centre, starts[nearest], starts[nearest + 1])
+            far = _all_farther(p, square_to, group_radius, starts, centre, radius, beyond)
         least = _closest(p, x, facets[begin], trial) * (1.0 + 2.0 * _EQUAL)
         reach = math.sqrt(least)
+        if far and _along_normal(p, x, facets[begin], trial) > _OPPOSITE * reach:
+            found[i], weights[i], depth[i] = begin, trial, -reach
+            continue
         for g in range(len(group_centre)):
-            if _farther(p, group_centre[g], reach + group_radius[g]):
+            if square_to[g] > (reach + group_radius[g]) ** 2:
                 continue
             for f in range(starts[g], starts[g + 1]):
-                if _farther(p, centre[f], reach + radius[f]):
+                if _farther(p, centre, f, reach + radius[f]):
                     continue
                 square = _closest(p, x, facets[f], trial)
                 if square > least * (1.0 + _EQUAL):
@@ -124,9 +145,24 @@ def _group_balls(centre: Array, radius: Array, starts: IntArray) -> tuple[Array,
 
 
 @compiled
-def _nearest_place(p: Array, places: Array) -> int:
-    nearest, least = 0, math.inf
+def _squared_distances(p: Array, places: Array, squares: Array) -> int:
+    """Those of places (n, dim) from p (dim,), written into `squares` (n,); the nearest place."""
+    nearest = 0
     for k in range(len(places)):
+        square = 0.0
+        for a in range(len(p)):
+            square += (p[a] - places[k, a]) ** 2
+        squares[k] = square
+        if square < squares[nearest]:
+            nearest = k
+    return nearest
+
+
+@compiled
+def _nearest_place(p: Array, places: Array, first: int, end: int) -> int:
+    """The nearest to p (dim,) of the places (n, dim) from the first to before the end."""
+    nearest, least = first, math.inf
+    for k in range(first, end):
         square = 0.0
         for a in range(len(p)):
             square += (p[a] - places[k, a]) ** 2
@@ -136,10 +172,31 @@ def _nearest_place(p: Array, places: Array) -> int:
 
 
 @compiled
-def _farther(p: Array, q: Array, distance: float) -> bool:
+def _all_farther(
+    p: Array,
+    squares: Array,
+    group_radius: Array,
+    starts: IntArray,
+    centre: Array,
+    radius: Array,
+    distance: float,
+) -> bool:
+    """Whether p (dim,) is farther than a distance from all facets. squares: its squared distances from the groups."""
+    for g in range(len(squares)):
+        if squares[g] > (distance + group_radius[g]) ** 2:
+            continue
+        for f in range(starts[g], starts[g + 1]):
+            if not _farther(p, centre, f, distance + radius[f]):
+                return False
+    return True
+
+
+@compiled
+def _farther(p: Array, places: Array, k: int, distance: float) -> bool:
+    """Whether p (dim,) is farther than a distance from place k."""
     square = 0.0
     for a in range(len(p)):
-        square += (p[a] - q[a]) ** 2
+        square += (p[a] - places[k, a]) ** 2
     return square > distance * distance
 
 

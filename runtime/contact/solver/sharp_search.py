@@ -33,7 +33,7 @@ from softprint.runtime.linalg.row_products import deformed_some, placed_some
 from softprint.runtime.mechanics.loaded_points import Gaps
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
 from softprint.runtime.mesh.mesh import Mesh
-from softprint.runtime.mesh.nearest_facets import nearest_of
+from softprint.runtime.mesh.nearest_facets import grouped_by_place, nearest_of
 
 # Facets are looked at around the sharp points as far as the surface may be displaced: this multiple of the last
 # displacement by contact, and so many distances between surface nodes.
@@ -61,13 +61,15 @@ class Dent(NamedTuple):
 
 class _Undented(NamedTuple):
     """The surface about sharp points of a collider, without the displacement by contact. sharp_points: (j, dim) [m];
-    farthest: how far contact may displace it [m]; nodes: (k,) of the surface, and facets: (f, dim) between these; F:
-    (k, dim, dim), positions: (k, dim) [m], and normals: (k, dim), outward, of any length, of these nodes."""
+    farthest: how far contact may displace it [m]; nodes: (k,) of the surface, facets: (f, dim) between these, and their
+    groups (f,), in which they are searched; F: (k, dim, dim), positions: (k, dim) [m], and normals: (k, dim), outward,
+    of any length, of these nodes."""
 
     sharp_points: Array
     farthest: float
     nodes: IntArray
     facets: IntArray
+    group: IntArray
     F: Array
     positions: Array
     normals: Array
@@ -137,6 +139,8 @@ class SharpSearch:
         self._gradients = np.ascontiguousarray(self.surface.material.basis_gradient.transpose(0, 2, 1))
         self._owner, self._compliance, self._spacing = owner[nodes], compliance, mesh.surface_spacing
         facets = bearing_facets(mesh.facets, owner)
+        order, self._group = grouped_by_place(mesh.points[facets].mean(axis=1))
+        facets = facets[order]
         self._facets = np.searchsorted(nodes, facets)
         # The contact point that is nearest at rest: whether a facet is near is decided by its position.
         self._beside = cKDTree(points.material.rest).query(mesh.points[facets].mean(axis=1))[1]
@@ -189,7 +193,8 @@ class SharpSearch:
         if not len(own.facets):
             return None
         z = sharp.points[which]
-        facet, weights, depth = nearest_of(own.sharp_points, self._dented(own, dent), own.facets)
+        y, beyond = self._dented(own, dent), self._spacing * max(_SOON)
+        facet, weights, depth = nearest_of(own.sharp_points, y, own.facets, own.group, beyond)
         corners = own.facets[facet]
         against = inward_normals(corners, weights, own.normals, pose)
         direction, bearing = bearing_normals(sharp.collider, z, against, sharp.spacing[which])
@@ -231,10 +236,12 @@ class SharpSearch:
         margin = _AROUND * self._spacing + farthest
         near = np.zeros(len(x), dtype=bool)
         near[in_box(x, lower - margin, upper + margin)] = True
-        nodes, facets = numbered(self._facets[near[self._beside]], len(self.surface.nodes))
+        beside = near[self._beside]
+        nodes, facets = numbered(self._facets[beside], len(self.surface.nodes))
         F = deformed_some(self._gradients, rows, nodes)
         normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
-        own = _Undented(p, farthest, nodes, facets, F, self._positions(points, rows, nodes), normals)
+        positions, group = self._positions(points, rows, nodes), self._group[beside]
+        own = _Undented(p, farthest, nodes, facets, group, F, positions, normals)
         self._last[sharp.number] = key, own
         return own
 

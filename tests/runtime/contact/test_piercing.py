@@ -11,7 +11,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.colliders import Box, Plane, RigidPose, Sphere
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion
-from softprint.runtime.contact.piercing import PiercingSearch, depths_below, facets_beside
+from softprint.runtime.contact.piercing import PiercingSearch, _Probe, depths_below, facets_beside
 from softprint.runtime.mesh import Mesh, box_mesh
 
 SPACING = 0.01  # m, of the nodes of the block
@@ -118,6 +118,38 @@ def test_known_positions_spare_the_others(block, dim):
             assert bool(asked) != spared
             if pierced:
                 assert found["ball"].depth == search.found(surface, poses)["ball"].depth
+
+
+def test_groups_outside_are_spared_and_nothing_else_changes(block, dim, monkeypatch):
+    """A bar in a dent as wide as the top of the block: with and without looking at groups of its points first."""
+    surface, mesh = block
+    dent = 0.05
+    dented = Undeformed(mesh, -dent * (surface.approximate[:, -1:] > 0.099) * np.eye(dim)[-1])
+    bar = Box(np.append(np.full(dim - 1, 0.01), 0.2), name="bar")
+    search, rng = PiercingSearch({"bar": bar}, SPACING), np.random.default_rng(4)
+    # Up to 3 cm from where its end is 1.5 cm deep.
+    lowest = np.append(np.full(dim - 1, 0.05), 0.1 - dent - 0.015 + 0.2)
+    poses = [{"bar": RigidPose(np.eye(dim), lowest + rng.uniform(-0.03, 0.03, dim))} for _ in range(20)]
+    poses += [{"bar": RigidPose(turned(dim), np.full(dim, 0.05) + shift)} for shift in (0.0, 0.04)]
+    shares, looked = [], _Probe.are_outside
+
+    def are_outside(*given):
+        shares.append(looked(*given).mean())
+        return looked(*given)
+
+    monkeypatch.setattr(_Probe, "are_outside", are_outside)
+    found = [search.found(dented, at) for at in poses]
+    assert max(shares) > 0.2
+    monkeypatch.setattr(_Probe, "are_outside", lambda probe, index, *given: np.zeros(len(index), dtype=bool))
+    assert [str(search.found(dented, at)) for at in poses] == [str(own) for own in found]
+    assert 0 < sum(map(bool, found)) < len(found)
+
+
+def turned(dim):
+    """By a quarter, so that a bar lies across."""
+    quarter = np.eye(dim)
+    quarter[[0, -1]] = quarter[[-1, 0]] * np.array([[1.0], [-1.0]])
+    return quarter
 
 
 def test_colliders_beside_the_body_have_not_pierced_it(block, dim):

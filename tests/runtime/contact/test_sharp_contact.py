@@ -11,7 +11,7 @@ from softprint.runtime.colliders.sharp_points import sharp_points
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.sharp_contact import SharpContact
 from softprint.runtime.mesh import box_mesh
-from softprint.runtime.mesh.nearest_facets import SurfaceSearch
+from softprint.runtime.mesh.nearest_facets import SurfaceSearch, grouped_by_place, nearest_of
 
 EDGE, PARTS = 0.1, 5
 LAW = PenaltyContact(1e10, refinement=2)
@@ -80,6 +80,17 @@ def test_nearest_point_of_a_surface(dim):
     # where the search begins has no effect on what it finds
     begun = search.nearest(points, x, np.random.default_rng(3).integers(0, len(mesh.facets), len(points)))
     np.testing.assert_allclose(begun.depth, depth, atol=1e-15)
+    # nor has whether facets are searched in groups, or one by one
+    order, group = grouped_by_place(x[mesh.facets].mean(axis=1))
+    facets = mesh.facets[order]
+    for searched in (nearest_of(points, x, facets), nearest_of(points, x, facets, group)):
+        np.testing.assert_allclose(searched.depth, depth, atol=1e-15)
+    # of points far outside it is only said that they are
+    beyond, limited = 0.01, nearest_of(points, x, facets, group, 0.01)
+    near = depth > -beyond
+    np.testing.assert_allclose(limited.depth[near], depth[near], atol=1e-15)
+    assert (limited.depth[~near] <= depth[~near] + 1e-15).all()
+    assert dim == 2 or (limited.depth < depth - 1e-6).any()
 
 
 def test_which_points_are_sharp(dim):
