@@ -36,8 +36,8 @@ class SurfaceSearch:
     """The surface with facets (f, dim) between nodes that rest at `rest` (n_nodes, dim) [m]."""
 
     def __init__(self, rest: Array, facets: IntArray) -> None:
-        groups = _groups(rest[facets].mean(axis=1), np.arange(len(facets)))
-        self._order, self._starts = np.concatenate(groups), np.cumsum([0, *map(len, groups)])
+        self._order, group = grouped_by_place(rest[facets].mean(axis=1))
+        self._starts = _starts(group)
         self._number = np.argsort(self._order)
         self._facets = np.ascontiguousarray(facets[self._order])
 
@@ -57,9 +57,7 @@ def nearest_of(
     """`SurfaceSearch.nearest` for facets (f, dim) that are searched once. group: (f,) ascending, of their middles, see
     `grouped_by_place`; without it all are looked at. beyond: for points farther outside than this [m], any facet nearby
     will do; their depth is then the distance from that, negative, and also less than -beyond."""
-    begin = np.full(len(points), -1)
-    starts = np.zeros(1, dtype=np.int64) if group is None else np.flatnonzero(np.diff(group, prepend=-1))
-    starts = np.append(starts, len(facets))
+    begin, starts = np.full(len(points), -1), _starts(np.zeros(len(facets)) if group is None else group)
     return NearestFacets(*_nearest(points, begin, x, facets, *bounding_balls(x, facets), starts, beyond))
 
 
@@ -68,6 +66,11 @@ def grouped_by_place(places: Array) -> tuple[IntArray, IntArray]:
     of neighbours."""
     groups = _groups(places, np.arange(len(places)))
     return np.concatenate(groups), np.repeat(np.arange(len(groups)), [len(own) for own in groups])
+
+
+def _starts(group: Array | IntArray) -> IntArray:
+    """Where each group of places (n,) begins, and n."""
+    return np.append(np.flatnonzero(np.diff(group, prepend=-1)), len(group))
 
 
 def _groups(centres: Array, index: IntArray) -> list[IntArray]:
