@@ -42,6 +42,7 @@ def test_from_a_surface_to_a_report(softprint, tmp_path):
     whole = ("run", "pear.toml", "--out", "run", "--ranks", "2", "--quiet", *toy(TOY | SOLID))
     done = softprint(*whole, timeout=900)
     assert done.returncode == 0, done.stderr + (tmp_path / "run" / "run.log").read_text()
+    assert "data:image/webp" in (tmp_path / "run" / "report.html").read_text()
     report = json.loads((tmp_path / "run" / "report.json").read_text())
     assert {"bare", "mechanics", "ours"} <= set(report["errors"])
     for model in ("mechanics", "ours"):
@@ -62,8 +63,9 @@ def test_from_an_outline_to_a_report(softprint, tmp_path):
     made = softprint("new", "leaf.txt", "--scale", "0.001", "--cells", "400", "--quiet")
     assert made.returncode == 0, made.stderr
     assert load_experiment(tmp_path / "leaf.toml").dim == 2
-    done = softprint("run", "leaf.toml", "--ranks", "1", "--quiet", *toy(TOY), timeout=900)
+    done = softprint("run", "leaf.toml", "--ranks", "1", "--no-pictures", "--quiet", *toy(TOY), timeout=900)
     assert done.returncode == 0, done.stderr
+    assert "data:image/webp" not in (tmp_path / "runs" / "leaf" / "report.html").read_text()
     report = json.loads((tmp_path / "runs" / "leaf" / "report.json").read_text())
     assert np.isfinite([row["relative_rms"] for row in report["errors"].values() if row]).all()
 

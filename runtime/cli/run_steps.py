@@ -43,8 +43,9 @@ class Step:
     threads: int = 1
 
 
-def steps_of(context: Context, ranks: int) -> list[Step]:
-    """Body, reference solutions, training, motions of every model in the test scenes, and the report."""
+def steps_of(context: Context, ranks: int, pictures: bool = True) -> list[Step]:
+    """Body, reference solutions, training, motions of every model in the test scenes, and the report. pictures: whether
+    it has renderings."""
     experiment = context.experiment
     trained, internal = experiment.training.models, experiment.training.internal
     names = ["full", "bare", *(model.name for model in trained)]
@@ -66,7 +67,13 @@ def steps_of(context: Context, ranks: int) -> list[Step]:
             threads=len(os.sched_getaffinity(0)),
         ),
         Step("simulate", 0.15, models, counted=("steps",), bars=scenes * len(names)),
-        Step("report", 0.12, counted=("frames", "sample"), bars=scenes + judged),
+        Step(
+            "report",
+            0.12,
+            () if pictures else ("--no-pictures",),
+            counted=("frames", "sample"),
+            bars=scenes + judged,
+        ),
     ]
 
 

@@ -9,12 +9,17 @@ from softprint.runtime.cli.verb import Verb
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """How many ranks the reference solutions are solved on."""
+    """How many ranks the reference solutions are solved on, and whether the report has renderings."""
     parser.add_argument(
         "--ranks",
         type=int,
         metavar="N",
         help="MPI ranks of `generate` (default: one for each core, where there is mpirun)",
+    )
+    parser.add_argument(
+        "--no-pictures",
+        action="store_true",
+        help="leave renderings out of the report (see `softprint report`)",
     )
 
 
@@ -32,7 +37,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
             'a scene of role "test" to judge them '
             "in; call the steps one by one instead"
         )
-    run_steps(context, steps_of(context, usable_ranks(args.ranks)))
+    run_steps(context, steps_of(context, usable_ranks(args.ranks), not args.no_pictures))
     for line in errors_left(context.out_dir):
         context.say(line)
     context.say(f"report: {context.out_dir / 'report.html'}")
