@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray, same
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
-from softprint.runtime.mechanics.surface_compliance_kernels import interpolated
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 
 class InterpolatedCompliance:
-    """G of `points`, interpolated from that of the contact nodes. Like `LocalCompliance`, it caches what was last asked
-    for; this affects the cost and never the result."""
+    """That of `points`, interpolated from that of the contact nodes. Like `LocalCompliance`, it caches what was last
+    asked for; this affects the cost and never the result."""
 
     def __init__(self, of_nodes: LocalCompliance, points: LoadedPoints) -> None:
         self._of_nodes, self._points = of_nodes, points
-        nothing = np.empty((0, 0), dtype=np.float32)
-        self._last: tuple[IntArray, NDArray[np.float32]] = np.empty(0, dtype=np.int64), nothing
+        self._last: tuple[IntArray, NodalCompliance] | None = None
 
-    @property
-    def dtype(self) -> np.dtype[np.float32]:
-        """The type of the compliance."""
-        return self._of_nodes.dtype
-
-    def among(self, points: IntArray) -> NDArray[np.float32]:
-        """G (m*dim, m*dim) [m/N] among the points (m,)."""
+    def among(self, points: IntArray) -> NodalCompliance:
+        """Among the points (m,)."""
         last = self._last  # read once, as another thread may replace it
-        if not same(points, last[0]):
+        if last is None or not same(points, last[0]):
             nodes, corners, shares = self._points.among(points)
-            self._last = last = points.copy(), interpolated(self._of_nodes.among(nodes), corners, shares)
+            self._last = last = points.copy(), NodalCompliance(self._of_nodes.among(nodes), corners, shares)
         return last[1]
 
     def on_nodes(self, points: IntArray, forces: Array) -> tuple[IntArray, Array]:

@@ -57,10 +57,6 @@ class LocalCompliance:
             self._last = last = nodes.copy(), gathered(pairs, slots)
         return last[1]
 
-    def on_nodes(self, points: IntArray, forces: Array) -> tuple[IntArray, Array]:
-        """The same: its points are the contact nodes."""
-        return points, forces
-
     def displacement(self, at: IntArray, nodes: IntArray, forces: Array) -> Array:
         """sum_j G_ij phi_j (n, dim) [m] at nodes `at` (n,) by forces phi (m, dim) [N] on nodes (m,), both in rest
         coordinates."""

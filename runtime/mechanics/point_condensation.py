@@ -7,6 +7,7 @@ evaluated for all points, the bounds on their positions, costs hardly more than 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,15 +18,24 @@ from softprint.runtime.mechanics.position_bounds import BoundedPositions, Positi
 from softprint.runtime.mechanics.static_condensation import CorotatedCondensation, StaticCondensation
 
 
+class CornerBounds(NamedTuple):
+    """Bounds on the positions of the nodes at the corners of n points. nodes: (j,) these; corners: (n, c) their
+    places among these."""
+
+    nodes: IntArray
+    corners: IntArray
+    of_nodes: PositionBounds
+
+
 @dataclass(frozen=True, eq=False)
 class PointCondensation:
-    """The static condensation u of n points. of_nodes: of k nodes; bounds: on the positions of these; corners: (n, c)
-    the nodes that each point is the mean of, with weights (n, c)."""
+    """The static condensation u of n points. of_nodes: of k nodes; corners: (n, c) the nodes that each point is the
+    mean of, with weights (n, c); bounds: on the positions of the points, None for points without."""
 
     of_nodes: StaticCondensation
-    bounds: PositionBounds
     corners: IntArray
     weights: Array
+    bounds: CornerBounds | None
 
     @classmethod
     def at(
@@ -39,9 +49,10 @@ class PointCondensation:
         """At means of the nodes of a body: corners, weights (n, c). condensation: of all its nodes; nodes: (k,) those
         of `of_nodes`, ascending, by default the corners."""
         nodes = np.unique(corners) if nodes is None else nodes
-        of_nodes = condensation.at(nodes)
-        bounds = PositionBounds(body.basis[nodes], of_nodes, body.handles)
-        return cls(of_nodes, bounds, np.searchsorted(nodes, corners), weights)
+        own = np.searchsorted(nodes, corners)
+        used, places = numbered(own, len(nodes))
+        bounds = PositionBounds(body.basis[nodes[used]], condensation.at(nodes[used]), body.handles)
+        return cls(condensation.at(nodes), own, weights, CornerBounds(used, places, bounds))
 
     def corotated(self, frame_rows: Array) -> CorotatedPointCondensation:
         """u as an affine function of the handle rows, with the rotations of frame rows (n_rows, dim)."""
@@ -75,9 +86,12 @@ class CorotatedPointCondensation:
         return self.of_nodes.pulled_back(on_corners, corners.ravel())
 
     def bounded(self, frame_rows: Array) -> BoundedPoints:
-        """Bounds on the positions of the points in a step that starts at frame rows (n_rows, dim)."""
-        own = self.condensation
-        return BoundedPoints(own.bounds.about(frame_rows, self.of_nodes), own.corners, own.weights)
+        """Bounds on the positions of the points, if they have them, in a step that starts at frame rows (n_rows,
+        dim)."""
+        own = self.condensation.bounds
+        assert own is not None  # called for points on facets only
+        about = own.of_nodes.about(frame_rows, self.of_nodes.displacement(frame_rows, own.nodes))
+        return BoundedPoints(about, own.corners, self.condensation.weights)
 
     def _nodes(self, index: IntArray) -> tuple[IntArray, IntArray]:
         """The nodes (k,) at the corners of some of the points (m,), and these corners (m, c) by their places there."""

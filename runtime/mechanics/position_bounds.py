@@ -19,7 +19,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.compiled import summing
 from softprint.runtime.linalg.row_products import placed
-from softprint.runtime.mechanics.static_condensation import CorotatedCondensation, StaticCondensation
+from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 
 class PositionBounds:
@@ -50,10 +50,9 @@ class PositionBounds:
             np.ascontiguousarray(by_rotation.T),
         )
 
-    def about(self, frame_rows: Array, corotated: CorotatedCondensation) -> BoundedPositions:
-        """The bounds of one step; corotated: the condensation of the same nodes at the frame rows (n_rows, dim)."""
-        x = placed(self._basis, frame_rows) + corotated.displacement(frame_rows)
-        return BoundedPositions(self, frame_rows, x)
+    def about(self, frame_rows: Array, condensed: Array) -> BoundedPositions:
+        """The bounds of one step; condensed: u (n, dim) [m] of the nodes at the frame rows (n_rows, dim)."""
+        return BoundedPositions(self, frame_rows, placed(self._basis, frame_rows) + condensed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,30 @@ from scipy.sparse import csr_matrix
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.compiled import compiled, summing
+from softprint.runtime.linalg.means import numbered
 
-# Rows of so many points, written together as columns, fit a cache.
-_BLOCK = 16
+Floats = NDArray[np.floating[Any]]
+
+
+class NodalCompliance(NamedTuple):
+    """The compliance N G N^T among m points, by that of the k contact nodes at their corners, which are fewer: on each
+    facet there is more than one point. among_nodes: G (k*dim, k*dim) [m/N], symmetric; corners: (m, c) places among
+    these nodes; shares: N (m, c)."""
+
+    among_nodes: Floats
+    corners: IntArray
+    shares: Array
+
+    @classmethod
+    def at_nodes(cls, G: Floats, dim: int) -> NodalCompliance:
+        """Of points that are the nodes themselves."""
+        k = len(G) // dim
+        return cls(G, np.arange(k)[:, None], np.ones((k, 1)))
+
+    def taken(self, points: IntArray, dim: int) -> NodalCompliance:
+        """Among some of the points (n,), with the nodes at their corners alone."""
+        nodes, corners = numbered(self.corners[points], len(self.among_nodes) // dim)
+        return NodalCompliance(submatrix(self.among_nodes, nodes, dim), corners, self.shares[points])
 
 
 def _sparse_products(index: IntArray, forces: Array, operator: Array, share: Any, near: Any) -> Array:
@@ -86,37 +107,50 @@ def gathered(pairs: NDArray[np.float32], index: IntArray) -> NDArray[np.float32]
     return result.reshape(m * dim, m * dim)
 
 
-def _interpolated(G: NDArray[np.float32], corners: IntArray, shares: Array) -> Array:
-    m, dim = len(corners), len(G) // (1 + corners.max())
+def _dense(of: NodalCompliance, dim: int) -> Array:
+    G, corners, shares = of
     at = G.reshape(-1, dim, len(G) // dim, dim)[corners[:, :, None, None], :, corners, :]
-    return np.einsum("pa,paqbij,qb->piqj", shares, at, shares).reshape(m * dim, m * dim)
+    size = len(corners) * dim
+    return np.einsum("pa,paqbij,qb->piqj", shares, at, shares).reshape(size, size)
 
 
-@summing(reference=_interpolated)
-def interpolated(G: NDArray[np.float32], corners: IntArray, shares: Array) -> NDArray[np.float32]:
-    """N G N^T (m*dim, m*dim) [m/N] among m points, of the symmetric G (k*dim, k*dim) among the nodes at their corners
-    (m, c), with shares N (m, c). Symmetric; the entries of two points do not depend on the other points."""
+@summing(reference=_dense)
+def dense(of: NodalCompliance, dim: int) -> Floats:
+    """N G N^T (m*dim, m*dim) [m/N]. Symmetric; the entries of two points do not depend on the other points."""
+    G, corners, shares = of
     m, c = corners.shape
-    dim = len(G) // (1 + corners.max())
     own, weights = np.empty(len(G), G.dtype), shares.astype(G.dtype)
     result = np.empty((m * dim, m * dim), G.dtype)
-    for first in range(0, m, _BLOCK):
-        begin, end = first * dim, min(first + _BLOCK, m) * dim
-        for row in range(begin, end):
-            p, i = divmod(row, dim)
-            own[:] = 0.0
-            for a in range(c):
-                own += weights[p, a] * G[corners[p, a] * dim + i]
-            for q in range(p + 1):
-                for j in range(dim):
-                    entry = weights[q, 0] * own[corners[q, 0] * dim + j]
-                    for b in range(1, c):
-                        entry += weights[q, b] * own[corners[q, b] * dim + j]
-                    result[row, q * dim + j] = entry
-        # Columns written point by point would be read from memory and written back each time.
-        for column in range(end):
-            for row in range(max(begin, column + 1), end):
-                result[column, row] = result[row, column]
+    for row in range(m * dim):
+        p, i = divmod(row, dim)
+        own[:] = 0.0
+        for a in range(c):
+            own += weights[p, a] * G[corners[p, a] * dim + i]
+        for q in range(p + 1):
+            for j in range(dim):
+                entry = weights[q, 0] * own[corners[q, 0] * dim + j]
+                for b in range(1, c):
+                    entry += weights[q, b] * own[corners[q, b] * dim + j]
+                result[row, q * dim + j] = result[q * dim + j, row] = entry
+    return result
+
+
+def _some(G: Floats, nodes: IntArray, dim: int) -> Floats:
+    rows = (nodes[:, None] * dim + np.arange(dim)).ravel()
+    return G[np.ix_(rows, rows)]
+
+
+@compiled(reference=_some)
+def submatrix(G: Floats, nodes: IntArray, dim: int) -> Floats:
+    """G (n*dim, n*dim) among some of the nodes (n,)."""
+    n = len(nodes)
+    result = np.empty((n * dim, n * dim), G.dtype)
+    for i in range(n):
+        for a in range(dim):
+            row, into = G[nodes[i] * dim + a], result[i * dim + a]
+            for j in range(n):
+                for b in range(dim):
+                    into[j * dim + b] = row[nodes[j] * dim + b]
     return result
 
 

@@ -1,6 +1,7 @@
 """The nearest point of a deformed surface: its facet, its place there, and on which side of it a point is.
 
-Facets are searched in groups of neighbours, each in a ball about their nodes, so that most are not looked at.
+Facets are searched in groups of neighbours, each in a ball about their nodes, so that most are not looked at. Points
+that may be far from all facets are looked at in groups first, too.
 """
 
 from __future__ import annotations
@@ -46,19 +47,27 @@ class SurfaceSearch:
         corner, the side is that of the pseudonormal of Baerentzen and Aanaes (2005), which is right for any closed
         surface. near: (m,) facets that are probably near the points, which makes the search faster."""
         first = np.full(len(points), -1) if near is None else self._number[near]
-        balls = bounding_balls(x, self._facets)
-        facet, weights, depth = _nearest(points, first, x, self._facets, *balls, self._starts, np.inf)
+        balls, single = bounding_balls(x, self._facets), np.arange(len(points) + 1)
+        facet, weights, depth = _nearest(points, single, first, x, self._facets, *balls, self._starts, np.inf)
         return NearestFacets(self._order[facet], weights, depth)
 
 
 def nearest_of(
-    points: Array, x: Array, facets: IntArray, group: IntArray | None = None, beyond: float = np.inf
+    points: Array,
+    x: Array,
+    facets: IntArray,
+    groups: tuple[IntArray, IntArray] | None = None,
+    beyond: float = np.inf,
 ) -> NearestFacets:
-    """`SurfaceSearch.nearest` for facets (f, dim) that are searched once. group: (f,) ascending, of their middles, see
-    `grouped_by_place`; without it all are looked at. beyond: for points farther outside than this [m], any facet nearby
-    will do; their depth is then the distance from that, negative, and also less than -beyond."""
-    begin, starts = np.full(len(points), -1), _starts(np.zeros(len(facets)) if group is None else group)
-    return NearestFacets(*_nearest(points, begin, x, facets, *bounding_balls(x, facets), starts, beyond))
+    """`SurfaceSearch.nearest` for facets (f, dim) that are searched once. groups: (f,) of the middles of the facets,
+    and (m,) of the points, both ascending, see `grouped_by_place`; without them all facets are looked at for each
+    point. beyond: for points farther outside than this [m], any facet nearby will do; their depth is then the distance
+    from that, or less, negative, and also less than -beyond."""
+    of_facets, of_points = groups or (np.zeros(len(facets)), np.arange(len(points)))
+    begin, balls = np.full(len(points), -1), bounding_balls(x, facets)
+    return NearestFacets(
+        *_nearest(points, _starts(of_points), begin, x, facets, *balls, _starts(of_facets), beyond)
+    )
 
 
 def grouped_by_place(places: Array) -> tuple[IntArray, IntArray]:
@@ -86,6 +95,7 @@ def _groups(centres: Array, index: IntArray) -> list[IntArray]:
 @compiled
 def _nearest(
     points: Array,
+    point_starts: IntArray,
     first: IntArray,
     x: Array,
     facets: IntArray,
@@ -94,40 +104,84 @@ def _nearest(
     starts: IntArray,
     beyond: float,
 ) -> tuple[IntArray, Array, Array]:
-    """The facet (m,), weights (m, dim) and depth (m,) of points (m, dim). first: (m,) facets near them, or -1; centre
-    (f, dim) and radius (f,) of balls about the facets (f, dim), of which group g has those from starts[g] to
-    starts[g + 1]; beyond: see `nearest_of`."""
+    """The facet (m,), weights (m, dim) and depth (m,) of points (m, dim), of which group k has those from
+    point_starts[k] to point_starts[k + 1]. first: (m,) facets near them, or -1; centre (f, dim) and radius (f,) of
+    balls about the facets (f, dim), in groups like the points; beyond: see `nearest_of`."""
     m, dim = points.shape
     found, weights, depth = np.zeros(m, dtype=np.int64), np.zeros((m, dim)), np.empty(m)
     group_centre, group_radius = _group_balls(centre, radius, starts)
+    middle, around = _group_balls(points, np.zeros(m), point_starts)
     trial, square_to = np.empty(dim), np.empty(len(group_centre))
-    for i in range(m):
-        p, side = points[i], 0.0
-        nearest = _squared_distances(p, group_centre, square_to)
-        begin, far = first[i], False
-        if begin < 0:
-            begin = _nearest_place(p, centre, starts[nearest], starts[nearest + 1])
-            far = _all_farther(p, square_to, group_radius, starts, centre, radius, beyond)
-        least = _closest(p, x, facets[begin], trial) * (1.0 + 2.0 * _EQUAL)
-        reach = math.sqrt(least)
-        if far and _along_normal(p, x, facets[begin], trial) > _OPPOSITE * reach:
-            found[i], weights[i], depth[i] = begin, trial, -reach
-            continue
-        for g in range(len(group_centre)):
-            if square_to[g] > (reach + group_radius[g]) ** 2:
-                continue
-            for f in range(starts[g], starts[g + 1]):
-                if _farther(p, centre, f, reach + radius[f]):
+    for k in range(len(middle)):
+        own, end = point_starts[k], point_starts[k + 1]
+        if end > own + 1 and beyond < math.inf:
+            p, distance = middle[k], beyond + around[k]
+            begin = _begin(p, group_centre, square_to, starts, centre)
+            if _all_farther(p, square_to, group_radius, starts, centre, radius, distance):
+                reach = math.sqrt(_closest(p, x, facets[begin], trial))
+                if _along_normal(p, x, facets[begin], trial) > _OPPOSITE * reach:
+                    # All points of the group are on the same side.
+                    for i in range(own, end):
+                        found[i], weights[i], depth[i] = begin, trial, around[k] - reach
                     continue
-                square = _closest(p, x, facets[f], trial)
-                if square > least * (1.0 + _EQUAL):
-                    continue
-                if square < least * (1.0 - _EQUAL):
-                    found[i], weights[i], least, side = f, trial, square, 0.0
-                    reach = math.sqrt(least) * (1.0 + _EQUAL)
-                side += _angle(x, facets[f], trial) * _along_normal(p, x, facets[f], trial)
-        depth[i] = -math.copysign(math.sqrt(least), side)
+        for i in range(own, end):
+            p, begin = points[i], first[i]
+            if begin < 0:
+                begin = _begin(p, group_centre, square_to, starts, centre)
+                if _all_farther(p, square_to, group_radius, starts, centre, radius, beyond):
+                    reach = math.sqrt(_closest(p, x, facets[begin], weights[i]))
+                    if _along_normal(p, x, facets[begin], weights[i]) > _OPPOSITE * reach:
+                        found[i], depth[i] = begin, -reach
+                        continue
+            else:
+                _squared_distances(p, group_centre, square_to)
+            found[i], height = _search(
+                p, begin, x, facets, centre, radius, starts, group_radius, square_to, weights[i], trial
+            )
+            depth[i] = -height
     return found, weights, depth
+
+
+@compiled
+def _search(
+    p: Array,
+    begin: int,
+    x: Array,
+    facets: IntArray,
+    centre: Array,
+    radius: Array,
+    starts: IntArray,
+    group_radius: Array,
+    squares: Array,
+    weights: Array,
+    trial: Array,
+) -> tuple[int, float]:
+    """The facet nearest to p (dim,) and the height of p above it. begin: one near p; squares: of the distances of p
+    from the groups; weights: (dim,) written; trial: (dim,) for scratch."""
+    least = _closest(p, x, facets[begin], weights) * (1.0 + 2.0 * _EQUAL)
+    found, reach, side = begin, math.sqrt(least), 0.0
+    for g in range(len(squares)):
+        if squares[g] > (reach + group_radius[g]) ** 2:
+            continue
+        for f in range(starts[g], starts[g + 1]):
+            if _farther(p, centre, f, reach + radius[f]):
+                continue
+            square = _closest(p, x, facets[f], trial)
+            if square > least * (1.0 + _EQUAL):
+                continue
+            if square < least * (1.0 - _EQUAL):
+                found, least, side = f, square, 0.0
+                weights[:] = trial
+                reach = math.sqrt(least) * (1.0 + _EQUAL)
+            side += _angle(x, facets[f], trial) * _along_normal(p, x, facets[f], trial)
+    return found, math.copysign(math.sqrt(least), side)
+
+
+@compiled
+def _begin(p: Array, group_centre: Array, squares: Array, starts: IntArray, centre: Array) -> int:
+    """A facet near p (dim,). squares: of its distances from the groups, written."""
+    nearest = _squared_distances(p, group_centre, squares)
+    return _nearest_place(p, centre, starts[nearest], starts[nearest + 1])
 
 
 @compiled
@@ -219,13 +273,13 @@ def _closest(p: Array, x: Array, facet: IntArray, weights: Array) -> float:
         if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
             weights[0], weights[1], weights[2] = 1.0 - s - t, s, t
             return _squared_distance(p, x, facet, weights)
-    least, trial = math.inf, np.empty(3)
+    # The nearest edge is found first, so that nothing is allocated for its weights.
+    nearest, least = 0, math.inf
     for k in range(3):
-        square = _closest_on_edge(p, x, facet, k, (k + 1) % 3, trial)
+        square = _closest_on_edge(p, x, facet, k, (k + 1) % 3, weights)
         if square < least:
-            least = square
-            weights[:] = trial
-    return least
+            nearest, least = k, square
+    return _closest_on_edge(p, x, facet, nearest, (nearest + 1) % 3, weights)
 
 
 @compiled
@@ -255,24 +309,21 @@ def _squared_distance(p: Array, x: Array, facet: IntArray, weights: Array) -> fl
 @compiled
 def _along_normal(p: Array, x: Array, facet: IntArray, weights: Array) -> float:
     """The component along the outward unit normal of the way from the point of a facet to p (dim,)."""
-    dim = len(p)
-    normal, way = np.empty(dim), np.empty(dim)
-    for a in range(dim):
-        way[a] = p[a]
-        for k in range(dim):
-            way[a] -= weights[k] * x[facet[k], a]
-    if dim == 2:
-        normal[0], normal[1] = x[facet[1], 1] - x[facet[0], 1], x[facet[0], 0] - x[facet[1], 0]
-    else:
-        for a in range(3):
+    along = length = 0.0
+    for a in range(len(p)):
+        way = p[a]
+        for k in range(len(p)):
+            way -= weights[k] * x[facet[k], a]
+        if len(p) == 2:
+            b = 1 - a
+            normal = (1.0 - 2.0 * a) * (x[facet[1], b] - x[facet[0], b])
+        else:
             b, c = (a + 1) % 3, (a + 2) % 3
-            normal[a] = (x[facet[1], b] - x[facet[0], b]) * (x[facet[2], c] - x[facet[0], c]) - (
+            normal = (x[facet[1], b] - x[facet[0], b]) * (x[facet[2], c] - x[facet[0], c]) - (
                 x[facet[1], c] - x[facet[0], c]
             ) * (x[facet[2], b] - x[facet[0], b])
-    along = length = 0.0
-    for a in range(dim):
-        along += normal[a] * way[a]
-        length += normal[a] * normal[a]
+        along += normal * way
+        length += normal * normal
     return along / math.sqrt(length) if length > 0.0 else 0.0
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints, PressedPoints
-from softprint.runtime.contact.solver.warm_start import PointCompliance
+from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 
@@ -16,7 +16,7 @@ class AllPoints:
 
     pressed: PressedPoints | None
     loaded: LoadedPoints
-    compliance: PointCompliance
+    compliance: InterpolatedCompliance
     points: ContactPoints | None
     _last: list[tuple[CorotatedPoints, CorotatedPoints]] = field(default_factory=list, repr=False)
 

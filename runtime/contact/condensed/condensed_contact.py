@@ -40,7 +40,7 @@ from softprint.runtime.contact.solver.contact_solve import ContactProblem
 from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.sharp_search import Dent, SharpSearch, bearing_facets, sharp_colliders
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
-from softprint.runtime.contact.solver.warm_start import PointCompliance, WarmStart
+from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
@@ -69,7 +69,7 @@ class CondensedContact:
     nodes: IntArray
     points: ContactPoints
     of_nodes: LocalCompliance
-    compliance: PointCompliance
+    compliance: InterpolatedCompliance
     stiffness: Array
     searches: Mapping[str, CandidateSearch]
     sharp: SharpSearch | None
@@ -110,7 +110,7 @@ class CondensedContact:
             compliance.nodes,
             points,
             of_nodes,
-            of_nodes if loaded.are_nodes else InterpolatedCompliance(of_nodes, loaded),
+            InterpolatedCompliance(of_nodes, loaded),
             stiffness,
             {name: CandidateSearch(collider, band) for name, collider in colliders.items()},
             sharp,
@@ -236,13 +236,15 @@ class CondensedContact:
             if found is None:
                 found = problem.descend(problem.lowest(start, warm_start.held(index, problem, poses)))
             solution = found
-        for _ in range(_SEARCHES):
+        for _ in range(_SEARCHES if solution.converged else 0):
             pushed = pushed_in(every, together.compliance, rows, candidates, problem, solution, distance)
             if not pushed.any():
                 break
             before, candidates = candidates.may_be_active, candidates.with_possibly_active(pushed)
             problem = self._problem(every, together.compliance, rows, candidates, distance)
             solution = problem.solve(solution.extended(before[candidates.may_be_active]))
+            if not solution.converged:
+                break
         if not (solution.active.size or candidates.any_inside):
             return None
         return SolvedContact(
@@ -302,7 +304,8 @@ class CondensedContact:
     def _moved_on(self, points: CorotatedPoints, poses: Poses, solved: SolvedContact) -> PressedPoints | None:
         """The pressed points where the dent of a solved contact is, and not that of before it; None where they are
         the same, or there are none."""
-        if self.sharp is None or solved.pressed is None or not solved.is_pressed.any():
+        converged = solved.solution.converged
+        if self.sharp is None or solved.pressed is None or not (converged and solved.is_pressed.any()):
             return None
         x = points.bounded_positions(solved.rows)[0]
         found = self.sharp.find(points, solved.rows, poses, x, self._dent(solved))
@@ -371,7 +374,7 @@ class CondensedContact:
     def _problem(
         self,
         points: CorotatedPoints,
-        compliance: PointCompliance,
+        compliance: InterpolatedCompliance,
         rows: Array,
         candidates: Candidates,
         distance: PointDistance,

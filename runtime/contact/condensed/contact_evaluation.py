@@ -22,9 +22,15 @@ from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
-from softprint.runtime.contact.solver.warm_start import WarmStart
+from softprint.runtime.contact.solver.warm_start import TOO_FAR, WarmStart
 from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
+from softprint.runtime.mechanics.surface_compliance_kernels import dense
+
+
+# Points in contact move by at most this multiple of the contact displacement between two solves: what can be predicted,
+# in as many parts as a way may be cut into.
+_FARTHEST = 4.0 * TOO_FAR
 
 
 class CarriedCompliance(NamedTuple):
@@ -107,6 +113,16 @@ class ContactEvaluation:
             return None
         return self._active.hessian if self._hardened is None else self._hardened.hessian
 
+    def longest(self, change: Array) -> float:
+        """1, or the share of a change of the rows (n_rows, dim) by which points in contact move so far that contact
+        can just be followed."""
+        contact = self._active
+        if contact is None:
+            return 1.0
+        moved = (contact.derivatives.position @ change.ravel()).reshape(-1, change.shape[1])
+        farthest = float(np.linalg.norm(moved, axis=1).max())
+        return min(1.0, _FARTHEST * contact.solved.depth / max(farthest, np.finfo(np.float64).tiny))
+
     @property
     def _active(self) -> LinearisedContact | None:
         """The contact, if any point is active."""
@@ -152,7 +168,7 @@ class ContactEvaluation:
             forces.pressure,
             solved.solution.penetration[b],
             lambda: CarriedCompliance(
-                contact.start.compliance.among(solved.index[b]).astype(np.float64),
+                dense(contact.start.compliance.among(solved.index[b]), shape[1]).astype(np.float64),
                 solved.solution.rest_displacement[b],
                 contact.derivatives.position.reshape(shape)[owned],
                 contact.derivatives.basis_gradient[owned],

@@ -9,12 +9,12 @@ from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.candidates import Candidates, PointDistance
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
-from softprint.runtime.contact.solver.warm_start import PointCompliance
+from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
 
 
 def pushed_in(
     points: CorotatedPoints,
-    compliance: PointCompliance,
+    compliance: InterpolatedCompliance,
     rows: Array,
     candidates: Candidates,
     problem: ContactProblem,

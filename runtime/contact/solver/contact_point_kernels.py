@@ -77,20 +77,6 @@ def largest_norm(displacement: Array, active: IntArray) -> float:
 
 
 @compiled
-def submatrix(G: Floats, points: IntArray, dim: int) -> Floats:
-    """G (n*dim, n*dim) among some of the points (n,)."""
-    n = len(points)
-    result = np.empty((n * dim, n * dim), G.dtype)
-    for i in range(n):
-        for a in range(dim):
-            row, into = G[points[i] * dim + a], result[i * dim + a]
-            for j in range(n):
-                for b in range(dim):
-                    into[j * dim + b] = row[points[j] * dim + b]
-    return result
-
-
-@compiled
 def blocks_to_world(F: Array, c: Floats) -> Floats:
     """F_i c_i (k*dim, n) for c (k*dim, n)."""
     k, dim, _ = F.shape

@@ -28,10 +28,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import SdfDerivatives
@@ -39,6 +37,7 @@ from softprint.runtime.contact.solver import contact_point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.negative_curvature import modified_newton_change
 from softprint.runtime.lazy import lazy
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance, dense
 
 log = logging.getLogger(__name__)
 
@@ -111,13 +110,12 @@ class ContactSolution:
 class ContactProblem:
     """The contact problem of the m contact points near the colliders.
 
-    compliance: G (m*dim, m*dim) [m/N] at rest, in any precision; A (m, dim, dim); stiffness: a_j k (m,) [N/m^2];
-    position: x (m, dim) [m] in the world; depth: estimate of the contact displacement [m]; distance: computes the
-    signed distance with derivatives at positions (m, dim); tight: whether something depends on the forces to first
-    order, as the network of a learned energy does.
+    compliance: G at rest; A (m, dim, dim); stiffness: a_j k (m,) [N/m^2]; position: x (m, dim) [m] in the world; depth:
+    estimate of the contact displacement [m]; distance: computes the signed distance with derivatives at positions (m,
+    dim); tight: whether something depends on the forces to first order, as the network of a learned energy does.
     """
 
-    compliance: NDArray[np.floating[Any]]
+    compliance: NodalCompliance
     carriers: Array
     stiffness: Array
     position: Array
@@ -239,16 +237,14 @@ class ContactProblem:
                 return change, along, slope, True
         except np.linalg.LinAlgError:  # a point is about to slide off a tip
             pass
-        which = np.flatnonzero((e > 0.0) | phi.any(axis=1))
-        unknowns = (which[:, None] * phi.shape[1] + np.arange(phi.shape[1])).ravel()
+        which, dim = np.flatnonzero((e > 0.0) | phi.any(axis=1)), phi.shape[1]
+        G = dense(self.compliance.taken(which, dim), dim)
         g, H = at.gradient[which], at.hessian[which]
         steepness = 2.0 * self.stiffness * np.maximum(e, 0.0)
         D = steepness[which, None, None] * g[:, :, None] * g[:, None, :]
         D -= pressure[which, None, None] * 0.5 * (H + H.transpose(0, 2, 1))
         change = np.zeros_like(phi)
-        change[which] = modified_newton_change(
-            self.compliance[np.ix_(unknowns, unknowns)], self.carriers[which], D, phi[which], balanced[which]
-        )
+        change[which] = modified_newton_change(G, self.carriers[which], D, phi[which], balanced[which])
         along = self._apply(change)
         return change, along, float(((phi - balanced) * along).sum()), False
 

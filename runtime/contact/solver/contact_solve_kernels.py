@@ -9,9 +9,9 @@ V = A^T W,
 
 so that the system is symmetric and has one unknown for each significant direction.
 
-G (m*dim, m*dim) [m/N] is the compliance, in any precision, k (m,) [N/m^2] the stiffness, e (m,) [m] the penetrations,
-s = value (m,), g = gradient (m, dim), H = hessian (m, dim, dim) those of the signed distance at the deformed positions.
-Formulas: `contact_solve.py`.
+G is the compliance among the m points [m/N], by that among the contact nodes and in its precision, k (m,) [N/m^2] the
+stiffness, e (m,) [m] the penetrations, s = value (m,), g = gradient (m, dim), H = hessian (m, dim, dim) those of the
+signed distance at the deformed positions. Formulas: `contact_solve.py`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.compiled import summing
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 Floats = NDArray[np.floating[Any]]
 
@@ -33,18 +34,70 @@ _SWEEPS = 12
 
 
 @summing
-def product(G: Floats, phi: Array) -> Array:
-    """G phi (m, dim) of forces (m, dim), for the symmetric G (m*dim, m*dim). Most points bear no force."""
+def product(G: NodalCompliance, phi: Array) -> Array:
+    """G phi (m, dim) [m] of forces phi (m, dim) [N]. Most points, and some nodes, bear no force."""
+    among_nodes, corners, shares = G
     m, dim = phi.shape
-    result = np.zeros(m * dim)
+    forces, moved, result = np.zeros(len(among_nodes)), np.zeros(len(among_nodes)), np.zeros((m, dim))
     for j in range(m):
-        for a in range(dim):
-            force = phi[j, a]
-            if force != 0.0:
-                column = G[j * dim + a]
-                for at in range(len(result)):
-                    result[at] += force * column[at]
-    return result.reshape(m, dim)
+        for b in range(dim):
+            if phi[j, b] != 0.0:
+                for a in range(corners.shape[1]):
+                    forces[corners[j, a] * dim + b] += shares[j, a] * phi[j, b]
+    for i, column in enumerate(among_nodes):
+        force = forces[i]
+        if force != 0.0:
+            for at in range(len(moved)):
+                moved[at] += force * column[at]
+    for j in range(m):
+        for a in range(corners.shape[1]):
+            first, share = corners[j, a] * dim, shares[j, a]
+            for b in range(dim):
+                result[j, b] += share * moved[first + b]
+    return result
+
+
+@summing
+def along_directions(G: NodalCompliance, point: IntArray, v: Floats) -> tuple[Floats, Floats]:
+    """For the directions V of forces, v (r, dim), each on one of the points (r,): the displacements of the nodes by
+    them (r, k*dim), and the compliance along them, V^T G V (r, r), in the precision of v."""
+    among_nodes, corners, shares = G
+    r, dim = v.shape
+    moved, along = np.zeros((r, len(among_nodes)), v.dtype), np.empty((r, r), v.dtype)
+    own = shares.astype(v.dtype)
+    for c in range(r):
+        row = moved[c]
+        for a in range(corners.shape[1]):
+            first = corners[point[c], a] * dim
+            for b in range(dim):
+                column, force = among_nodes[first + b], own[point[c], a] * v[c, b]
+                for at in range(len(row)):
+                    row[at] += force * column[at]
+        for d in range(c + 1):
+            entry = v.dtype.type(0.0)
+            for a in range(corners.shape[1]):
+                first = corners[point[d], a] * dim
+                reached = row[first] * v[d, 0]
+                for b in range(1, dim):
+                    reached += row[first + b] * v[d, b]
+                entry += own[point[d], a] * reached
+            along[c, d] = along[d, c] = entry
+    return moved, along
+
+
+@summing
+def _alone(G: NodalCompliance, j: int, v: Array) -> float:
+    """The compliance v . G_jj v [m/N] of one point along v (dim,)."""
+    among_nodes, corners, shares = G
+    dim, total = len(v), 0.0
+    for p in range(corners.shape[1]):
+        for q in range(corners.shape[1]):
+            reached = 0.0
+            for a in range(dim):
+                for b in range(dim):
+                    reached += v[a] * among_nodes[corners[j, p] * dim + a, corners[j, q] * dim + b] * v[b]
+            total += shares[j, p] * shares[j, q] * reached
+    return total
 
 
 @summing
@@ -89,7 +142,7 @@ def energy(k: Array, phi: Array, v: Array, penetration: Array) -> float:
 
 @summing
 def balance(
-    G: Floats, A: Array, k: Array, e: Array, v: Array, value: Array, gradient: Array
+    G: NodalCompliance, A: Array, k: Array, e: Array, v: Array, value: Array, gradient: Array
 ) -> tuple[Array, Array, Array, float]:
     """Penetrations e (m,), updated to -s at points without pressure; pressure p (m,); lag = v - G phi (m, dim); and the
     residual [m], the largest of |A lag| and, where there is pressure, |e + s|."""
@@ -145,7 +198,7 @@ def _diagonalise(A: Array, W: Array) -> None:
 
 @summing
 def stiffness_directions(
-    G: Floats,
+    G: NodalCompliance,
     A: Array,
     active: IntArray,
     k: Array,
@@ -174,11 +227,7 @@ def stiffness_directions(
                 v[r, b] = 0.0
                 for a in range(dim):
                     v[r, b] += A[j, a, b] * W[a, c]
-            compliance = 0.0
-            for a in range(dim):
-                for b in range(dim):
-                    compliance += v[r, a] * G[j * dim + a, j * dim + b] * v[r, b]
-            if abs(D[c, c]) * compliance > least:
+            if abs(D[c, c]) * _alone(G, j, v[r]) > least:
                 point[r], stiff[r] = j, D[c, c]
                 for a in range(dim):
                     w[r, a] = W[a, c]
@@ -187,27 +236,16 @@ def stiffness_directions(
 
 
 @summing
-def woodbury_system(G: Floats, point: IntArray, stiff: Array, v: Array) -> tuple[Floats, Floats]:
-    """V^T G (r, m*dim) and K = L^-1 + V^T G V (r, r), in the precision of v."""
-    r, dim = v.shape
-    displacements, K = np.zeros((r, G.shape[1]), v.dtype), np.empty((r, r), v.dtype)
-    for c in range(r):
-        row = displacements[c]
-        for a in range(dim):
-            column, share = G[point[c] * dim + a], v[c, a]
-            for at in range(len(row)):
-                row[at] += share * column[at]
-        for d in range(c + 1):
-            entry = row[point[d] * dim] * v[d, 0]
-            for b in range(1, dim):
-                entry += row[point[d] * dim + b] * v[d, b]
-            K[c, d] = K[d, c] = entry
+def woodbury_system(G: NodalCompliance, point: IntArray, stiff: Array, v: Array) -> tuple[Floats, Floats]:
+    """The displacements of the nodes by V (r, k*dim), and K = L^-1 + V^T G V (r, r), in the precision of v."""
+    displacements, K = along_directions(G, point, v)
+    for c in range(len(stiff)):
         K[c, c] += 1.0 / stiff[c]
     return displacements, K
 
 
 @summing
-def _woodbury_forces(G: Floats, point: IntArray, stiff: Array, v: Floats, right: Array) -> Array:
+def _woodbury_forces(G: NodalCompliance, point: IntArray, stiff: Array, v: Floats, right: Array) -> Array:
     """A^T D A dv (m, dim) where (I + G A^T D A) dv = right (m, dim), with D given by its directions `point`, l and v,
     solved in the precision of v."""
     r, dim = v.shape
@@ -215,11 +253,11 @@ def _woodbury_forces(G: Floats, point: IntArray, stiff: Array, v: Floats, right:
     if r == 0:
         return reaction
     K = woodbury_system(G, point, stiff, v)[1]
-    along = np.zeros(r, v.dtype)
+    projected = np.zeros(r, v.dtype)
     for c in range(r):
         for a in range(dim):
-            along[c] += v[c, a] * right[point[c], a]
-    y = np.linalg.solve(K, along)
+            projected[c] += v[c, a] * right[point[c], a]
+    y = np.linalg.solve(K, projected)
     for c in range(r):
         for a in range(dim):
             reaction[point[c], a] += v[c, a] * y[c]
@@ -228,7 +266,7 @@ def _woodbury_forces(G: Floats, point: IntArray, stiff: Array, v: Floats, right:
 
 @summing
 def newton_step(
-    G: Floats,
+    G: NodalCompliance,
     A: Array,
     k: Array,
     e: Array,
@@ -254,7 +292,7 @@ def newton_step(
     right = -lag - product(G, pulled_back(A, pushed, gradient))
     point, stiff, _, v_c = stiffness_directions(G, A, active, k, e, pressure, gradient, hessian, _SLIGHT)
     # In the precision of G, usually single: the next iteration corrects the rounding error of this one.
-    dv = right - product(G, _woodbury_forces(G, point, stiff, v_c.astype(G.dtype), right))
+    dv = right - product(G, _woodbury_forces(G, point, stiff, v_c.astype(G.among_nodes.dtype), right))
     moved, e = to_world(A, dv), e.copy()
     for j in active:
         e[j] = -value[j]
@@ -265,7 +303,7 @@ def newton_step(
 
 @summing
 def descent_direction(
-    G: Floats,
+    G: NodalCompliance,
     A: Array,
     k: Array,
     e: Array,
@@ -280,7 +318,7 @@ def descent_direction(
     slope of the energy along it. balanced: (m, dim) the contact forces at the displacements of phi."""
     active = np.flatnonzero(e > 0.0)
     point, stiff, _, v = stiffness_directions(G, A, active, k, e, pressure, gradient, hessian, _SLIGHT)
-    reaction = _woodbury_forces(G, point, stiff, v.astype(G.dtype), -lag)
+    reaction = _woodbury_forces(G, point, stiff, v.astype(G.among_nodes.dtype), -lag)
     change = balanced - phi - reaction
     # The displacements of exactly this change, whatever its precision.
     along = -lag - product(G, reaction)

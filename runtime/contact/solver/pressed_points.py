@@ -147,7 +147,7 @@ class SurfaceNodes:
         material = MaterialPoints(rest, basis, gradient, np.zeros(len(rest)), normals)
         condensation, internal = self.condensation, self.internal
         if condensation is not None:
-            condensation = replace(condensation, corners=at, weights=pressed.weights)
+            condensation = replace(condensation, corners=at, weights=pressed.weights, bounds=None)
         if internal is not None:
             internal = replace(internal, corners=at, weights=pressed.weights)
         return ContactPoints(material, condensation, self.scale, internal)

@@ -78,14 +78,15 @@ class _Undented(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class SharpCollider:
     """One of several colliders, with its number and name. points: (m, dim) [m] its sharp points, in its coordinates,
-    and spacing: (m,) [m] of these: first the n_edges on tips and edges, then those on parts that fit between the
-    contact points on facets, and are held where these let them through."""
+    spacing: (m,) [m] of these, and group: (m,) of neighbours: first the n_edges on tips and edges, then those on parts
+    that fit between the contact points on facets, and are held where these let them through."""
 
     number: int
     name: str
     collider: Collider
     points: Array
     spacing: Array
+    group: IntArray
     n_edges: int
 
     @classmethod
@@ -97,7 +98,10 @@ class SharpCollider:
         if len(edges) and len(others):
             others = others[cKDTree(edges).query(others)[0] > 0.5 * apart]
         both = np.repeat([spacing, apart], [len(edges), len(others)])
-        return cls(number, name, collider, np.concatenate([edges, others]), both, len(edges))
+        # Groups are of one kind, and numbered in ascending order.
+        (first, of_edges), (second, of_others) = grouped_by_place(edges), grouped_by_place(others)
+        points, group = (edges[first], others[second]), (of_edges, len(edges) + of_others)
+        return cls(number, name, collider, np.concatenate(points), both, np.concatenate(group), len(edges))
 
 
 def sharp_colliders(
@@ -192,27 +196,27 @@ class SharpSearch:
         own = self._undented(sharp, which, points, rows, pose, x, largest)
         if not len(own.facets):
             return None
-        z = sharp.points[which]
-        y, beyond = self._dented(own, dent), self._spacing * max(_SOON)
-        facet, weights, depth = nearest_of(own.sharp_points, y, own.facets, own.group, beyond)
-        corners = own.facets[facet]
-        against = inward_normals(corners, weights, own.normals, pose)
-        direction, bearing = bearing_normals(sharp.collider, z, against, sharp.spacing[which])
-        of = self._owner[own.nodes[corners]]
+        y, soon = self._dented(own, dent), self._spacing * np.where(which < sharp.n_edges, *_SOON)
+        groups = own.group, sharp.group[which]
+        facet, weights, depth = nearest_of(own.sharp_points, y, own.facets, groups, float(soon.max()))
+        of = self._owner[own.nodes[own.facets[facet]]]
         shares = np.where(of >= 0, weights, 0.0)
-        soon = depth > -self._spacing * np.where(which < sharp.n_edges, *_SOON)
-        kept = np.flatnonzero(bearing & soon & (shares.sum(axis=1) > _LEAST_SHARE))
+        kept = np.flatnonzero((depth > -soon) & (shares.sum(axis=1) > _LEAST_SHARE))
+        z, corners = sharp.points[which[kept]], own.facets[facet[kept]]
+        against = inward_normals(corners, weights[kept], own.normals, pose)
+        direction, bearing = bearing_normals(sharp.collider, z, against, sharp.spacing[which[kept]])
+        kept, z, corners, direction = kept[bearing], z[bearing], corners[bearing], direction[bearing]
         if not len(kept):
             return None
         return (
             which[kept],
             np.full(len(kept), sharp.number),
-            self.surface.nodes[own.nodes[corners[kept]]],
+            self.surface.nodes[own.nodes[corners]],
             weights[kept],
             np.maximum(of[kept], 0),
             shares[kept],
-            z[kept],
-            direction[kept],
+            z,
+            direction,
         )
 
     def _undented(

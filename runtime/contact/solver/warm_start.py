@@ -19,10 +19,9 @@ where it was.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
@@ -31,12 +30,11 @@ from softprint.runtime.contact.solver.candidates import PointDistance, carried
 from softprint.runtime.contact.solver.contact_point_kernels import places
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, StartingPoint
-from softprint.runtime.contact.solver.contact_solve_kernels import to_world
+from softprint.runtime.contact.solver.contact_solve_kernels import along_directions, pulled_back, to_world
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
 from softprint.runtime.lazy import lazy
-
-Floats = NDArray[np.floating[Any]]
+from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
 
 # Points between nodes hardly move apart: the compliance among them is regularised by this fraction of its diagonal.
 _DAMPED = 0.1
@@ -44,16 +42,6 @@ _DAMPED = 0.1
 _LEAST = 0.01
 # Where points have moved by more than this multiple of the contact displacement, nothing is predicted.
 TOO_FAR = 2.0
-
-
-class PointCompliance(Protocol):
-    """The compliance among the contact points of a body: `LocalCompliance` or `InterpolatedCompliance`."""
-
-    @property
-    def dtype(self) -> np.dtype[np.float32]: ...
-    def among(self, points: IntArray, /) -> NDArray[np.float32]: ...
-    def on_nodes(self, points: IntArray, forces: Array, /) -> tuple[IntArray, Array]: ...
-    def displacement(self, at: IntArray, nodes: IntArray, forces: Array, /) -> Array: ...
 
 
 class _Earlier(NamedTuple):
@@ -75,7 +63,7 @@ class WarmStart:
     over."""
 
     solved: SolvedContact
-    compliance: PointCompliance
+    compliance: InterpolatedCompliance
     stiffness: Array
     frame: CorotatedPoints | None = None
 
@@ -97,7 +85,7 @@ class WarmStart:
         problem: ContactProblem,
         poses: Poses,
         after: PointDistance,
-        compliance: PointCompliance,
+        compliance: InterpolatedCompliance,
     ) -> StartingPoint | None:
         """The starting point at the points `index` (n,) of the problem, with the colliders at poses; None for a state
         that is too far away. after: the distance of these points; compliance: among them."""
@@ -123,7 +111,7 @@ class WarmStart:
             beside = self._beside(v, new, problem, after)
             at = np.concatenate([at, new])
             state = _Earlier(*map(np.concatenate, zip(state, beside, strict=True)))
-        return _start(at, *state, problem.carriers, problem.stiffness, problem.compliance)
+        return _start(at, state, problem)
 
     def held(self, index: IntArray, problem: ContactProblem, poses: Poses) -> StartingPoint:
         """The starting point with the earlier forces, which turn with their colliders, and nothing predicted: where the
@@ -136,7 +124,7 @@ class WarmStart:
             solution.penetration, solution.pressure, normal, curvature, np.zeros_like(normal), rotations
         )
         at = places(near.index, index)
-        return _start(at, *state, problem.carriers, problem.stiffness, problem.compliance)
+        return _start(at, state, problem)
 
     def _beside(self, v: Array, at: IntArray, problem: ContactProblem, after: PointDistance) -> _Earlier:
         """Points that were not in the earlier contact, numbers `at` (n,) of the problem: at their present positions,
@@ -188,8 +176,19 @@ def _motion_and_force_change(
     return moved, force_change
 
 
+def _start(at: IntArray, earlier: _Earlier, problem: ContactProblem) -> StartingPoint:
+    """The starting point e (n,) and g (n, dim) of a problem, with the points `at` (m,) in it, -1 for none."""
+    e, g, gap = _carried_on(at, *earlier, len(problem.position))
+    entering = np.flatnonzero(gap < 0.0)
+    if len(entering):
+        n = pulled_back(problem.carriers[entering], np.ones(len(entering)), g[entering])
+        among = along_directions(problem.compliance, entering, n)[1]
+        e[entering] = np.sqrt(_pushed_out(among, gap[entering]) / problem.stiffness[entering])
+    return e, g
+
+
 @compiled
-def _start(
+def _carried_on(
     at: IntArray,
     penetration: Array,
     pressure: Array,
@@ -197,15 +196,14 @@ def _start(
     curvature: Array,
     moved: Array,
     rotations: Array,
-    A: Array,
-    stiffness: Array,
-    G: Floats,
-) -> tuple[Array, Array]:
-    """The starting point e (n,) and g (n, dim). Forces, proportional to e^2, change linearly; a point that is about to
-    lose contact keeps a small penetration, so that it stays in the active set."""
+    n: int,
+) -> tuple[Array, Array, Array]:
+    """The starting point e (n,) and g (n, dim) of points that bore pressure, and the gaps (n,) of those that enter,
+    negative. Forces, proportional to e^2, change linearly; a point that is about to lose contact keeps a small
+    penetration, so that it stays in the active set."""
     dim = normal.shape[1]
-    e, g = np.full(len(A), -np.inf), np.zeros((len(A), dim))
-    gradient, gap = np.empty(dim), np.zeros(len(A))
+    e, g = np.full(n, -np.inf), np.zeros((n, dim))
+    gradient, gap = np.empty(dim), np.zeros(n)
     for j in range(len(at)):
         i, along = at[j], 0.0
         for a in range(dim):
@@ -224,34 +222,15 @@ def _start(
             e[i] = penetration[j] * np.sqrt(max(1.0 - 2.0 * along / penetration[j], 0.01))
             continue
         gap[i] = along - penetration[j]
-    entering = np.flatnonzero(gap < 0.0)
-    forces = _pushed_out(entering, gap, g, A, G)
-    for k, i in enumerate(entering):
-        e[i] = np.sqrt(forces[k] / stiffness[i])
-    return e, g
+    return e, g, gap
 
 
-@compiled
-def _pushed_out(entering: IntArray, gap: Array, g: Array, A: Array, G: Floats) -> Array:
-    """The forces (k,) [N] that together push points (k,) back by -gap along their normals g, at least a small part of
-    what each would need alone."""
-    k, dim = len(entering), g.shape[1]
-    n, K = np.zeros((k, dim)), np.empty((k, k))
-    for r, i in enumerate(entering):
-        for a in range(dim):
-            for b in range(dim):
-                n[r, a] += A[i, b, a] * g[i, b]
-    for r, i in enumerate(entering):
-        for s, j in enumerate(entering):
-            K[r, s] = 0.0
-            for a in range(dim):
-                for b in range(dim):
-                    K[r, s] += n[r, a] * G[i * dim + a, j * dim + b] * n[s, b]
-    alone = np.empty(k)
-    for r, i in enumerate(entering):
-        alone[r] = -gap[i] / K[r, r] if K[r, r] > 0.0 else 0.0
-        K[r, r] *= 1.0 + _DAMPED
-    if k < 2 or not (np.diag(K) > 0.0).all():
-        return alone
-    together = np.linalg.solve(K, -gap[entering])
+def _pushed_out(K: Array, gap: Array) -> Array:
+    """The forces (k,) [N] that together push points (k,) back by -gap along their normals, at least a small part of
+    what each would need alone. K: (k, k) [m/N] the compliance along these."""
+    own = np.diag(K)
+    alone = np.where(own > 0.0, -gap / np.where(own > 0.0, own, 1.0), 0.0)
+    if len(K) < 2 or not (own > 0.0).all():
+        return np.asarray(alone)
+    together = np.linalg.solve(K + _DAMPED * np.diag(own), -gap)
     return np.minimum(np.maximum(together, _LEAST * alone), alone)

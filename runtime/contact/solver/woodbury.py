@@ -21,6 +21,8 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.contact.solver import contact_point_kernels as point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
 from softprint.runtime.contact.solver.contact_solve import ContactSolution
+from softprint.runtime.linalg.means import means, shared
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 Floats = NDArray[np.floating[Any]]
 
@@ -31,13 +33,15 @@ _NEGLIGIBLE = 1e-9
 class WoodburyFactor:
     """The factorisation at the k active points of a contact solution at m points; arrays are (k*dim, n).
 
-    compliance: G (m*dim, m*dim) [m/N]; A (m, dim, dim); stiffness: a k (m,) [N/m^2].
+    compliance: G; A (m, dim, dim); stiffness: a k (m,) [N/m^2].
     """
 
-    def __init__(self, compliance: Floats, A: Array, stiffness: Array, solution: ContactSolution) -> None:
-        active, dim = solution.active, A.shape[1]
+    def __init__(
+        self, compliance: NodalCompliance, A: Array, stiffness: Array, solution: ContactSolution
+    ) -> None:
+        active, self._dim = solution.active, A.shape[1]
         self._A = A[active]
-        self._compliance = point_kernels.submatrix(compliance, active, dim)
+        self._compliance = compliance.taken(active, self._dim)
         state = stiffness[active], solution.penetration[active], solution.pressure[active]
         distance = solution.normal[active], solution.curvature[active]
         self._node, stiff, self._w, v = solve_kernels.stiffness_directions(
@@ -52,11 +56,15 @@ class WoodburyFactor:
     @property
     def dtype(self) -> np.dtype[np.floating[Any]]:
         """Its precision."""
-        return self._compliance.dtype
+        return self._compliance.among_nodes.dtype
 
     def rest_displacement(self, forces: Floats) -> Floats:
         """G phi, the displacements by forces phi, both in rest coordinates."""
-        return np.asarray(self._compliance @ forces.astype(self.dtype, copy=False))
+        G, corners, shares = self._compliance
+        on_nodes = shared(
+            self._by_point(forces.astype(self.dtype, copy=False)), corners, shares, len(G) // self._dim
+        )
+        return self._at_points(G @ on_nodes.reshape(len(G), -1))
 
     def to_world(self, v: Floats) -> Floats:
         """A v, in the world frame."""
@@ -72,7 +80,8 @@ class WoodburyFactor:
 
     def relaxed(self, c: Floats) -> Floats:
         """(I + G_w D)^-1 c: displacements c after the contact forces have relaxed the compliant body."""
-        return np.asarray(c - self.to_world(self._displacements.T @ self.solve(self.projected(c))))
+        moved = self._at_points(self._displacements.T @ self.solve(self.projected(c)))
+        return np.asarray(c - self.to_world(moved))
 
     def projected(self, c: Floats) -> Floats:
         """W^T c (r, n)."""
@@ -88,3 +97,13 @@ class WoodburyFactor:
             return right
         # In one order, whatever the number of rows: kernels are compiled for every order that they meet.
         return np.ascontiguousarray(lu_solve(self._factor, right, check_finite=False))
+
+    def _at_points(self, moved: Floats) -> Floats:
+        """Displacements (k*dim, n) of the points, by those of the nodes."""
+        _, corners, shares = self._compliance
+        by_node = moved.reshape(-1, self._dim * moved.shape[1])
+        return means(by_node, corners, shares).reshape(-1, moved.shape[1])
+
+    def _by_point(self, vectors: Floats) -> Floats:
+        """(k, dim*n) of (k*dim, n)."""
+        return vectors.reshape(-1, self._dim * vectors.shape[1])

@@ -138,10 +138,13 @@ class StepEnergy:
         return Configuration(rows, self.free_bodies.bodies.retract(at.poses, v[own:]))
 
     def longest(self, x: StepPoint, v: Array) -> float:
-        """1, or less where free colliders could otherwise pass through something."""
+        """1, or less where contact could not be followed, or free colliders could pass through something."""
+        own, rows = len(self.unknowns.free), x.body.at.rows
+        contact = x.body.contact
+        share = 1.0 if contact is None else contact.longest(self.unknowns.retract(rows, v[:own]) - rows)
         if self.free_bodies is None:
-            return 1.0
-        return self.free_bodies.longest(x.body.at, v[len(self.unknowns.free) :])
+            return share
+        return min(share, self.free_bodies.longest(x.body.at, v[own:]))
 
     def energy(self, x: StepPoint) -> float:
         """E [J], including lagged friction; infinite where the limit refuses x."""

@@ -9,15 +9,18 @@ from softprint.runtime.colliders import Box, RigidPose, Sphere
 from softprint.runtime.contact.solver.candidates import PosedCollider
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
 from softprint.runtime.contact.solver.negative_curvature import modified_newton_change
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance, dense
 
 A, STIFFNESS, RADIUS = 2e-3, 5e5, 0.02
+# Of one node.
+SAME_ALL_WAYS = NodalCompliance.at_nodes(A * np.eye(3), 3)
 
 
 def single(depth: float) -> ContactProblem:
     """One node with the compliance A in all directions, `depth` inside a ball whose centre lies straight below."""
     ball = PosedCollider(Sphere(RADIUS, 3, "ball"), RigidPose.identity(3))
     position = np.array([[0.0, 0.0, RADIUS - depth]])
-    return ContactProblem(A * np.eye(3), np.eye(3)[None], np.array([STIFFNESS]), position, depth, ball)
+    return ContactProblem(SAME_ALL_WAYS, np.eye(3)[None], np.array([STIFFNESS]), position, depth, ball)
 
 
 def descended(problem: ContactProblem) -> ContactSolution:
@@ -52,7 +55,10 @@ def block(dim: int, seed: int = 0) -> ContactProblem:
         RigidPose.from_rotation_vector([0.4] if dim == 2 else [0.4, 0.1, 0], np.zeros(dim)),
     )
     F = np.eye(dim) + 0.2 * rng.normal(size=(m, dim, dim))
-    return ContactProblem(G, F, np.full(m, STIFFNESS), position, -float(ball(position).value.min()), ball)
+    compliance = NodalCompliance.at_nodes(G, dim)
+    return ContactProblem(
+        compliance, F, np.full(m, STIFFNESS), position, -float(ball(position).value.min()), ball
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -64,7 +70,7 @@ def test_forces_and_displacements_are_in_balance(dim):
     pressure = problem.stiffness * np.maximum(0.0, -distance.value) ** 2
     force = pressure[:, None] * distance.gradient
     rest_force = np.einsum("jab,ja->jb", problem.carriers, force)
-    v = (problem.compliance @ rest_force.ravel()).reshape(force.shape)
+    v = (dense(problem.compliance, dim) @ rest_force.ravel()).reshape(force.shape)
     displacement = np.einsum("jab,jb->ja", problem.carriers, v)
     scale = np.abs(found.displacement).max()
     # Solved to 1e-5 of the deepest penetration; pressure, quadratic in what remains of it, amplifies that.
@@ -97,7 +103,7 @@ def test_a_node_stays_on_the_side_that_it_came_from():
     slab = PosedCollider(Box([0.02, 0.02, 2e-3], name="slab"), RigidPose.identity(3))
     past_the_middle = np.array([[0.0, 0.0, -4e-4]])
     problem = ContactProblem(
-        A * np.eye(3), np.eye(3)[None], np.array([STIFFNESS]), past_the_middle, 1.6e-3, slab
+        SAME_ALL_WAYS, np.eye(3)[None], np.array([STIFFNESS]), past_the_middle, 1.6e-3, slab
     )
     up = np.array([1.4e-3]), np.array([[0.0, 0.0, 1.0]])
     assert problem.solve(up).displacement[0, 2] > 0.0 > problem.solve().displacement[0, 2]
@@ -107,9 +113,8 @@ def test_a_node_stays_on_the_side_that_it_came_from():
 def test_nodes_that_join_start_without_pressure(dim):
     """The solve of more nodes goes on from that of fewer, and comes to what it comes to from the start."""
     problem, every_other = block(dim), np.arange(15) % 2 == 0
-    components = np.repeat(every_other, dim)
     fewer = ContactProblem(
-        problem.compliance[np.ix_(components, components)],
+        problem.compliance.taken(np.flatnonzero(every_other), dim),
         problem.carriers[every_other],
         problem.stiffness[every_other],
         problem.position[every_other],
@@ -166,7 +171,8 @@ def test_a_point_that_slides_off_a_tip_is_followed_down():
     """A surface that yields four times as much sideways: in the middle of a tip a point is in an unstable balance. Next
     to it the energy is nearly flat, and its way down is sideways."""
     tip = PosedCollider(Sphere(2e-3, 3, "tip"), RigidPose.identity(3))
-    compliance, position = 5e-3 * np.diag([4.0, 1.0, 1.0]), np.array([[1e-5, 0.0, -1e-3]])
+    compliance = NodalCompliance.at_nodes(5e-3 * np.diag([4.0, 1.0, 1.0]), 3)
+    position = np.array([[1e-5, 0.0, -1e-3]])
     problem = ContactProblem(compliance, np.eye(3)[None], np.array([3e6]), position, 1e-3, tip)
     penetration = 2.1e-4  # of the unstable balance: e + 5e-3 * 3e6 e^2 = 1 mm
     found = problem.descend((np.array([penetration]), np.array([[1e-4, 0.0, -1.0]])))

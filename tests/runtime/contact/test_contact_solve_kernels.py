@@ -10,8 +10,9 @@ from softprint.runtime.contact.solver import contact_point_kernels as point_kern
 from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
-M = 9
+M, NODES = 9, 7
 N_ROWS = 7
 # The same sums of float64 in another order; of some ten terms of random sign.
 RTOL, ATOL = 1e-11, 1e-12
@@ -29,10 +30,12 @@ def dim(request):
 
 @pytest.fixture
 def pressed(dim):
-    """A problem and something like its solution: some nodes bear pressure, the distance is curved any way it likes."""
+    """A problem and something like its solution: some points bear pressure, the distance is curved any way it likes."""
     rng = np.random.default_rng(dim)
-    root = rng.normal(size=(M * dim, M * dim)) / np.sqrt(M * dim)
-    G = 1e-3 * (root @ root.T + 0.1 * np.eye(M * dim))
+    root = rng.normal(size=(NODES * dim, NODES * dim)) / np.sqrt(NODES * dim)
+    corners = np.array([rng.permutation(NODES)[:dim] for _ in range(M)])
+    shares = rng.dirichlet(np.ones(dim), M)
+    G = NodalCompliance(1e-3 * (root @ root.T + 0.1 * np.eye(NODES * dim)), corners, shares)
     F = np.eye(dim) + 0.2 * rng.normal(size=(M, dim, dim))
     normal = rng.normal(size=(M, dim))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -46,6 +49,24 @@ def pressed(dim):
     return problem, ContactSolution(penetration, normal, curvature, pressure, v, u, 1.0, True, 1, 0.0)
 
 
+def on_nodes(problem):
+    """N^T (NODES*dim, M*dim): what the nodes have of forces on points."""
+    dim = problem.position.shape[1]
+    N = np.zeros((M, NODES))
+    N[np.arange(M)[:, None], problem.compliance.corners] = problem.compliance.shares
+    return np.kron(N, np.eye(dim)).T
+
+
+def among_points(problem):
+    """N G N^T (M*dim, M*dim)."""
+    shared = on_nodes(problem)
+    return shared.T @ problem.compliance.among_nodes.astype(float) @ shared
+
+
+def in_precision(problem, kind):
+    return problem.compliance._replace(among_nodes=problem.compliance.among_nodes.astype(kind))
+
+
 def dense(problem, solution):
     """G_w = F G F^T and D (k*dim, k*dim) among the active nodes."""
     b, dim = solution.active, problem.position.shape[1]
@@ -55,7 +76,7 @@ def dense(problem, solution):
     size = len(b) * dim
     F, D = F.reshape(size, size), D.reshape(size, size)
     rows = (b[:, None] * dim + np.arange(dim)).ravel()
-    return F @ problem.compliance[np.ix_(rows, rows)] @ F.T, D
+    return F @ among_points(problem)[np.ix_(rows, rows)] @ F.T, D
 
 
 def contact_stiffness(problem, solution):
@@ -84,7 +105,7 @@ def test_the_factor_is_the_inverse_of_the_dense_matrix(pressed):
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_a_newton_step_solves_the_linearised_balance(pressed, kind):
     problem, solution = pressed
-    G, k, (m, dim) = problem.compliance.astype(kind), problem.stiffness, problem.position.shape
+    G, k, (m, dim) = in_precision(problem, kind), problem.stiffness, problem.position.shape
     e, pressure, v = solution.penetration, solution.pressure, solution.rest_displacement
     value, lag = -e + 1e-4, 1e-4 * np.random.default_rng(2).normal(size=(m, dim))
     at = value, solution.normal, solution.curvature
@@ -98,7 +119,7 @@ def test_a_newton_step_solves_the_linearised_balance(pressed, kind):
     force[b] = (2 * k * e * de)[b, None] * at[1][b]
     force[b] += pressure[b, None] * np.einsum("jab,jb->ja", at[2][b], moved[b])
     rest_force = np.einsum("jab,ja->jb", problem.carriers, force)
-    missed = dv + lag - (G.astype(float) @ rest_force.ravel()).reshape(m, dim)
+    missed = dv + lag - (among_points(problem) @ rest_force.ravel()).reshape(m, dim)
     # Directions that change less than that share are left out of the system.
     assert np.abs(missed).max() < solve_kernels._SLIGHT * np.abs(dv).max()
 
@@ -128,7 +149,7 @@ def test_descent_direction_is_the_newton_step_of_the_energy(pressed, dim):
     reacting = np.zeros((M, dim))
     reacting[active] = np.einsum("jab,ja->jb", problem.carriers[active], force)
     expected = balanced - phi - reacting
-    moved = -lag - (problem.compliance @ reacting.ravel()).reshape(M, dim)
+    moved = -lag - (among_points(problem) @ reacting.ravel()).reshape(M, dim)
     # Directions that change what they meet by less than that share are left out of the system.
     np.testing.assert_allclose(change, expected, atol=solve_kernels._SLIGHT * np.abs(expected).max())
     np.testing.assert_allclose(along, moved, atol=solve_kernels._SLIGHT * np.abs(moved).max())
@@ -160,19 +181,20 @@ def test_stiffness_directions_make_up_the_contact_stiffness(pressed):
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_woodbury_system(pressed, dim, kind):
-    """V^T G and L^-1 + V^T G V of some directions, two of them at one node."""
+    """Displacements of the nodes by some directions V, two of them at one point, and L^-1 + V^T G V."""
     rng = np.random.default_rng(5)
     node = np.array([0, 3, 3, M - 1])
     stiff, v = rng.normal(size=4) * 1e4, rng.normal(size=(4, dim)).astype(kind)
-    G = pressed[0].compliance.astype(kind)
-    given, K = solve_kernels.woodbury_system(G, node, stiff, v)
+    problem = pressed[0]
+    given, K = solve_kernels.woodbury_system(in_precision(problem, kind), node, stiff, v)
     V = np.zeros((M, dim, 4))
     V[node, :, np.arange(4)] = v
     V = V.reshape(M * dim, 4)
-    expected = np.diag(1.0 / stiff) + V.T @ G @ V
+    moved = (on_nodes(problem) @ V).T @ problem.compliance.among_nodes
+    expected = np.diag(1.0 / stiff) + V.T @ among_points(problem) @ V
     eps = 20 * np.finfo(kind).eps  # sums of some ten terms
     assert given.dtype == K.dtype == kind
-    np.testing.assert_allclose(given, V.T @ G, rtol=0, atol=eps * np.abs(V.T @ G).max())
+    np.testing.assert_allclose(given, moved, rtol=0, atol=eps * np.abs(moved).max())
     np.testing.assert_allclose(K, expected, rtol=0, atol=eps * np.abs(expected).max())
 
 
@@ -186,7 +208,7 @@ def test_balance(pressed, dim):
     followed = np.where(e > 0.0, e, -value)
     pressure = k * np.maximum(followed, 0.0) ** 2
     phi = np.einsum("j,jab,ja->jb", pressure, F, solution.normal)
-    lag = v - (problem.compliance @ phi.ravel()).reshape(M, dim)
+    lag = v - (among_points(problem) @ phi.ravel()).reshape(M, dim)
     residual = max(np.abs(e + value)[e > 0.0].max(), np.abs(np.einsum("jab,jb->ja", F, lag)).max())
     for own, expected in zip(found, (followed, pressure, lag, residual), strict=True):
         same(own, expected)
@@ -204,10 +226,9 @@ def test_products(pressed, dim):
     problem, solution = pressed
     v, F, weight = solution.rest_displacement, problem.carriers, np.arange(1.0, M + 1)
     some = v * (np.arange(M) % 2)[:, None]  # most points bear no force
-    same(solve_kernels.product(problem.compliance, v), (problem.compliance @ v.ravel()).reshape(v.shape))
-    same(
-        solve_kernels.product(problem.compliance, some), (problem.compliance @ some.ravel()).reshape(v.shape)
-    )
+    G = among_points(problem)
+    for forces in (v, some):
+        same(solve_kernels.product(problem.compliance, forces), (G @ forces.ravel()).reshape(v.shape))
     same(solve_kernels.pulled_back(F, weight, v), np.einsum("j,jab,ja->jb", weight, F, v))
     same(solve_kernels.to_world(F, v), np.einsum("jab,jb->ja", F, v))
 
@@ -254,16 +275,6 @@ def test_largest_norm(dim):
     expected = np.linalg.norm(u[active], axis=1).max()
     assert point_kernels.largest_norm(u, active) == pytest.approx(expected, rel=RTOL)
     assert point_kernels.largest_norm(u, active[:0]) == 0.0
-
-
-@pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_submatrix(dim, kind):
-    G = np.random.default_rng(11).normal(size=(M * dim, M * dim)).astype(kind)
-    nodes = np.array([0, 3, 8])
-    rows = (nodes[:, None] * dim + np.arange(dim)).ravel()
-    found = point_kernels.submatrix(G, nodes, dim)
-    assert found.dtype == kind
-    np.testing.assert_array_equal(found, G[np.ix_(rows, rows)])
 
 
 def test_blocks_to_world(dim):

@@ -83,13 +83,15 @@ def test_nearest_point_of_a_surface(dim):
     # nor has whether facets are searched in groups, or one by one
     order, group = grouped_by_place(x[mesh.facets].mean(axis=1))
     facets = mesh.facets[order]
-    for searched in (nearest_of(points, x, facets), nearest_of(points, x, facets, group)):
-        np.testing.assert_allclose(searched.depth, depth, atol=1e-15)
-    # of points far outside it is only said that they are
-    beyond, limited = 0.01, nearest_of(points, x, facets, group, 0.01)
+    first, own = grouped_by_place(points)
+    points, depth, beyond = points[first], depth[first], 0.01
     near = depth > -beyond
-    np.testing.assert_allclose(limited.depth[near], depth[near], atol=1e-15)
-    assert (limited.depth[~near] <= depth[~near] + 1e-15).all()
+    for groups in (None, (group, np.arange(len(points))), (group, own)):
+        np.testing.assert_allclose(nearest_of(points, x, facets, groups).depth, depth, atol=1e-15)
+        # of points far outside it is only said that they are
+        limited = nearest_of(points, x, facets, groups, beyond)
+        np.testing.assert_allclose(limited.depth[near], depth[near], atol=1e-15)
+        assert (limited.depth[~near] < -beyond).all()
     assert dim == 2 or (limited.depth < depth - 1e-6).any()
 
 

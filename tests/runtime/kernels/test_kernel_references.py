@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from softprint.runtime.compiled import REFERENCES
 from softprint.runtime.mechanics.static_condensation_kernels import SparseModes
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 from tests.kernel_files import KERNEL_FILES
 
 for _file in KERNEL_FILES:
@@ -476,11 +477,15 @@ INPUTS = {
     "mechanics.surface_compliance_kernels": {
         "apply": compliance,
         "gathered": lambda rng, dim: (rng.normal(size=(M, M, dim, dim)).astype(np.float32), some(rng)),
-        "interpolated": lambda rng, dim: (
-            symmetric_matrix(rng, M * dim),
-            np.concatenate([[[M - 1] * dim], rng.integers(0, M, (2 * M, dim))]),
-            rng.uniform(size=(2 * M + 1, dim)),
+        "dense": lambda rng, dim: (
+            NodalCompliance(
+                symmetric_matrix(rng, M * dim),
+                rng.integers(0, M, (2 * M, dim)),
+                rng.uniform(size=(2 * M, dim)),
+            ),
+            dim,
         ),
+        "submatrix": lambda rng, dim: (symmetric_matrix(rng, M * dim), some(rng), dim),
         "displacement": lambda rng, dim: (
             rng.normal(size=(M, M, dim, dim)).astype(np.float32),
             some(rng),

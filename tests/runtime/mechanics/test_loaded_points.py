@@ -7,6 +7,7 @@ from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
+from softprint.runtime.mechanics.surface_compliance_kernels import dense
 from softprint.runtime.mesh.mesh import facet_vectors
 
 EVERY_NODE = 10_000
@@ -122,12 +123,16 @@ def test_compliance_among_points_is_that_of_the_forces_on_nodes(jelly_body, comp
     rng, all_pairs = np.random.default_rng(1), compliance.among_nodes()
     local = InterpolatedCompliance(LocalCompliance(all_pairs), points)
     index = np.sort(rng.permutation(len(points))[:10])
-    G, forces = local.among(index), rng.normal(size=(10, dim))
+    G, forces = dense(local.among(index), dim), rng.normal(size=(10, dim))
     np.testing.assert_array_equal(G, G.T)
-    np.testing.assert_array_equal(local.among(index[3:]), G[3 * dim :, 3 * dim :])
+    np.testing.assert_array_equal(dense(local.among(index[3:]), dim), G[3 * dim :, 3 * dim :])
+    some = local.among(index).taken(np.arange(3, 10), dim)
+    np.testing.assert_array_equal(dense(some, dim), G[3 * dim :, 3 * dim :])
+    assert len(some.among_nodes) == dim * len(points.among(index[3:])[0])  # the nodes at their corners alone
     at = np.sort(rng.permutation(len(points))[:10])
-    by_all = local.among(np.union1d(at, index)).reshape(-1, dim, len(np.union1d(at, index)), dim)
-    here, there = (np.searchsorted(np.union1d(at, index), some) for some in (at, index))
+    both = np.union1d(at, index)
+    by_all = dense(local.among(both), dim).reshape(-1, dim, len(both), dim)
+    here, there = (np.searchsorted(both, own) for own in (at, index))
     moved = np.einsum("iajb,jb->ia", by_all[here][:, :, there], forces)
     # Rounded to float32.
     np.testing.assert_allclose(
