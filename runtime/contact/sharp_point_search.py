@@ -15,6 +15,7 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.colliders.sharp_points import sharp_points
 from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.contact.piercing_kernels import bounds, in_box
 from softprint.runtime.contact.surface_quadrature import FacetPoints
 from softprint.runtime.mesh.mesh import Mesh
 from softprint.runtime.mesh.nearest_facets import SurfaceSearch
@@ -59,8 +60,8 @@ class SharpPointSearch:
     def met(self, x: Array, pose: RigidPose, margin: float) -> Met:
         """Those deeper than -margin [m] under the surface, with nodes at x (n_nodes, dim) [m]."""
         p = pose.apply(self._points)
-        lower, upper = x.min(axis=0) - margin, x.max(axis=0) + margin
-        about = np.flatnonzero(((p > lower) & (p < upper)).all(axis=1))
+        lower, upper = bounds(x)
+        about = in_box(p, lower - margin, upper + margin)
         facet, shares, depth = self._search.nearest(p[about], x, self._near[about])
         self._near[about] = facet
         found = Met(self._points[about], p[about], facet, FacetPoints(self._facets[facet], shares), depth)

@@ -27,7 +27,6 @@ from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.surface_compliance_kernels import dense
 
-
 # Points in contact move by at most this multiple of the contact displacement between two solves: what can be predicted,
 # in as many parts as a way may be cut into.
 _FARTHEST = 4.0 * TOO_FAR
@@ -121,7 +120,8 @@ class ContactEvaluation:
             return 1.0
         moved = (contact.derivatives.position @ change.ravel()).reshape(-1, change.shape[1])
         farthest = float(np.linalg.norm(moved, axis=1).max())
-        return min(1.0, _FARTHEST * contact.solved.depth / max(farthest, np.finfo(np.float64).tiny))
+        most = _FARTHEST * contact.solved.depth
+        return 1.0 if farthest <= most else most / farthest
 
     @property
     def _active(self) -> LinearisedContact | None:

@@ -102,6 +102,18 @@ def pressed(jelly_body, dim, law, request):
     return PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose, law, learned, internal)
 
 
+def test_a_step_is_no_longer_than_contact_can_be_followed(pressed, jelly_body, dim):
+    """A translation moves every point by its length: eight times the contact displacement, and no farther."""
+    here = pressed.at()
+    along = jelly_body.handles.affine_part[:, None] * np.eye(1, dim, dim - 1)
+    depth = here.solved.depth
+    assert here.longest(7.9 * depth * along) == 1.0
+    # Static condensation is kept in single precision where nothing is internal.
+    assert here.longest(80.0 * depth * along) == pytest.approx(0.1, rel=1e-5)
+    away = pressed.at(pose=RigidPose.from_rotation_vector(np.zeros(2 * dim - 3), np.ones(dim)))
+    assert away.longest(along) == 1.0
+
+
 def test_hessian_along_some_directions(pressed):
     hessian = pressed.at().hessian
     along = np.random.default_rng(3).normal(size=(pressed.rows.size, 5))
