@@ -307,11 +307,12 @@ class CondensedContact:
         converged = solved.solution.converged
         if self.sharp is None or solved.pressed is None or not (converged and solved.is_pressed.any()):
             return None
-        x = points.bounded_positions(solved.rows)[0]
-        found = self.sharp.find(points, solved.rows, poses, x, self._dent(solved))
-        if found is None or not self.sharp.apart(solved.pressed, found, solved.active):
+        at = points, solved.rows, poses, points.bounded_positions(solved.rows)[0], self._dent(solved)
+        # Where those that bear pressure are still at their places, the others need not be found.
+        bearing = self.sharp.find(*at, among=solved.active[solved.is_pressed])
+        if bearing is None or not self.sharp.apart(solved.pressed, bearing, solved.active):
             return None
-        return found
+        return self.sharp.find(*at)
 
     def _dent(self, solved: SolvedContact) -> Dent:
         return Dent(*self.drawn_forces(solved), solved.solution.largest_displacement)

@@ -24,6 +24,7 @@ from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_poin
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.piercing_kernels import bounds, in_box
 from softprint.runtime.contact.sharp_planes import inward_normals
+from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
@@ -60,12 +61,11 @@ class Dent(NamedTuple):
 
 
 class _Undented(NamedTuple):
-    """The surface about sharp points of a collider, without the displacement by contact. sharp_points: (j, dim) [m];
-    farthest: how far contact may displace it [m]; nodes: (k,) of the surface, facets: (f, dim) between these, and their
-    groups (f,), in which they are searched; F: (k, dim, dim), positions: (k, dim) [m], and normals: (k, dim), outward,
-    of any length, of these nodes."""
+    """The surface about sharp points of a collider, without the displacement by contact. farthest: how far contact may
+    displace it [m]; nodes: (k,) of the surface, facets: (f, dim) between these, and their groups (f,), in which they
+    are searched; F: (k, dim, dim), positions: (k, dim) [m], and normals: (k, dim), outward, of any length, of these
+    nodes."""
 
-    sharp_points: Array
     farthest: float
     nodes: IntArray
     facets: IntArray
@@ -154,16 +154,27 @@ class SharpSearch:
         self._sharp = list(zip(counts[:-1].tolist(), colliders, strict=True))
 
     def find(
-        self, points: CorotatedPoints, rows: Array, poses: Poses, x: Array, dent: Dent | None
+        self,
+        points: CorotatedPoints,
+        rows: Array,
+        poses: Poses,
+        x: Array,
+        dent: Dent | None,
+        among: IntArray | None = None,
     ) -> PressedPoints | None:
         """The points pressed at handle rows (n_rows, dim), and those that soon may be; None where there are none. x:
-        approximate positions (n, dim) [m] of the contact points on the facets; dent: None without a warm start."""
+        approximate positions (n, dim) [m] of the contact points on the facets; dent: None without a warm start; among:
+        (k,) contact points of the body, ascending, to look only for those of them."""
         lower, upper = bounds(x)
         parts = []
         for first, sharp in self._sharp:
-            pose = poses[sharp.name]
-            inside = in_box(pose.apply(sharp.points), lower, upper)
-            part = self._pressed_by(sharp, inside, points, rows, pose, x, dent) if len(inside) else None
+            p = poses[sharp.name].apply(sharp.points)
+            inside = in_box(p, lower, upper)
+            which = inside if among is None else inside[are_among(inside, among - first)]
+            if not len(which):
+                continue
+            own = self._undented(sharp, p[inside], points, rows, poses[sharp.name], x, dent)
+            part = self._pressed_by(sharp, own, which, p[which], poses[sharp.name], dent)
             if part is not None:
                 parts.append((first + part[0], *part[1:]))
         if not parts:
@@ -184,21 +195,19 @@ class SharpSearch:
     def _pressed_by(
         self,
         sharp: SharpCollider,
+        own: _Undented,
         which: IntArray,
-        points: CorotatedPoints,
-        rows: Array,
+        p: Array,
         pose: RigidPose,
-        x: Array,
         dent: Dent | None,
     ) -> tuple[Array | IntArray, ...] | None:
-        """The columns of `PressedPoints`, with the numbers of its own sharp points; None where there are none."""
-        largest = 0.0 if dent is None else dent.largest
-        own = self._undented(sharp, which, points, rows, pose, x, largest)
+        """The columns of `PressedPoints`, with the numbers of its own sharp points, of some of these (j,), at p (j,
+        dim) [m]; None where there are none."""
         if not len(own.facets):
             return None
         y, soon = self._dented(own, dent), self._spacing * np.where(which < sharp.n_edges, *_SOON)
         groups = own.group, sharp.group[which]
-        facet, weights, depth = nearest_of(own.sharp_points, y, own.facets, groups, float(soon.max()))
+        facet, weights, depth = nearest_of(p, y, own.facets, groups, float(soon.max()))
         of = self._owner[own.nodes[own.facets[facet]]]
         shares = np.where(of >= 0, weights, 0.0)
         kept = np.flatnonzero((depth > -soon) & (shares.sum(axis=1) > _LEAST_SHARE))
@@ -222,19 +231,19 @@ class SharpSearch:
     def _undented(
         self,
         sharp: SharpCollider,
-        which: IntArray,
+        p: Array,
         points: CorotatedPoints,
         rows: Array,
         pose: RigidPose,
         x: Array,
-        largest: float,
+        dent: Dent | None,
     ) -> _Undented:
-        """About some sharp points of a collider (j,). largest: displacement by contact [m]. The last is kept, as these
-        are looked for again with another dent."""
+        """About sharp points of a collider, at p (j, dim) [m]. The last is kept, as these are looked for again with
+        another dent."""
+        largest = 0.0 if dent is None else dent.largest
         last, key = self._last.get(sharp.number), (points, rows, pose)
         if last is not None and all(map(operator.is_, last[0], key)) and largest <= last[1].farthest:
             return last[1]
-        p = pose.apply(sharp.points[which])
         lower, upper = bounds(p)
         farthest = _DISPLACED * largest
         margin = _AROUND * self._spacing + farthest
@@ -245,7 +254,7 @@ class SharpSearch:
         F = deformed_some(self._gradients, rows, nodes)
         normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
         positions, group = self._positions(points, rows, nodes), self._group[beside]
-        own = _Undented(p, farthest, nodes, facets, group, F, positions, normals)
+        own = _Undented(farthest, nodes, facets, group, F, positions, normals)
         self._last[sharp.number] = key, own
         return own
 

@@ -222,6 +222,22 @@ def test_a_step_presses_where_its_own_dent_is(bodies, dim):
     assert not contact.sharp.apart(jumped.solved.pressed, stayed.solved.pressed, bearing)
 
 
+def test_some_sharp_points_are_found_where_all_are(bodies, dim):
+    body, mechanics = bodies[dim]
+    law, rows, poses = PenaltyContact(STIFFNESS, 2), body.rest_rows, {"plate": upright(dim)}
+    contact = CondensedContact.of(body, mechanics, {"plate": plate(dim)}, law)
+    points = contact.in_frame(rows)
+    at = points, rows, poses, points.positions(rows), None
+    every = contact.sharp.find(*at)
+    some = contact.sharp.find(*at, among=every.index[::2])
+    np.testing.assert_array_equal(some.index, every.index[::2])
+    np.testing.assert_array_equal(some.corners, every.corners[::2])
+    # Round-off of products of other shapes.
+    np.testing.assert_allclose(some.weights, every.weights[::2], atol=1e-12)
+    np.testing.assert_allclose(some.direction, every.direction[::2], atol=1e-12)
+    assert contact.sharp.find(*at, among=np.arange(5)) is None  # of points on the facets
+
+
 def test_how_a_box_bears(dim):
     """An edge bears against every push between the normals of its faces, a face only along its own normal."""
     box, spacing = Box([0.01] * dim, 1e-5, "box"), 0.003
