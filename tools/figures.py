@@ -218,7 +218,7 @@ FIGURES: Mapping[str, Figure] = {
     ),
     "verify": Figure(("softprint verify",), (RESULTS,)),
     "speed_small": Figure(("softprint bench examples/jelly3d_small.toml --cores 2",), (README,), ("demo",)),
-    "speed": Figure((f"python -m benchmarks.bodies_speed {_BODIES} --cores 2",), (RESULTS,)),
+    "speed": Figure((f"python -m benchmarks.bodies_speed {_BODIES} --no-full --cores 2",), (RESULTS,)),
     "speed_one_core": Figure((f"python -m benchmarks.bodies_speed {_BODIES} --no-full",), (RESULTS,)),
     "first_step": Figure(("python -m benchmarks.first_step",), (RESULTS,)),
     "truth_scale": Figure(("python -m benchmarks.truth_scale",), (RESULTS,)),
