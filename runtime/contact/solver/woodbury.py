@@ -102,7 +102,8 @@ class WoodburyFactor:
         """Displacements (k*dim, n) of the points, by those of the nodes."""
         _, corners, shares = self._compliance
         by_node = moved.reshape(-1, self._dim * moved.shape[1])
-        return means(by_node, corners, shares).reshape(-1, moved.shape[1])
+        at_points = means(by_node, corners, shares).reshape(-1, moved.shape[1])
+        return at_points.astype(self.dtype, copy=False)
 
     def _by_point(self, vectors: Floats) -> Floats:
         """(k, dim*n) of (k*dim, n)."""
