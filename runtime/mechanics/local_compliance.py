@@ -44,11 +44,6 @@ class LocalCompliance:
         nothing = np.empty((0, 0), dtype=np.float32)
         self._last: tuple[IntArray, NDArray[np.float32]] = np.empty(0, dtype=np.int64), nothing
 
-    @property
-    def dtype(self) -> np.dtype[np.float32]:
-        """The type of the compliance."""
-        return self._all_pairs.dtype
-
     def among(self, nodes: IntArray) -> NDArray[np.float32]:
         """G (m*dim, m*dim) [m/N] among the nodes (m,)."""
         last = self._last  # read once, as another thread may replace it

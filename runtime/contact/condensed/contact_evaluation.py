@@ -27,8 +27,8 @@ from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.surface_compliance_kernels import dense
 
-# Points in contact move by at most this multiple of the contact displacement between two solves: what can be predicted,
-# in as many parts as a way may be cut into.
+# Points in contact move by at most this multiple of the contact displacement between two solves: as far as a prediction
+# reaches, in each of the four parts that `CondensedContact` may cut a way into.
 _FARTHEST = 4.0 * TOO_FAR
 
 

@@ -61,9 +61,8 @@ class WoodburyFactor:
     def rest_displacement(self, forces: Floats) -> Floats:
         """G phi, the displacements by forces phi, both in rest coordinates."""
         G, corners, shares = self._compliance
-        on_nodes = shared(
-            self._by_point(forces.astype(self.dtype, copy=False)), corners, shares, len(G) // self._dim
-        )
+        by_point = forces.astype(self.dtype, copy=False).reshape(-1, self._dim * forces.shape[1])
+        on_nodes = shared(by_point, corners, shares, len(G) // self._dim)
         return self._at_points(G @ on_nodes.reshape(len(G), -1))
 
     def to_world(self, v: Floats) -> Floats:
@@ -104,7 +103,3 @@ class WoodburyFactor:
         by_node = moved.reshape(-1, self._dim * moved.shape[1])
         at_points = means(by_node, corners, shares).reshape(-1, moved.shape[1])
         return at_points.astype(self.dtype, copy=False)
-
-    def _by_point(self, vectors: Floats) -> Floats:
-        """(k, dim*n) of (k*dim, n)."""
-        return vectors.reshape(-1, self._dim * vectors.shape[1])
