@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -61,23 +62,42 @@ def test_the_part_of_a_rank_alone_is_the_body_itself(jelly_body):
     np.testing.assert_array_equal(part.frame_nodes, np.sort(jelly_body.handles.frame_nodes))
 
 
-@pytest.fixture(scope="module", params=[2, 3], ids=["two_ranks", "three_ranks"])
-def by_rank(request):
-    """The results of each rank in `split_solves.py`."""
-    done = under_mpirun(request.param, Path(__file__).with_name("split_solves.py"))
-    assert done.returncode == 0, done.stderr
-    results = json.loads(done.stdout)
-    assert len(results) == request.param
-    return results
+# ranks, dimension, material, refinement of contact. With three ranks one part has a seam on both sides; in the plane
+# alone, since ranks that wait for each other on two cores are slow.
+CASES = {
+    2: ("2 stable_neo_hookean 0", "3 stable_neo_hookean 0", "3 stable_neo_hookean 3", "2 linear 2"),
+    3: ("2 stable_neo_hookean 0", "2 linear 2"),
+}
 
 
-# dimension, material, refinement of contact
-CASES = ["2 stable_neo_hookean 0", "3 stable_neo_hookean 0", "3 stable_neo_hookean 3", "2 linear 2"]
+@pytest.fixture(scope="module")
+def solved():
+    """The results of each rank in `split_solves.py`, of all cases with so many ranks."""
+
+    @cache
+    def by_rank(ranks):
+        done = under_mpirun(ranks, Path(__file__).with_name("split_solves.py"), *CASES[ranks])
+        assert done.returncode == 0, done.stderr
+        results = json.loads(done.stdout)
+        assert len(results) == ranks
+        return results
+
+    return by_rank
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_a_partitioned_body_has_the_solutions_of_the_whole(by_rank, case):
-    result, tight = by_rank[0][case], 1e-8 if case.endswith("0") else 1e-5
+@pytest.fixture(
+    params=[(ranks, case) for ranks, cases in CASES.items() for case in cases],
+    ids=lambda param: f"{param[0]} ranks, {param[1]}",
+)
+def by_rank(request, solved):
+    """The results of each rank in one case."""
+    ranks, case = request.param
+    return [results[case] for results in solved(ranks)]
+
+
+def test_a_partitioned_body_has_the_solutions_of_the_whole(by_rank):
+    result = by_rank[0]
+    tight = 1e-5 if result["refined"] else 1e-8
     assert result["converged"]
     assert result["depths"][0] > 1e-3  # there is contact [m]
     for name, difference in result["differences"].items():
@@ -88,22 +108,19 @@ def test_a_partitioned_body_has_the_solutions_of_the_whole(by_rank, case):
         np.testing.assert_allclose(numbers[0], numbers[1], rtol=tight)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_a_partitioned_body_takes_as_many_iterations(by_rank, case):
+def test_a_partitioned_body_takes_as_many_iterations(by_rank):
     """In exact arithmetic both are the same; round-off may change the iteration in which a tolerance is met."""
-    newton, cg = (np.array(by_rank[0][case][counted]) for counted in ("newton", "cg"))
+    newton, cg = (np.array(by_rank[0][counted]) for counted in ("newton", "cg"))
     assert (newton > 0).all()
     assert np.abs(newton[1] - newton[0]).max() <= 1
     np.testing.assert_allclose(cg[1], cg[0], rtol=0.2)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_every_rank_has_its_part_and_gets_the_same_bits(by_rank, case):
-    assert sum(result[case]["cells"] for result in by_rank) == by_rank[0][case]["all cells"]
-    assert (
-        max(result[case]["cells"] for result in by_rank) <= by_rank[0][case]["all cells"] / len(by_rank) + 1
-    )
-    assert len({result[case]["answer"] for result in by_rank}) == 1
+def test_every_rank_has_its_part_and_gets_the_same_bits(by_rank):
+    cells = [result["cells"] for result in by_rank]
+    assert sum(cells) == by_rank[0]["all cells"]
+    assert max(cells) <= by_rank[0]["all cells"] / len(by_rank) + 1
+    assert len({result["answer"] for result in by_rank}) == 1
 
 
 FAILS = """

@@ -35,7 +35,7 @@ def encode(pixels: NDArray[np.uint8], alt: str) -> Picture:
     """Encode (height, width, 3 or 4) pixels; the fourth channel is opacity."""
     image = Image.fromarray(pixels)
     buffer = io.BytesIO()
-    image.save(buffer, format="WEBP", quality=_QUALITY, method=5)
+    image.save(buffer, format="WEBP", quality=_QUALITY, method=2)
     return Picture(buffer.getvalue(), "image/webp", image.width, image.height, alt)
 
 

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,10 +57,12 @@ def _from_above(mesh: Mesh, collider: Collider, pose: RigidPose) -> bool:
     return bool(middle > lower + _LOW * (upper - lower))
 
 
+@cache
 def gl_problem() -> str:
     """The reason why PyVista cannot draw off screen here; empty if it can.
 
-    Tested in a separate process, because a missing GL driver ends the process instead of raising an exception.
+    Tested in a separate process, because a missing GL driver ends the process instead of raising an exception, and once
+    only, as that takes seconds.
     """
     environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}
     try:
@@ -249,7 +251,10 @@ def _moved_inside(centre: Array, normal: Array, positions: Array) -> Array:
 def _shot(build: Callable[["pv.Plotter"], None], alt: str, from_above: bool = True) -> Picture:
     import pyvista as pv
 
-    plotter = pv.Plotter(off_screen=True, window_size=list(_SIZE), lighting="none")
+    plotter = _plotter()
+    plotter.suppress_rendering = True  # until all is added
+    plotter.clear_actors()
+    plotter.remove_all_lights()
     for position, intensity in (((1, -2, 3), 0.7), ((-3, -2, 1), 0.42), ((3, -1, 0.5), 0.3)):
         right, back, up = position
         light = pv.Light(
@@ -258,10 +263,20 @@ def _shot(build: Callable[["pv.Plotter"], None], alt: str, from_above: bool = Tr
         light.positional = False
         plotter.add_light(light)
     build(plotter)
-    plotter.enable_anti_aliasing("ssaa")
+    plotter.suppress_rendering = False
+    plotter.render()
     pixels = plotter.screenshot(None, transparent_background=True, return_img=True)
-    plotter.close()
     return encode(np.asarray(pixels, dtype=np.uint8), alt)
+
+
+@cache
+def _plotter() -> "pv.Plotter":
+    """The same for all pictures: a new one costs as much as the drawing."""
+    import pyvista as pv
+
+    plotter = pv.Plotter(off_screen=True, window_size=list(_SIZE), lighting="none")
+    plotter.enable_anti_aliasing("ssaa")
+    return plotter
 
 
 def _unit(vector: Array) -> Array:

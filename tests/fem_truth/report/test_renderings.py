@@ -78,6 +78,18 @@ def test_pictures_by_gl(jelly3d_body):
         assert 0.1 < np.mean(opacity > 0) < 0.95
 
 
+def test_a_picture_does_not_depend_on_those_before(jelly3d_body):
+    """All are drawn in one window, one after the other."""
+    if gl_problem():
+        pytest.skip("off-screen OpenGL does not work here")
+    scene = (jelly3d_body, None, RigidPose(np.eye(3), np.array([0, 0, 0.07])), np.array([0, 0, 0.06]))
+    renderings._plotter.cache_clear()
+    first = all_views(GlRenderer(jelly3d_body.mesh, Sphere(0.02, 3)), scene)
+    all_views(GlRenderer(jelly3d_body.mesh, Sphere(0.03, 3), from_above=False), scene)
+    again = all_views(GlRenderer(jelly3d_body.mesh, Sphere(0.02, 3)), scene)
+    assert [picture.data for picture in again] == [picture.data for picture in first]
+
+
 def test_a_contact_at_the_rim_is_cut_through_the_body(jelly3d_body):
     """Of several models at one contact, some do not reach as far: through the contact, a plane misses their bodies, and
     it may miss the collider, too."""
@@ -96,6 +108,7 @@ def test_without_gl_the_report_says_so_and_still_draws(jelly3d_body, monkeypatch
         [], -6, "", "some text\nlibEGL.so.1: cannot open shared object file\n"
     )
     monkeypatch.setattr(renderings.subprocess, "run", lambda *args, **kwargs: failed)
+    monkeypatch.setattr(renderings, "gl_problem", gl_problem.__wrapped__)  # not what was found before
     renderer = make_renderer(jelly3d_body.mesh, Sphere(0.02, 3), RigidPose.identity(3))
     assert isinstance(renderer, FlatRenderer)
     assert "libEGL.so.1: cannot open" in renderer.description
