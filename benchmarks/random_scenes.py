@@ -55,7 +55,6 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
-from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
 from softprint.runtime.rigid import free_collider
 from softprint.runtime.shapes import SHAPES
@@ -105,8 +104,6 @@ class Scenes:
                 run / "corrections" / f"{model}.safetensors", self.body, self.mechanics
             )
         self.law = PenaltyContact.of(self.experiment.contact)
-        compliance = self.mechanics.surface_compliance
-        self.points = LoadedPoints.of_compliance(self.body, compliance, self.law.reduced_points)
         self.top = float(self.body.mesh.points[:, -1].max())
         self.reach = self.body.mesh.points[:, :-1].max(axis=0)
 
@@ -166,21 +163,9 @@ class Scenes:
         touching = [c for c in simulator.colliders if self._is_near(c.collider, result.state.poses[c.name])]
         if not touching:
             return 0.0
-        x = self._positions(simulator, result.state)
+        x = simulator.positions(result.state)
         points = {c.name: result.state.poses[c.name].apply(_points(c.collider)) for c in touching}
         return max(intrusion(there, self.body.mesh, x).depth for there in points.values())
-
-    def _positions(self, simulator: Simulator, state: ReducedState) -> Array:
-        """(n_nodes, dim) [m], with the displacement by condensed contact."""
-        x, solved = simulator.positions(state), state.contact
-        if solved is None or any(c.correction is not None for c in simulator.colliders):
-            return x
-        pressed, points = solved.pressed, self.points
-        if pressed is not None:
-            points = points.followed_by(pressed.index, pressed.nodes, pressed.shares)
-        v = self.mechanics.surface_compliance.apply(*points.to_nodes(solved.active, solved.rest_force))
-        F = np.einsum("nrj,ra->naj", self.body.node_points().basis_gradient, state.rows)
-        return x + np.einsum("naj,nj->na", F, v)
 
     def _is_near(self, collider: Collider, pose: RigidPose) -> bool:
         reach = 2.0 * collider.size
