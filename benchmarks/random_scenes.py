@@ -152,26 +152,11 @@ class Scenes:
         if step % CHECKED_EVERY or not result.converged:
             return
         counted.checked += 1
-        deepest = self._deepest(simulator, result)
+        deepest = deepest_inside(simulator, result.state)
         counted.worst = max(counted.worst, deepest)
         if deepest > SILENT * simulator.pierced_from:
             counted.silent += 1
             counted.first_silent = counted.first_silent or [step]
-
-    def _deepest(self, simulator: Simulator, result: StepResult[ReducedState]) -> float:
-        """How deep a collider is inside the body, by all of its cells [m]."""
-        touching = [c for c in simulator.colliders if self._is_near(c.collider, result.state.poses[c.name])]
-        if not touching:
-            return 0.0
-        x = simulator.positions(result.state)
-        points = {c.name: result.state.poses[c.name].apply(_points(c.collider)) for c in touching}
-        return max(intrusion(there, self.body.mesh, x).depth for there in points.values())
-
-    def _is_near(self, collider: Collider, pose: RigidPose) -> bool:
-        reach = 2.0 * collider.size
-        return bool((np.abs(pose.translation[:-1]) < self.reach + reach).all()) and bool(
-            -reach < pose.translation[-1] < self.top + reach
-        )
 
     def _shape(self, rng: np.random.Generator, name: str) -> Collider:
         size = float(rng.choice([0.003, 0.006, 0.012, 0.02, 0.03]))
@@ -201,6 +186,24 @@ class Scenes:
         return PlacedCollider(
             "led", shape, path=KeyframedPath(times, np.column_stack([across, height]), turns)
         )
+
+
+def deepest_inside(simulator: Simulator, state: ReducedState) -> float:
+    """How deep a collider is inside the body, by all of its cells as they are drawn [m]; 0 where none is."""
+    body, places = simulator.body, [(c.collider, state.poses[c.name]) for c in simulator.colliders]
+    touching = [(collider, pose) for collider, pose in places if _is_near(body, collider, pose)]
+    if not touching:
+        return 0.0
+    x = simulator.positions(state)
+    found = (intrusion(pose.apply(_points(collider)), body.mesh, x) for collider, pose in touching)
+    return max(one.depth for one in found)
+
+
+def _is_near(body: ReducedBody, collider: Collider, pose: RigidPose) -> bool:
+    upper, reach = body.mesh.points.max(axis=0), 2.0 * collider.size
+    return bool((np.abs(pose.translation[:-1]) < upper[:-1] + reach).all()) and bool(
+        -reach < pose.translation[-1] < upper[-1] + reach
+    )
 
 
 @lru_cache(maxsize=1024)
