@@ -69,17 +69,20 @@ class DeformedSurface(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Piercing:
-    """A collider inside a body. depth: of its deepest point [m]; point: where that is (dim,) [m]."""
+    """A collider inside a body. depth: of its deepest point [m]; point: where that is (dim,) [m]; refused: whether it
+    would be there, in an iterate that was refused."""
 
     collider: str
     depth: float
     point: Array
+    refused: bool = False
 
     @property
     def sentence(self) -> str:
         """Which collider is how deep inside, and where."""
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.point)
-        return f"collider {self.collider!r} is {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
+        be = "would be" if self.refused else "is"
+        return f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
 
 
 class PiercingSearch:

@@ -164,7 +164,7 @@ class FreeColliderLimit(Generic[Evaluation]):
         ):
             for name, piercing in found.items():
                 if piercing.depth > at_most.get(name, 0.0):
-                    self.refused = piercing
+                    self.refused = replace(piercing, refused=True)
                     return False
         return True
 
