@@ -222,7 +222,7 @@ class Simulator:
             return found.deformed_positions(index, of, state.friction)
 
         slip = SlipStart(body.positions, state.poses, h, contact_points, lambda: body.surface.sharp.x)
-        return SlidingStep(slip, self.settings.friction_updates)
+        return SlidingStep(slip, self.settings.friction_updates, state.friction)
 
     def _contact_at(self, state: ReducedState, body: BodyEvaluation) -> ContactEvaluation | None:
         """The condensed contact of a state: the stored one if it was solved at the rows of the state."""

@@ -54,6 +54,32 @@ def means(values: Array, corners: IntArray, weights: Array) -> Array:
     return result.reshape((m,) + values.shape[1:])  # noqa: RUF005 (the compiler knows no unpacking)
 
 
+def _blocks_on_nodes(blocks: Array, corners: IntArray, weights: Array, n_nodes: int) -> Array:
+    result = np.zeros((n_nodes, blocks.shape[1], n_nodes, blocks.shape[2]))
+    for corner, weight, block in zip(corners, weights, blocks, strict=True):
+        for a, b in np.ndindex(len(corner), len(corner)):
+            result[corner[a], :, corner[b]] += weight[a] * weight[b] * block
+    size = n_nodes * blocks.shape[1]
+    return result.reshape(size, size)
+
+
+@summing(reference=_blocks_on_nodes)
+def blocks_on_nodes(blocks: Array, corners: IntArray, weights: Array, n_nodes: int) -> Array:
+    """N^T S N (n_nodes*dim, n_nodes*dim) of blocks S (m, dim, dim) of points, with their weights N (m, c) in nodes."""
+    m, c = corners.shape
+    dim = blocks.shape[1]
+    result = np.zeros((n_nodes * dim, n_nodes * dim))
+    for p in range(m):
+        for a in range(c):
+            for b in range(c):
+                share = weights[p, a] * weights[p, b]
+                row, column = corners[p, a] * dim, corners[p, b] * dim
+                for i in range(dim):
+                    for j in range(dim):
+                        result[row + i, column + j] += share * blocks[p, i, j]
+    return result
+
+
 def _both(x: Array, reach: Array, corners: IntArray, weights: Array) -> tuple[Array, Array]:
     return _weighted(x, corners, weights), _weighted(reach, corners, weights)
 

@@ -1,16 +1,20 @@
 """Friction on points that give way: a friction potential and the compliance of the surface in series.
 
-Friction forces on the body, t along the tangents E of points when normal forces were fixed, displace these points in
-rest coordinates by V t, V = G A0^T E, as contact forces do. What friction feels is the slip of the displaced points
+Contact points lie between contact nodes, which are fewer, so that what gives way is computed there: with the compliance
+G = L L^T among the nodes and the shares N of the points in them, nodal forces phi displace the points in rest
+coordinates by N G phi = V s, with V = N L and s = L^T phi, and store the energy phi . G phi / 2 = s . s / 2. What
+friction feels is the slip of the displaced points
 
-    x(q, t) = y(q) + A(q) V t,      A(q) = A0 + s (F(q) - F0),
+    x(q, s) = y(q) + A(q) V s,
 
 so that the energy of friction, and of the displacement, is
 
-    E(q) = min_t  D(x(q, t)) + 1/2 t . C t,      C = E^T A0 G A0^T E,
+    E(q) = min_s  D(x(q, s)) + 1/2 s . s,
 
-with D the lagged potential of `runtime/contact/friction.py`: convex in t, and not changed where body and collider
-rotate together. With g = dD/dx, H = d2D/dx2, J = dx/dq, T = A V, K = T^T H T + C and M = T^T H J + g . dA V
+with D the lagged potential of `runtime/contact/friction.py`: convex in s, and not changed where body and collider
+rotate together. At the minimum phi = -N^T A^T g are the friction forces of the points, with g = dD/dx, so that they are
+tangential though s is not bound to be. With H = d2D/dx2, J = dx/dq, T = A V, K = T^T H T + 1 and
+M = T^T H J + g . dA V
 
     dE/dq = J^T g,      d2E/dq2 = J^T H J - M^T K^-1 M.
 
@@ -23,7 +27,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -33,6 +37,8 @@ from softprint.runtime.contact.carriers.carriers import pulled_back_along
 from softprint.runtime.contact.friction import FrictionTerms
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.chain_rule import through_jacobian
+from softprint.runtime.linalg.means import blocks_on_nodes, means
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 log = logging.getLogger(__name__)
 
@@ -42,71 +48,81 @@ _ITERATIONS = 50
 _SHORTEST = 1e-8
 # Of the energy, what may be round-off.
 _ROUND_OFF = 1e-12
-# Points between nodes do not move independently of each other: C is regularised by this fraction of its mean diagonal,
-# some tens of times the round-off of its single precision.
+# The compliance is regularised by this fraction of its mean diagonal, some tens of times the round-off of its single
+# precision.
 _DAMPED = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class TangentCompliance:
-    """How k points give way along their tangents, n = k (dim-1) in all. load: A0^T E (k, dim, dim-1), rest forces by
-    those along the tangents; moved: V (k*dim, n) [m/N], displacements by them, in rest coordinates; matrix: C (n, n)
-    [m/N]."""
+class FactoredCompliance:
+    """How k points give way, by the m contact nodes at their corners, n = m dim. of: the compliance among the points
+    [m/N]; factor: L (n, n), lower; moved: V (k*dim, n), displacements of the points in rest coordinates."""
 
-    load: Array
+    of: NodalCompliance
+    dim: int
+    factor: Array
     moved: Array
-    matrix: Array
 
     @classmethod
-    def of(cls, compliance: Array, carrier: Array, normal: Array) -> TangentCompliance:
-        """From the compliance G (k*dim, k*dim) [m/N], carriers A0 (k, dim, dim) and unit normals (k, dim)."""
-        k, dim = normal.shape
-        n = k * (dim - 1)
-        load = carrier.swapaxes(1, 2) @ _tangents(normal)
-        moved = np.einsum("njb,jbc->njc", compliance.reshape(k * dim, k, dim), load).reshape(k * dim, n)
-        matrix = (load.swapaxes(1, 2) @ moved.reshape(k, dim, n)).reshape(n, n)
-        damped = _DAMPED * np.trace(matrix) / max(n, 1) * np.eye(n)
-        return cls(load, moved, 0.5 * (matrix + matrix.T) + damped)
+    def factored(cls, compliance: NodalCompliance, dim: int) -> FactoredCompliance:
+        """From the compliance among the points [m/N]."""
+        G = compliance.among_nodes.astype(np.float64)
+        n, k = len(G), len(compliance.corners)
+        if not n:
+            return cls(compliance, dim, G, G)
+        factor = np.linalg.cholesky(0.5 * (G + G.T) + _DAMPED * np.trace(G) / n * np.eye(n))
+        moved = means(factor.reshape(n // dim, dim, n), compliance.corners, compliance.shares)
+        return cls(compliance, dim, factor, moved.reshape(k * dim, n))
 
-    def displacement(self, force: Array) -> Array:
-        """V t (k, dim) [m], in rest coordinates, of t (n,) [N]."""
-        return np.asarray((self.moved @ force).reshape(self.load.shape[:2]))
+    def displacement(self, s: Array) -> Array:
+        """V s (k, dim) [m], in rest coordinates, of s (n,) [J^1/2]."""
+        return np.asarray((self.moved @ s).reshape(-1, self.dim))
 
-    def rest_forces(self, force: Array) -> Array:
-        """(k, dim) [N] of t (n,) [N]."""
-        k, _, count = self.load.shape
-        return np.asarray((self.load @ force.reshape(k, count, 1))[..., 0])
+    def stored(self, forces: Array) -> Array:
+        """s = L^T phi (n,) of forces phi (m, dim) [N] on the nodes, in rest coordinates."""
+        return np.asarray(self.factor.T @ forces.ravel())
+
+    def held(self, stiffness: Array) -> Array:
+        """V^T S V (n, n) of stiffnesses S (k, dim, dim) [N/m] of the points."""
+        n_nodes = len(self.factor) // self.dim
+        on_nodes = blocks_on_nodes(stiffness, self.of.corners, self.of.shares, n_nodes)
+        return np.asarray(self.factor.T @ (on_nodes @ self.factor))
 
 
 @dataclass(frozen=True, eq=False)
 class CompliantFriction:
     """Friction of k points that has settled. terms: of D at the displaced points; compliance: of these; carrier: A (k,
-    dim, dim); force: t (n,) [N]; position: x (k, dim) [m]; converged: whether friction and compliance balance."""
+    dim, dim); stored: s (n,) [J^1/2]; position: x (k, dim) [m]; converged: whether friction and compliance balance."""
 
     terms: FrictionTerms
-    compliance: TangentCompliance
+    compliance: FactoredCompliance
     carrier: Array
-    force: Array
+    stored: Array
     position: Array
     converged: bool
 
     @property
     def energy(self) -> float:
         """E [J]: what friction takes, and what is stored in the displacement."""
-        return self.terms.energy + 0.5 * float(self.force @ self.compliance.matrix @ self.force)
+        return self.terms.energy + 0.5 * float(self.stored @ self.stored)
 
     @property
     def rest_displacement(self) -> Array:
-        """V t (k, dim) [m]."""
-        return self.compliance.displacement(self.force)
+        """V s (k, dim) [m]."""
+        return self.compliance.displacement(self.stored)
+
+    @property
+    def rest_forces(self) -> Array:
+        """-A^T g (k, dim) [N]: of friction on the body, in rest coordinates."""
+        return -np.asarray((self.carrier.swapaxes(1, 2) @ self.terms.gradient[..., None])[..., 0])
 
     @property
     def slope(self) -> Array:
-        """dE/dt (n,) [m]."""
-        return np.asarray(self._along(self.terms.gradient) + self.compliance.matrix @ self.force)
+        """dE/ds (n,) [J^1/2]."""
+        return np.asarray(self._along(self.terms.gradient) + self.stored)
 
     def newton_step(self) -> Array:
-        """The change of t (n,) [N] of one Newton iteration."""
+        """The change of s (n,) of one Newton iteration."""
         return -np.asarray(scipy.linalg.cho_solve(self._factor, self.slope))
 
     def through(self, jacobian: Array, carried: Array) -> tuple[Array, Array]:
@@ -140,54 +156,38 @@ class CompliantFriction:
     @lazy
     def _factor(self) -> tuple[Array, bool]:
         """The Cholesky factor of K."""
-        k, dim, _ = self.terms.hessian.shape
         held = self.carrier.swapaxes(1, 2) @ self.terms.hessian @ self.carrier
-        moved = self.compliance.moved
-        stiff = moved.T @ (held @ moved.reshape(k, dim, -1)).reshape(k * dim, -1)
-        return scipy.linalg.cho_factor(stiff + self.compliance.matrix)
+        return scipy.linalg.cho_factor(self.compliance.held(held) + np.eye(len(self.stored)))
 
 
 def settle(
     friction: Callable[[Array], FrictionTerms],
     position: Array,
     carrier: Array,
-    compliance: TangentCompliance,
+    compliance: FactoredCompliance,
     start: Array | None = None,
 ) -> CompliantFriction:
     """The friction of points at y (k, dim) [m], with carriers A (k, dim, dim), that give way. friction: the terms of D
-    at positions; start: t (n,) [N] to start from, zero by default. Newton's method with a line search; logs a warning
-    where it does not converge."""
+    at positions; start: s (n,) to start from, unless zero has less energy. Newton's method with a line search; logs a
+    warning where it does not converge."""
 
-    def at(t: Array, converged: bool = False) -> CompliantFriction:
-        x = position + (carrier @ compliance.displacement(t)[..., None])[..., 0]
-        return CompliantFriction(friction(x), compliance, carrier, t, x, converged)
+    def at(s: Array) -> CompliantFriction:
+        x = position + (carrier @ compliance.displacement(s)[..., None])[..., 0]
+        return CompliantFriction(friction(x), compliance, carrier, s, x, converged=False)
 
-    found = at(np.zeros(len(compliance.matrix)) if start is None else start)
+    tried = [at(s) for s in (np.zeros(len(compliance.factor)), start) if s is not None]
+    found = min(tried, key=lambda one: one.energy)
     for _ in range(_ITERATIONS):
-        t, slope = found.force, found.slope
-        largest = np.abs(slope - compliance.matrix @ t).max(initial=0.0)
+        s, slope = found.stored, found.slope
+        largest = np.abs(slope - s).max(initial=0.0)
         if np.abs(slope).max(initial=0.0) <= _TOLERANCE * largest:
-            return at(t, converged=True)
+            return replace(found, converged=True)
         step = found.newton_step()
         energy, along, length = found.energy, float(slope @ step), 1.0
         while length > _SHORTEST:
-            found = at(t + length * step)
+            found = at(s + length * step)
             if found.energy <= energy + 1e-4 * length * along + _ROUND_OFF * abs(energy):
                 break
             length *= 0.5
     log.warning("the friction of points that give way did not converge after %d iterations", _ITERATIONS)
     return found
-
-
-def _tangents(normal: Array) -> Array:
-    """E (k, dim, dim-1): orthonormal tangents of unit normals (k, dim)."""
-    if normal.shape[1] == 2:
-        return np.stack([-normal[:, 1], normal[:, 0]], axis=1)[..., None]
-    # Duff et al. 2017: a basis without a branch that is near to singular.
-    x, y, z = normal.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
-    second = np.stack([b, sign + y * y * a, -y], axis=1)
-    return np.stack([first, second], axis=2)

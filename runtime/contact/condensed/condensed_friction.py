@@ -1,11 +1,12 @@
 """Friction of condensed contact, at its active points.
 
-An active point sits at x(q) + A(q) (v + V t), with v its displacement by frictionless contact and V t that by friction,
+An active point sits at x(q) + A(q) (v + V s), with v its displacement by frictionless contact and V s that by friction,
 in rest coordinates. Lagged Coulomb friction (`runtime/contact/friction.py`) fixes the normal forces p |g| and the
-normals g / |g| of the last contact solve, v, and the compliance along the tangents. Friction and this compliance in
-series (`compliant_friction.py`) are then an ordinary potential of the handle rows q,
+normals g / |g| of the last contact solve, and v. Friction and the compliance of the surface in series
+(`compliant_friction.py`) are then an ordinary potential of the handle rows q,
 
-    D(q) = min_t  sum_j mu N_j f0(|P_j s_j|) + 1/2 t . C t,    s_j = x_j + A_j (v + V t)_j - T_end T_start^-1 x_j,start.
+    D(q) = min_s  sum_j mu N_j f0(|P_j d_j|) + 1/2 s . s,
+    d_j  = x_j + A_j (v + V s)_j - T_end T_start^-1 x_j,start.
 
 x_start are the positions of the same points at the start of the step, with the displacements of that state by contact
 and by friction: a dent that travels over the body slips as far as its points do. For this a state stores the friction
@@ -20,12 +21,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.contact.collider_coupling import Centres, Coupling
 from softprint.runtime.contact.condensed.compliant_friction import (
     CompliantFriction,
-    TangentCompliance,
+    FactoredCompliance,
     settle,
 )
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
@@ -42,12 +43,20 @@ class CondensedFriction:
 
     law: CoulombFriction
 
-    def lag(self, contact: ContactEvaluation, poses: Poses, start: SlipStart) -> dict[str, SlidingPoints]:
-        """Fix the active points of a contact by collider, with the colliders at their poses at the end of the step."""
-        return {name: self._lagged(name, contact, poses[name], start) for name in contact.colliders}
+    def lag(
+        self, contact: ContactEvaluation, poses: Poses, start: SlipStart, last: FrictionForces | None = None
+    ) -> dict[str, SlidingPoints]:
+        """Fix the active points of a contact by collider, with the colliders at their poses at the end of the step.
+        last: friction that is near, from which that here settles; None for zero."""
+        return {name: self._lagged(name, contact, poses[name], start, last) for name in contact.colliders}
 
     def _lagged(
-        self, name: str, contact: ContactEvaluation, pose: RigidPose, start: SlipStart
+        self,
+        name: str,
+        contact: ContactEvaluation,
+        pose: RigidPose,
+        start: SlipStart,
+        last: FrictionForces | None,
     ) -> SlidingPoints:
         active = contact.active_points(name)
         length = np.linalg.norm(active.normal, axis=1)
@@ -61,15 +70,17 @@ class CondensedFriction:
             pose=pose,
         )
         surface, carrier = active.surface(), contact.every.carriers(contact.rows, active.index)
+        compliance = FactoredCompliance.factored(surface.compliance, normal.shape[1])
         sliding = SlidingPoints(
             lagged,
             active.index,
             contact,
             surface,
             active.position - to_world(carrier, surface.displacement),
-            TangentCompliance.of(surface.compliance, carrier, normal),
+            compliance,
+            None if last is None else compliance.stored(_at_nodes(last, contact, active.index)),
         )
-        return replace(sliding, start=self.settled(sliding, contact.rows, pose, start.time_step).force)
+        return replace(sliding, start=self.settled(sliding, contact.rows, pose, start.time_step).stored)
 
     def settled(
         self, sliding: SlidingPoints, rows: Array, pose: RigidPose, time_step: float
@@ -147,7 +158,7 @@ class CondensedFrictionEvaluation:
         contact = next(iter(touched.values())).contact.contact
         assert contact is not None  # it has active points
         index = np.concatenate([own.index for own in touched.values()])
-        loads = [own.compliance.rest_forces(self.settled[name].force) for name, own in touched.items()]
+        loads = [self.settled[name].rest_forces for name in touched]
         order = np.argsort(index)
         solved, rest = contact.solved, np.concatenate(loads)[order]
         at = np.searchsorted(solved.index, index[order])
@@ -159,6 +170,15 @@ class CondensedFrictionEvaluation:
     def _touched(self) -> dict[str, SlidingPoints]:
         """The colliders that points slide on."""
         return {name: own for name, own in self.sliding.items() if len(own.index)}
+
+
+def _at_nodes(friction: FrictionForces, contact: ContactEvaluation, points: IntArray) -> Array:
+    """Its forces (k, dim) [N] on the contact nodes (k,) that forces on some of the contact points (m,) act on."""
+    nodes = contact.loaded.among(points)[0]
+    _, here, there = np.intersect1d(nodes, friction.nodes, assume_unique=True, return_indices=True)
+    forces = np.zeros((len(nodes), friction.forces.shape[1]))
+    forces[here] = friction.forces[there]
+    return forces
 
 
 def _coupling(name: str, centre: Array, found: CompliantFriction, moved: SlidingMotion) -> Coupling:

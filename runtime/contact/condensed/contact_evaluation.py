@@ -25,7 +25,7 @@ from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.warm_start import TOO_FAR, WarmStart
 from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
-from softprint.runtime.mechanics.surface_compliance_kernels import dense
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 # Points in contact move by at most this multiple of the contact displacement between two solves: as far as a prediction
 # reaches, in each of the four parts that `CondensedContact` may cut a way into.
@@ -33,10 +33,10 @@ _FARTHEST = 4.0 * TOO_FAR
 
 
 class CarriedCompliance(NamedTuple):
-    """How k points give way and are carried along by the body. compliance: G (k*dim, k*dim) [m/N]; displacement: v (k,
-    dim) [m], in rest coordinates; by_rows: dx (k, dim, n_rows*dim) without v, and basis_gradient: (k, n_rows, dim)."""
+    """How k points give way and are carried along by the body. compliance: among them; displacement: v (k, dim) [m], in
+    rest coordinates; by_rows: dx (k, dim, n_rows*dim) without v, and basis_gradient: (k, n_rows, dim)."""
 
-    compliance: Array
+    compliance: NodalCompliance
     displacement: Array
     by_rows: Array
     basis_gradient: Array
@@ -153,7 +153,9 @@ class ContactEvaluation:
             n_rows, dim = self.rows.shape
             index, vectors, scalars = np.empty(0, dtype=np.int64), np.empty((0, dim)), np.empty(0)
             by_rows, gradient = np.empty((0, dim, n_rows * dim)), np.empty((0, n_rows, dim))
-            nothing = CarriedCompliance(np.empty((0, 0)), vectors, by_rows, gradient)
+            nothing = CarriedCompliance(
+                NodalCompliance.at_nodes(np.empty((0, 0)), dim), vectors, by_rows, gradient
+            )
             return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: nothing)
         solved, hardened = contact.solved, self._hardened
         b = solved.solution.active[owned]
@@ -168,7 +170,7 @@ class ContactEvaluation:
             forces.pressure,
             solved.solution.penetration[b],
             lambda: CarriedCompliance(
-                dense(contact.start.compliance.among(solved.index[b]), shape[1]).astype(np.float64),
+                contact.start.compliance.among(solved.index[b]),
                 solved.solution.rest_displacement[b],
                 contact.derivatives.position.reshape(shape)[owned],
                 contact.derivatives.basis_gradient[owned],

@@ -156,8 +156,9 @@ class StepEnergy:
         """E, gradient [N] and Hessian [N/m]."""
         return x.linearisation
 
-    def lag(self, x: StepPoint, start: SlipStart) -> LaggedFriction:
-        """The lagged friction, with the normal forces at x."""
+    def lag(self, x: StepPoint, start: SlipStart, last: FrictionForces | None) -> LaggedFriction:
+        """The lagged friction, with the normal forces at x. last: friction of condensed contact that is near, from
+        which it settles; None for zero."""
         body, terms = x.body, x.body.frame.terms
         # A linearisation follows: field corrections are evaluated once, with their Jacobians.
         _, contact = body.field, body.contact
@@ -165,7 +166,7 @@ class StepEnergy:
             points = (
                 {}
                 if contact is None or terms.condensed_friction is None
-                else terms.condensed_friction.lag(contact, body.at.poses, start)
+                else terms.condensed_friction.lag(contact, body.at.poses, start, last)
             )
             free = self.free_bodies
             bodies = {} if free is None else free.bodies.contact.lag(body.at.poses, start)

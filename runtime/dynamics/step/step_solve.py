@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.lagged_friction import NEARLY_BALANCED, SlipStart
 from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint
 from softprint.runtime.optimise import Minimum, Optimiser, Status
@@ -21,10 +22,12 @@ _EARLY_UPDATES = 5
 
 @dataclass(frozen=True, eq=False)
 class SlidingStep:
-    """slip: the start from which slip is measured; updates: how often normal forces are updated."""
+    """slip: the start from which slip is measured; updates: how often normal forces are updated; friction: forces of
+    condensed contact there, None without any."""
 
     slip: SlipStart
     updates: int
+    friction: FrictionForces | None
 
 
 def solve_step(
@@ -34,7 +37,7 @@ def solve_step(
     if sliding is None:
         return optimiser.minimise(problem, start, problem.timings.solve)
     updates, early, left = sliding.updates - 1, _EARLY_UPDATES, optimiser.max_iterations
-    lagged = replace(problem, lagged=problem.lag(start, sliding.slip))
+    lagged = replace(problem, lagged=problem.lag(start, sliding.slip, sliding.friction))
     point, earlier = lagged.point(start.body), None
     while True:
         method = optimiser.limited(1 if updates else left)
@@ -50,7 +53,7 @@ def solve_step(
             early -= 1
         else:
             continue
-        lagged = replace(problem, lagged=problem.lag(point, sliding.slip))
+        lagged = replace(problem, lagged=problem.lag(point, sliding.slip, point.friction_on_nodes))
         point = lagged.point(point.body)
 
 

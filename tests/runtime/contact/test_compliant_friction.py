@@ -1,14 +1,17 @@
 """Friction in series with the compliance of the surface: the minimum, its derivatives, and its two limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.contact import CoulombFriction
-from softprint.runtime.contact.condensed.compliant_friction import TangentCompliance, settle
+from softprint.runtime.contact.condensed.compliant_friction import FactoredCompliance, settle
 from softprint.runtime.contact.friction import LaggedContact
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
-K, TIME_STEP = 5, 0.01
+K, NODES, TIME_STEP = 5, 4, 0.01
 FORCE = 2.0  # N, on each point
 # eps = slip_velocity h is 0.1 mm.
 LAW = CoulombFriction(0.4, slip_velocity=0.01)
@@ -16,50 +19,71 @@ LAW = CoulombFriction(0.4, slip_velocity=0.01)
 
 @pytest.fixture(params=[2, 3], ids=["2d", "3d"])
 def points(request):
-    """Points with a compliance of 1e-3 m/N among them, of single precision; their lagged contact; positions that have
-    slipped by up to some tenths of a millimetre."""
+    """Points between nodes with a compliance of 1e-3 m/N among them, of single precision; their lagged contact; the
+    compliance as it is given."""
     dim, rng = request.param, np.random.default_rng(request.param)
     normal = rng.standard_normal((K, dim))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    root = rng.standard_normal((K * dim, K * dim))
-    compliance = (1e-3 * (root @ root.T) / (K * dim)).astype(np.float32).astype(np.float64)
+    root = rng.standard_normal((NODES * dim, NODES * dim))
+    among_nodes = (1e-3 * (root @ root.T) / (NODES * dim)).astype(np.float32)
+    corners = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [1, 1]])
+    shares = np.column_stack([share := rng.uniform(0.2, 0.8, K), 1.0 - share])
+    shares[-1] = 1.0, 0.0  # a point that is a node
+    given = NodalCompliance(among_nodes, corners, shares)
     carrier = np.eye(dim) + 0.2 * rng.standard_normal((K, dim, dim))
     pose = RigidPose.identity(dim)
     lagged = LaggedContact(np.arange(K), np.full(K, FORCE), normal, np.zeros((K, dim)), pose)
-    return TangentCompliance.of(compliance, carrier, normal), carrier, lagged, rng
+    return FactoredCompliance.factored(given, dim), carrier, lagged, rng, given
 
 
 def settled(points, y, stiffer=1.0):
-    compliance, carrier, lagged, _ = points
-    if stiffer != 1.0:
-        moved, matrix = compliance.moved / stiffer, compliance.matrix / stiffer
-        compliance = TangentCompliance(compliance.load, moved, matrix)
+    compliance, carrier, lagged, *_ = points
+    factor, moved = (one / stiffer**0.5 for one in (compliance.factor, compliance.moved))
+    compliance = replace(compliance, factor=factor, moved=moved)
     return settle(lambda x: LAW.terms(x, lagged, TIME_STEP), y, carrier, compliance)
 
 
 def slipped(points, length):
-    _, carrier, _, rng = points
+    _, carrier, _, rng, _ = points
     return length * rng.standard_normal(carrier.shape[:2])
 
 
 @pytest.mark.parametrize("length", [1e-5, 1e-4, 1e-3, 1e-1], ids="{} m".format)
-def test_no_other_forces_have_less_energy(points, length):
+def test_no_other_displacements_have_less_energy(points, length):
     y = slipped(points, length)
-    compliance, carrier, lagged, rng = points
+    compliance, carrier, lagged, rng, _ = points
     found = settled(points, y)
     assert found.converged
     for _ in range(20):
-        t = found.force + 1e-3 * rng.standard_normal(len(found.force))
-        x = y + (carrier @ compliance.displacement(t)[..., None])[..., 0]
-        energy = LAW.terms(x, lagged, TIME_STEP).energy + 0.5 * t @ compliance.matrix @ t
+        s = found.stored + 1e-5 * rng.standard_normal(len(found.stored))
+        x = y + (carrier @ compliance.displacement(s)[..., None])[..., 0]
+        energy = LAW.terms(x, lagged, TIME_STEP).energy + 0.5 * s @ s
         assert energy > found.energy
+
+
+@pytest.mark.parametrize("length", [1e-5, 1e-4, 1e-3], ids="{} m".format)
+def test_points_are_displaced_by_the_friction_forces_on_their_nodes(points, length):
+    """As the compliance among the points says that is given; and the forces are tangential."""
+    y = slipped(points, length)
+    _, carrier, lagged, _, given = points
+    found, dim = settled(points, y), y.shape[1]
+    on_nodes = np.zeros((NODES, dim))
+    np.add.at(on_nodes, given.corners, given.shares[..., None] * found.rest_forces[:, None])
+    at_nodes = (given.among_nodes @ on_nodes.ravel()).reshape(NODES, dim)
+    expected = (given.shares[..., None] * at_nodes[given.corners]).sum(axis=1)
+    # The compliance is regularised by 1e-5 of its mean diagonal.
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found.rest_displacement, expected, atol=1e-4 * size)
+    world = np.linalg.solve(carrier.swapaxes(1, 2), found.rest_forces[..., None])[..., 0]
+    normal = (world * lagged.normal).sum(axis=1)
+    np.testing.assert_allclose(normal, 0.0, atol=1e-12 * LAW.coefficient * FORCE)
 
 
 @pytest.mark.parametrize("length", [1e-4, 1e-3], ids="{} m".format)
 def test_derivatives(points, length):
     """With carriers that change with the rows, of which there are two."""
     y = slipped(points, length)
-    compliance, carrier, lagged, rng = points
+    compliance, carrier, lagged, rng, _ = points
     dim = y.shape[1]
     carried = rng.standard_normal((K, dim, dim, 2 * dim))
     fixed = rng.standard_normal((K, dim, 2 * dim))
@@ -83,18 +107,18 @@ def test_derivatives(points, length):
 def test_what_sticks_is_a_spring_in_series(points):
     """Far below eps friction is linear, with 2 mu N / eps along the tangents."""
     y = slipped(points, 1e-9)
-    compliance, carrier, lagged, _ = points
+    compliance, carrier, lagged, *_ = points
     stiffness = 2.0 * LAW.coefficient * FORCE / (LAW.slip_velocity * TIME_STEP)
     dim = y.shape[1]
     P = np.eye(dim) - lagged.normal[:, :, None] * lagged.normal[:, None, :]
-    # x = y + A V t and C t = -V^T A^T k P x.
+    # x = y + A V s and s = -V^T A^T k P x.
     T = (carrier @ compliance.moved.reshape(K, dim, -1)).reshape(K * dim, -1)
     H = np.zeros((K, dim, K, dim))
     H[np.arange(K), :, np.arange(K)] = stiffness * P
     H = H.reshape(K * dim, K * dim)
-    t = -np.linalg.solve(compliance.matrix + T.T @ H @ T, T.T @ H @ y.ravel())
+    s = -np.linalg.solve(np.eye(T.shape[1]) + T.T @ H @ T, T.T @ H @ y.ravel())
     # Friction falls off from linear by |slip| / (2 eps), a few parts in a million.
-    np.testing.assert_allclose(settled(points, y).force, t, rtol=1e-3, atol=1e-4 * np.abs(t).max())
+    np.testing.assert_allclose(settled(points, y).stored, s, rtol=1e-3, atol=1e-4 * np.abs(s).max())
 
 
 def test_a_surface_that_does_not_give_way_feels_friction_itself(points):

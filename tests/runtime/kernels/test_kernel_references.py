@@ -402,6 +402,12 @@ INPUTS = {
             rng.integers(0, M, (5, dim)),
             rng.uniform(size=(5, dim)),
         ),
+        "blocks_on_nodes": lambda rng, dim: (
+            rng.normal(size=(5, dim, dim)),
+            rng.integers(0, M, (5, dim)),
+            rng.uniform(size=(5, dim)),
+            M,
+        ),
         "numbered": lambda rng, dim: (rng.integers(0, M, (3, dim)), M),
         "means": lambda rng, dim: (
             rng.normal(size=(M, dim, ROWS)[:dim]),
