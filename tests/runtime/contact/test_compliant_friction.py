@@ -36,11 +36,11 @@ def points(request):
     return FactoredCompliance.factored(given, dim), carrier, lagged, rng, given
 
 
-def settled(points, y, stiffer=1.0):
+def settled(points, y, stiffer=1.0, start=None):
     compliance, carrier, lagged, *_ = points
     factor, moved = (one / stiffer**0.5 for one in (compliance.factor, compliance.moved))
     compliance = replace(compliance, factor=factor, moved=moved)
-    return settle(lambda x: LAW.terms(x, lagged, TIME_STEP), y, carrier, compliance)
+    return settle(lambda x: LAW.terms(x, lagged, TIME_STEP), y, carrier, compliance, start)
 
 
 def slipped(points, length):
@@ -77,6 +77,17 @@ def test_points_are_displaced_by_the_friction_forces_on_their_nodes(points, leng
     world = np.linalg.solve(carrier.swapaxes(1, 2), found.rest_forces[..., None])[..., 0]
     normal = (world * lagged.normal).sum(axis=1)
     np.testing.assert_allclose(normal, 0.0, atol=1e-12 * LAW.coefficient * FORCE)
+
+
+@pytest.mark.parametrize("size", [0.9, 1e6])
+def test_the_start_changes_the_cost_alone(points, size):
+    """Near, or far beyond what friction can be, where zero is the better start."""
+    y = slipped(points, 1e-3)
+    found = settled(points, y)
+    again = settled(points, y, start=size * found.stored)
+    assert again.converged
+    # The energy is convex, and the residual at most 1e-9.
+    np.testing.assert_allclose(again.stored, found.stored, atol=1e-6 * np.abs(found.stored).max())
 
 
 @pytest.mark.parametrize("length", [1e-4, 1e-3], ids="{} m".format)
