@@ -22,7 +22,7 @@ import argparse
 import json
 import logging
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import count, islice
@@ -309,14 +309,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
             total=options.steps, initial=min(played, options.steps), unit="step", unit_scale=True
         ) as progress,
     ):
-        while played < options.steps:
-            # Some at a time, since scenes differ in length.
-            for scene in pool.map(_play, islice(missing, 4 * options.processes)):
+        # A scene may take a hundred times as long as another, and no process waits for it.
+        start = options.processes if played < options.steps else 0
+        running = {pool.submit(_play, number) for number in islice(missing, start)}
+        while running:
+            ended, running = wait(running, return_when=FIRST_COMPLETED)
+            for scene in (future.result() for future in ended):
                 done.append(scene)
                 file.write(json.dumps(scene) + "\n")
                 file.flush()
                 played += scene["steps"]
                 progress.update(scene["steps"])
+                if played < options.steps:
+                    running.add(pool.submit(_play, next(missing)))
     print("\n".join(_table(done, options.model)))
 
 
