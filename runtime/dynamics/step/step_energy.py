@@ -156,7 +156,7 @@ class StepEnergy:
         """E, gradient [N] and Hessian [N/m]."""
         return x.linearisation
 
-    def lag(self, x: StepPoint, start: SlipStart, last: FrictionForces | None) -> LaggedFriction:
+    def lag(self, x: StepPoint, start: SlipStart, last: FrictionForces | None = None) -> LaggedFriction:
         """The lagged friction, with the normal forces at x. last: friction of condensed contact that is near, from
         which it settles; None for zero."""
         body, terms = x.body, x.body.frame.terms
