@@ -39,17 +39,8 @@ def test_from_a_surface_to_a_report(softprint, tmp_path):
     pear.export(tmp_path / "my pear.stl")
     made = softprint("new", "my pear.stl", "--units", "mm", "--cells", "500", "--out", "pear.toml", "--quiet")
     assert made.returncode == 0, made.stderr
-    whole = (
-        "run",
-        "pear.toml",
-        "--out",
-        "run",
-        "--ranks",
-        "2",
-        "--no-pictures",
-        "--quiet",
-        *toy(TOY | SOLID),
-    )
+    options = ("--out", "run", "--ranks", "2", "--no-pictures", "--quiet", *toy(TOY | SOLID))
+    whole = ("run", "pear.toml", *options)
     done = softprint(*whole, timeout=900)
     assert done.returncode == 0, done.stderr + (tmp_path / "run" / "run.log").read_text()
     report = json.loads((tmp_path / "run" / "report.json").read_text())

@@ -55,16 +55,16 @@ _DAMPED = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class FactoredCompliance:
-    """How k points give way, by the m contact nodes at their corners, n = m dim. of: the compliance among the points
-    [m/N]; factor: L (n, n), lower; moved: V (k*dim, n), displacements of the points in rest coordinates."""
+    """How k points give way, by the m contact nodes at their corners, n = m dim. compliance: among the points [m/N];
+    factor: L (n, n), lower; moved: V (k*dim, n), displacements of the points in rest coordinates."""
 
-    of: NodalCompliance
+    compliance: NodalCompliance
     dim: int
     factor: Array
     moved: Array
 
     @classmethod
-    def factored(cls, compliance: NodalCompliance, dim: int) -> FactoredCompliance:
+    def of(cls, compliance: NodalCompliance, dim: int) -> FactoredCompliance:
         """From the compliance among the points [m/N]."""
         G = compliance.among_nodes.astype(np.float64)
         n, k = len(G), len(compliance.corners)
@@ -85,7 +85,7 @@ class FactoredCompliance:
     def held(self, stiffness: Array) -> Array:
         """V^T S V (n, n) of stiffnesses S (k, dim, dim) [N/m] of the points."""
         n_nodes = len(self.factor) // self.dim
-        on_nodes = blocks_on_nodes(stiffness, self.of.corners, self.of.shares, n_nodes)
+        on_nodes = blocks_on_nodes(stiffness, self.compliance.corners, self.compliance.shares, n_nodes)
         return np.asarray(self.factor.T @ (on_nodes @ self.factor))
 
 

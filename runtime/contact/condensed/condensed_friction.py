@@ -70,7 +70,7 @@ class CondensedFriction:
             pose=pose,
         )
         surface, carrier = active.surface(), contact.every.carriers(contact.rows, active.index)
-        compliance = FactoredCompliance.factored(surface.compliance, normal.shape[1])
+        compliance = FactoredCompliance.of(surface.compliance, normal.shape[1])
         sliding = SlidingPoints(
             lagged,
             active.index,

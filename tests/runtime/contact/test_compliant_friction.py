@@ -33,7 +33,7 @@ def points(request):
     carrier = np.eye(dim) + 0.2 * rng.standard_normal((K, dim, dim))
     pose = RigidPose.identity(dim)
     lagged = LaggedContact(np.arange(K), np.full(K, FORCE), normal, np.zeros((K, dim)), pose)
-    return FactoredCompliance.factored(given, dim), carrier, lagged, rng, given
+    return FactoredCompliance.of(given, dim), carrier, lagged, rng, given
 
 
 def settled(points, y, stiffer=1.0, start=None):
