@@ -22,7 +22,7 @@ from softprint.runtime.contact.surface_quadrature import FacetPoints
 from softprint.runtime.lazy import lazy
 
 if TYPE_CHECKING:
-    from softprint.runtime.contact.condensed.compliant_friction import FactoredCompliance
+    from softprint.runtime.contact.condensed.compliant_friction import CompliantPoints
     from softprint.runtime.contact.condensed.contact_evaluation import CarriedCompliance, ContactEvaluation
 
 # Normal forces are updated where the relative residual of a step is below this.
@@ -34,14 +34,14 @@ class SlidingPoints:
     """k active points of a condensed contact with one collider: their normal forces, normals and anchors. contact: the
     evaluation that they are of; one at other rows may have other points under these numbers. surface: how they give
     way, and are carried along; position: (k, dim) [m] at the rows of the contact, without contact displacement;
-    compliance: by which they give way to friction; start: s (n,) from which friction settles."""
+    compliance: by which they give way to friction; start: u (n,) from which friction settles."""
 
     lagged: LaggedContact
     index: IntArray
     contact: ContactEvaluation
     surface: CarriedCompliance
     position: Array
-    compliance: FactoredCompliance
+    compliance: CompliantPoints
     start: Array | None = None
 
     def positions(self, rows: Array) -> Array:

@@ -137,7 +137,7 @@ class Simulator:
         end_poses = poses_after(self.colliders, end, poses, state.poses)
         free = self._free_bodies.step(state, h, self._gravity) if self._free_bodies else None
         inertia = QuadraticForm.about(self.body.reduced_mass / h**2, state.rows + h * state.rows_velocity)
-        frame = self._terms.in_frame(state.rows)
+        frame = self._terms.in_frame(state.rows, state.friction)
         begin = self._evaluated(frame, state, timings)
         limit = None if free is None else self._pierced.limit(begin, list(free.flights))
         problem = replace(self._problem(frame, inertia, end, free, timings), limit=limit)
@@ -360,7 +360,8 @@ class Simulator:
         """Of a state, for some nodes."""
         solved = state.contact
         if not state.contact_is_here:
-            solved = _solved_contact(self._evaluated(self._terms.in_frame(state.frame), state, Timings()))
+            frame = self._terms.in_frame(state.frame, state.friction)
+            solved = _solved_contact(self._evaluated(frame, state, Timings()))
         field = nodes.field_displacement(state.rows, state.poses)
         return Snapshot(state.rows, state.frame, solved, state.friction, field)
 
@@ -380,7 +381,8 @@ class Simulator:
 
     def contact_forces(self, state: ReducedState) -> dict[str, ContactForce]:
         """The normal forces on every collider at a state; those of a `StepResult` include friction."""
-        body = self._evaluated(self._terms.in_frame(state.frame), state, Timings())
+        frame = self._terms.in_frame(state.frame, state.friction)
+        body = self._evaluated(frame, state, Timings())
         contact = self._contact_at(state, body)
         forces = {**body.surface.forces(None), **({} if contact is None else contact.forces())}
         return forces if body.frames is None else body.frames.added_to(forces)

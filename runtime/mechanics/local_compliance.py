@@ -36,6 +36,10 @@ class LocalCompliance:
         self._all_pairs = state["_all_pairs"]
         self._reset()
 
+    def __len__(self) -> int:
+        """The number of contact nodes."""
+        return len(self._all_pairs)
+
     def _reset(self) -> None:
         self._lock = Lock()
         self._slot: IntArray = np.empty(len(self._all_pairs), dtype=np.int64)

@@ -51,6 +51,11 @@ class ComplianceScale:
 
     coefficients: tuple[float, ...]
 
+    @property
+    def largest(self) -> float:
+        """e^R."""
+        return float(np.exp(_BOUND))
+
     def scale(self, F: Array, normal: Array) -> Array:
         """s (m,) at deformation gradients F (m, dim, dim) and rest normals N (m, dim)."""
         z, _ = combined_strain(F, normal, np.asarray(self.coefficients))

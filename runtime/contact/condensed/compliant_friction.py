@@ -1,20 +1,20 @@
 """Friction on points that give way: a friction potential and the compliance of the surface in series.
 
 Contact points lie between contact nodes, which are fewer, so that what gives way is computed there: with the compliance
-G = L L^T among the nodes and the shares N of the points in them, nodal forces phi displace the points in rest
-coordinates by N G phi = V s, with V = N L and s = L^T phi, and store the energy phi . G phi / 2 = s . s / 2. What
-friction feels is the slip of the displaced points
+G among the nodes and the shares N of the points in them, nodal forces phi displace the nodes in rest coordinates by
+u = G phi, which stores the energy u . G^-1 u / 2, and the points by N u. What friction feels is the slip of the displaced
+points
 
-    x(q, s) = y(q) + A(q) V s,
+    x(q, u) = y(q) + A(q) N u,
 
 so that the energy of friction, and of the displacement, is
 
-    E(q) = min_s  D(x(q, s)) + 1/2 s . s,
+    E(q) = min_u  D(x(q, u)) + 1/2 u . G^-1 u,
 
-with D the lagged potential of `runtime/contact/friction.py`: convex in s, and not changed where body and collider
+with D the lagged potential of `runtime/contact/friction.py`: convex in u, and not changed where body and collider
 rotate together. At the minimum phi = -N^T A^T g are the friction forces of the points, with g = dD/dx, so that they are
-tangential though s is not bound to be. With H = d2D/dx2, J = dx/dq, T = A V, K = T^T H T + 1 and
-M = T^T H J + g . dA V
+tangential though u is not bound to be. With H = d2D/dx2, J = dx/dq, T = A N, K = T^T H T + G^-1, of which the first has
+blocks between nodes of one facet alone, and M = T^T H J + N^T (g . dA)
 
     dE/dq = J^T g,      d2E/dq2 = J^T H J - M^T K^-1 M.
 
@@ -35,9 +35,10 @@ import scipy.linalg
 from softprint.runtime.arrays import Array
 from softprint.runtime.contact.carriers.carriers import pulled_back_along
 from softprint.runtime.contact.friction import FrictionTerms
+from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.chain_rule import through_jacobian
-from softprint.runtime.linalg.means import blocks_on_nodes, means
+from softprint.runtime.linalg.means import blocks_on_nodes, means, shared
 from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 log = logging.getLogger(__name__)
@@ -54,75 +55,88 @@ _DAMPED = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class FactoredCompliance:
+class CompliantPoints:
     """How k points give way, by the m contact nodes at their corners, n = m dim. compliance: among the points [m/N];
-    factor: L (n, n), lower; moved: V (k*dim, n), displacements of the points in rest coordinates."""
+    among_nodes: G (n, n) [m/N], regularised, and stiffness: its inverse (n, n) [N/m]."""
 
     compliance: NodalCompliance
     dim: int
-    factor: Array
-    moved: Array
+    among_nodes: Array
+    stiffness: Array
 
     @classmethod
-    def of(cls, compliance: NodalCompliance, dim: int) -> FactoredCompliance:
+    def of(cls, compliance: NodalCompliance, dim: int) -> CompliantPoints:
         """From the compliance among the points [m/N]."""
         G = compliance.among_nodes.astype(np.float64)
-        n, k = len(G), len(compliance.corners)
+        n = len(G)
         if not n:
             return cls(compliance, dim, G, G)
-        factor = np.linalg.cholesky(0.5 * (G + G.T) + _DAMPED * np.trace(G) / n * np.eye(n))
-        moved = means(factor.reshape(n // dim, dim, n), compliance.corners, compliance.shares)
-        return cls(compliance, dim, factor, moved.reshape(k * dim, n))
+        G = 0.5 * (G + G.T) + _DAMPED * np.trace(G) / n * np.eye(n)
+        inverse = scipy.linalg.cho_solve(scipy.linalg.cho_factor(G), np.eye(n))
+        return cls(compliance, dim, G, 0.5 * (inverse + inverse.T))
 
-    def displacement(self, s: Array) -> Array:
-        """V s (k, dim) [m], in rest coordinates, of s (n,) [J^1/2]."""
-        return np.asarray((self.moved @ s).reshape(-1, self.dim))
+    def displacement(self, u: Array) -> Array:
+        """N u (k, dim) [m], in rest coordinates, of displacements u (n,) [m] of the nodes."""
+        return means(u.reshape(-1, self.dim), self.compliance.corners, self.compliance.shares)
 
-    def stored(self, forces: Array) -> Array:
-        """s = L^T phi (n,) of forces phi (m, dim) [N] on the nodes, in rest coordinates."""
-        return np.asarray(self.factor.T @ forces.ravel())
+    def displaced_by(self, forces: Array) -> Array:
+        """G phi (n,) [m] of forces phi (m, dim) [N] on the nodes, in rest coordinates."""
+        return np.asarray(self.among_nodes @ forces.ravel())
+
+    def on_nodes(self, forces: Array) -> Array:
+        """N^T f (n, j) of j columns of forces f (k, dim, j) on the points."""
+        k, dim, j = forces.shape
+        n_nodes = len(self.stiffness) // dim
+        found = shared(forces.reshape(k, dim * j), self.compliance.corners, self.compliance.shares, n_nodes)
+        return found.reshape(n_nodes * dim, j)
 
     def held(self, stiffness: Array) -> Array:
-        """V^T S V (n, n) of stiffnesses S (k, dim, dim) [N/m] of the points."""
-        n_nodes = len(self.factor) // self.dim
-        on_nodes = blocks_on_nodes(stiffness, self.compliance.corners, self.compliance.shares, n_nodes)
-        return np.asarray(self.factor.T @ (on_nodes @ self.factor))
+        """N^T S N (n, n) of stiffnesses S (k, dim, dim) [N/m] of the points."""
+        n_nodes = len(self.stiffness) // self.dim
+        return blocks_on_nodes(stiffness, self.compliance.corners, self.compliance.shares, n_nodes)
 
 
 @dataclass(frozen=True, eq=False)
 class CompliantFriction:
-    """Friction of k points that has settled. terms: of D at the displaced points; compliance: of these; carrier: A (k,
-    dim, dim); stored: s (n,) [J^1/2]; position: x (k, dim) [m]; converged: whether friction and compliance balance."""
+    """Friction of k points that has settled. terms: of D at the displaced points; points: how these give way; carrier:
+    A (k, dim, dim); displacement: u (n,) [m]; position: x (k, dim) [m]; converged: whether friction and compliance
+    balance."""
 
     terms: FrictionTerms
-    compliance: FactoredCompliance
+    points: CompliantPoints
     carrier: Array
-    stored: Array
+    displacement: Array
     position: Array
     converged: bool
 
     @property
     def energy(self) -> float:
         """E [J]: what friction takes, and what is stored in the displacement."""
-        return self.terms.energy + 0.5 * float(self.stored @ self.stored)
+        return self.terms.energy + 0.5 * float(self.displacement @ self._restoring)
 
     @property
     def rest_displacement(self) -> Array:
-        """V s (k, dim) [m]."""
-        return self.compliance.displacement(self.stored)
+        """N u (k, dim) [m]."""
+        return self.points.displacement(self.displacement)
 
     @property
     def rest_forces(self) -> Array:
         """-A^T g (k, dim) [N]: of friction on the body, in rest coordinates."""
         return -np.asarray((self.carrier.swapaxes(1, 2) @ self.terms.gradient[..., None])[..., 0])
 
-    @property
+    @lazy
     def slope(self) -> Array:
-        """dE/ds (n,) [J^1/2]."""
-        return np.asarray(self._along(self.terms.gradient) + self.stored)
+        """dE/du (n,) [N]."""
+        return np.asarray(self._dragging + self._restoring)
+
+    @property
+    def residual(self) -> float:
+        """The largest of the slope, relative to the friction forces."""
+        largest = np.abs(self._dragging).max(initial=0.0)
+        return float(np.abs(self.slope).max(initial=0.0) / largest) if largest > 0.0 else 0.0
 
     def newton_step(self) -> Array:
-        """The change of s (n,) of one Newton iteration."""
+        """The change of u (n,) of one Newton iteration."""
         return -np.asarray(scipy.linalg.cho_solve(self._factor, self.slope))
 
     def through(self, jacobian: Array, carried: Array) -> tuple[Array, Array]:
@@ -143,49 +157,55 @@ class CompliantFriction:
     def _mixed(self, jacobian: Array, carried: Array) -> Array:
         """M (n, n_rows*dim)."""
         k, dim, _ = self.terms.hessian.shape
-        turned = pulled_back_along(carried, self.terms.gradient)
+        turned = pulled_back_along(carried, self.terms.gradient).reshape(k, dim, -1)
         held = self._along(self.terms.hessian @ jacobian.reshape(k, dim, -1))
-        return np.asarray(held + self.compliance.moved.T @ turned)
+        return held + self.points.on_nodes(turned)
 
     def _along(self, vectors: Array) -> Array:
-        """T^T of vectors (k, dim), or of several (k, dim, m): (n,), or (n, m)."""
-        k, dim, *more = vectors.shape
-        at_rest = self.carrier.swapaxes(1, 2) @ vectors.reshape(k, dim, *(more or [1]))
-        return np.asarray(self.compliance.moved.T @ at_rest.reshape(k * dim, *more))
+        """T^T of vectors (k, dim, j): (n, j)."""
+        return self.points.on_nodes(self.carrier.swapaxes(1, 2) @ vectors)
+
+    @lazy
+    def _dragging(self) -> Array:
+        """T^T g (n,) [N]: what friction drags the nodes with, reversed."""
+        return self._along(self.terms.gradient[..., None])[:, 0]
+
+    @lazy
+    def _restoring(self) -> Array:
+        """G^-1 u (n,) [N]."""
+        return np.asarray(self.points.stiffness @ self.displacement)
 
     @lazy
     def _factor(self) -> tuple[Array, bool]:
         """The Cholesky factor of K."""
         held = self.carrier.swapaxes(1, 2) @ self.terms.hessian @ self.carrier
-        return scipy.linalg.cho_factor(self.compliance.held(held) + np.eye(len(self.stored)))
+        return scipy.linalg.cho_factor(self.points.held(held) + self.points.stiffness)
 
 
 def settle(
     friction: Callable[[Array], FrictionTerms],
     position: Array,
     carrier: Array,
-    compliance: FactoredCompliance,
+    points: CompliantPoints,
     start: Array | None = None,
 ) -> CompliantFriction:
     """The friction of points at y (k, dim) [m], with carriers A (k, dim, dim), that give way. friction: the terms of D
-    at positions; start: s (n,) to start from, unless zero has less energy. Newton's method with a line search; logs a
+    at positions; start: u (n,) to start from, unless zero has less energy. Newton's method with a line search; logs a
     warning where it does not converge."""
 
-    def at(s: Array) -> CompliantFriction:
-        x = position + (carrier @ compliance.displacement(s)[..., None])[..., 0]
-        return CompliantFriction(friction(x), compliance, carrier, s, x, converged=False)
+    def at(u: Array) -> CompliantFriction:
+        x = position + to_world(carrier, points.displacement(u))
+        return CompliantFriction(friction(x), points, carrier, u, x, converged=False)
 
-    tried = [at(s) for s in (np.zeros(len(compliance.factor)), start) if s is not None]
+    tried = [at(u) for u in (np.zeros(len(points.stiffness)), start) if u is not None]
     found = min(tried, key=lambda one: one.energy)
     for _ in range(_ITERATIONS):
-        s, slope = found.stored, found.slope
-        largest = np.abs(slope - s).max(initial=0.0)
-        if np.abs(slope).max(initial=0.0) <= _TOLERANCE * largest:
+        if found.residual <= _TOLERANCE:
             return replace(found, converged=True)
-        step = found.newton_step()
-        energy, along, length = found.energy, float(slope @ step), 1.0
+        u, step = found.displacement, found.newton_step()
+        energy, along, length = found.energy, float(found.slope @ step), 1.0
         while length > _SHORTEST:
-            found = at(s + length * step)
+            found = at(u + length * step)
             if found.energy <= energy + 1e-4 * length * along + _ROUND_OFF * abs(energy):
                 break
             length *= 0.5

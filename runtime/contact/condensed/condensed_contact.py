@@ -22,6 +22,7 @@ from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.all_points import AllPoints
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.condensed.pushed_points import pushed_in
+from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -37,6 +38,7 @@ from softprint.runtime.contact.solver.candidates import (
 from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
+from softprint.runtime.contact.solver.given_displacement import GivenDisplacement
 from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.sharp_search import Dent, SharpSearch, bearing_facets, sharp_colliders
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
@@ -123,9 +125,11 @@ class CondensedContact:
         """By name."""
         return {name: search.collider for name, search in self.searches.items()}
 
-    def in_frame(self, frame_rows: Array) -> CorotatedPoints:
-        """The contact points on the facets in the corotated frame of a step that starts at frame rows (n_rows, dim)."""
-        return self.points.in_frame(frame_rows)
+    def in_frame(self, frame_rows: Array, friction: FrictionForces | None = None) -> CorotatedPoints:
+        """The contact points on the facets in the corotated frame of a step that starts at frame rows (n_rows, dim), as
+        displaced by known friction."""
+        given = None if friction is None else GivenDisplacement(self.of_nodes, *friction[:2])
+        return self.points.in_frame(frame_rows, given)
 
     def resume(self, solved: SolvedContact | None, frame: CorotatedPoints | None = None) -> WarmStart | None:
         """The warm start from the solved contact that a state stores. frame: of the step in which it was solved."""
@@ -173,7 +177,7 @@ class CondensedContact:
         frame of the step; in its first evaluation contact is solved again as long as its dent moves the pressed points.
         There may be several equilibria; the solve converges to the one nearest to the warm start."""
         solved = self._solve(points, rows, poses, warm_start)
-        for _ in range(_FINDS if warm_start is None or warm_start.frame is not points else 0):
+        for _ in range(_FINDS if warm_start is None or not warm_start.is_within(points) else 0):
             pressed = None if solved is None else self._moved_on(points, poses, solved)
             if pressed is None:
                 break
@@ -297,7 +301,7 @@ class CondensedContact:
             return None
         if warm_start is None:
             return self.sharp.find(points, rows, poses, x, None)
-        if warm_start.frame is points:
+        if warm_start.is_within(points):
             return warm_start.solved.pressed
         return self.sharp.find(points, rows, poses, x, self._dent(warm_start.solved))
 

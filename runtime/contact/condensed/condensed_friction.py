@@ -1,12 +1,12 @@
 """Friction of condensed contact, at its active points.
 
-An active point sits at x(q) + A(q) (v + V s), with v its displacement by frictionless contact and V s that by friction,
-in rest coordinates. Lagged Coulomb friction (`runtime/contact/friction.py`) fixes the normal forces p |g| and the
+An active point sits at x(q) + A(q) (v + u), with v its displacement by frictionless contact and u that by friction, in
+rest coordinates. Lagged Coulomb friction (`runtime/contact/friction.py`) fixes the normal forces p |g| and the
 normals g / |g| of the last contact solve, and v. Friction and the compliance of the surface in series
 (`compliant_friction.py`) are then an ordinary potential of the handle rows q,
 
-    D(q) = min_s  sum_j mu N_j f0(|P_j d_j|) + 1/2 s . s,
-    d_j  = x_j + A_j (v + V s)_j - T_end T_start^-1 x_j,start.
+    D(q) = min_u  sum_j mu N_j f0(|P_j d_j|) + 1/2 u . G^-1 u,
+    d_j  = x_j + A_j (v_j + u_j) - T_end T_start^-1 x_j,start.
 
 x_start are the positions of the same points at the start of the step, with the displacements of that state by contact
 and by friction: a dent that travels over the body slips as far as its points do. For this a state stores the friction
@@ -26,7 +26,7 @@ from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.contact.collider_coupling import Centres, Coupling
 from softprint.runtime.contact.condensed.compliant_friction import (
     CompliantFriction,
-    FactoredCompliance,
+    CompliantPoints,
     settle,
 )
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
@@ -69,18 +69,19 @@ class CondensedFriction:
             anchor=pose.apply(start.poses[name].apply_inverse(before)),
             pose=pose,
         )
-        surface, carrier = active.surface(), contact.every.carriers(contact.rows, active.index)
-        compliance = FactoredCompliance.of(surface.compliance, normal.shape[1])
+        surface, every = active.surface(), contact.every
+        carrier, given = every.carriers(contact.rows, active.index), every.given_displacement(active.index)
+        compliance = CompliantPoints.of(surface.compliance, normal.shape[1])
         sliding = SlidingPoints(
             lagged,
             active.index,
             contact,
             surface,
-            active.position - to_world(carrier, surface.displacement),
+            active.position - to_world(carrier, surface.displacement + given),
             compliance,
-            None if last is None else compliance.stored(_at_nodes(last, contact, active.index)),
+            None if last is None else compliance.displaced_by(_at_nodes(last, contact, active.index)),
         )
-        return replace(sliding, start=self.settled(sliding, contact.rows, pose, start.time_step).stored)
+        return replace(sliding, start=self.settled(sliding, contact.rows, pose, start.time_step).displacement)
 
     def settled(
         self, sliding: SlidingPoints, rows: Array, pose: RigidPose, time_step: float

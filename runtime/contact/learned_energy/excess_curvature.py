@@ -57,8 +57,7 @@ class ExcessCurvature:
     @property
     def moments(self) -> Array:
         """lambda (x) v + f (x) mu (k, dim, dim)."""
-        solution = self._contact.solved.solution
-        found = self._forces[:, :, None] * solution.rest_displacement[solution.active][:, None, :]
+        found = self._forces[:, :, None] * self._contact.carried[:, None, :]
         return np.asarray(found + self._contact.force[:, :, None] * self._at_rest[:, None, :])
 
     def by_rows(self, motions: ContactMotions, along: Array | None = None) -> ExcessMotions:

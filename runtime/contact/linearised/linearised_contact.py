@@ -13,7 +13,8 @@ So the energy W(q) of contact and of the displacement that it causes has (Clapey
 
 Both are exact and need no derivative beyond the Hessian of the distance. x and F are affine in the handle rows while
 the rotations of the frame of static condensation are fixed. An internal correction of the body is not affine: with it
--sum_j f_j . d2x_j is added.
+-sum_j f_j . d2x_j is added. A given displacement c (`given_displacement.py`) is fixed in rest coordinates like v, so that
+v + c takes the place of v.
 
 The contact Hessian of a reduced step is `LinearisedContact.hessian`.
 """
@@ -67,9 +68,7 @@ class LinearisedContact:
     def work(self, forces: Array, moved: Array | None = None) -> Array:
         """sum_j F_j . (dx_j + dA_j v_j) + f_j . dA_j nu_j by the rows (n_rows, dim) [N] of forces F (k, dim) and
         displacements nu (k, dim) [m] in rest coordinates, None for zero. It needs no Jacobian."""
-        solution = self.solved.solution
-        v = solution.rest_displacement[solution.active]
-        moments = forces[:, :, None] * v[:, None, :]
+        moments = forces[:, :, None] * self.carried[:, None, :]
         if moved is not None:
             moments += self.force[:, :, None] * moved[:, None, :]
         by_strain = self.carriers.pulled_back(moments)
@@ -85,8 +84,7 @@ class LinearisedContact:
     @lazy
     def motions(self) -> ContactMotions:
         """By the rows: R motions."""
-        v = self.solved.solution.rest_displacement[self.solved.solution.active]
-        carried, pulled_back = self.carrier_motion(self.force, v)
+        carried, pulled_back = self.carrier_motion(self.force, self.carried)
         carried += self.derivatives.position.reshape(carried.shape)
         return ContactMotions(self.factor, carried, pulled_back)
 
@@ -132,15 +130,21 @@ class LinearisedContact:
         return self.solved.solution.force[self.solved.solution.active]
 
     @lazy
+    def carried(self) -> Array:
+        """v (k, dim) [m] of the active points with what is given, in rest coordinates: the displacement that A carries
+        along."""
+        v = self.solved.solution.rest_displacement[self.solved.solution.active]
+        return np.asarray(v + self.points.given_displacement(self.solved.active))
+
+    @lazy
     def carriers(self) -> Carriers:
         """A of the active points, with its derivatives."""
         return self.points.carrier_derivatives(self.solved.rows, self.solved.active)
 
     @property
     def moments(self) -> Array:
-        """f (x) v (k, dim, dim) of the active points."""
-        v = self.solved.solution.rest_displacement[self.solved.solution.active]
-        return np.asarray(self.force[:, :, None] * v[:, None, :])
+        """f (x) v (k, dim, dim) of the active points, with what is given."""
+        return np.asarray(self.force[:, :, None] * self.carried[:, None, :])
 
     def bending(self, forces: Array, moments: Array, along: Array | None = None) -> Array:
         """sum_j F_j . d2x_j + M_j : d2A_j (R, R) of forces F (k, dim) and moments M (k, dim, dim); along: see

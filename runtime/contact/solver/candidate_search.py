@@ -69,7 +69,7 @@ class CandidateSearch:
             close = kernels.near_box(x, pose.rotation, pose.translation, *box, reach)
         else:  # a half-space, whose bounds exclude nothing
             close = np.flatnonzero(self.collider.sdf(pose.apply_inverse(x)) < distance + reach)
-        x = x[close] if points.condensation is None else points.positions(rows, close)
+        x = x[close] if points.bounds_are_exact else points.positions(rows, close)
         closer, _, value = self.collider.closer_to(x, pose, distance)
         return close[closer], value, x[closer]
 

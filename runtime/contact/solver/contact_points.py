@@ -7,7 +7,8 @@ the handles alone is computed without it,
 
     sum_j f_j . dx_j + M_j : dA_j,    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j.
 
-An internal correction of the body moves the points, too (`internal_points.py`); the formulas here are without it.
+An internal correction of the body moves the points, too (`internal_points.py`), and so does a displacement that is given
+(`given_displacement.py`); the formulas here are without them.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from softprint.runtime.contact.carriers.carriers import Carriers
 from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.carriers.point_rotations import PointRotations
 from softprint.runtime.contact.solver import contact_point_kernels as kernels
+from softprint.runtime.contact.solver.contact_solve_kernels import to_world
+from softprint.runtime.contact.solver.given_displacement import GivenDisplacement
 from softprint.runtime.contact.solver.internal_points import InternalMotion, InternalPoints
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.lazy import lazy
@@ -49,7 +52,8 @@ class PointMotion:
 class ContactPoints:
     """Material points of a body that may touch a collider, n of them. condensation: of these points, None for a body
     without static condensation; scale: of the compliance there, None for 1; internal: correction of these points, None
-    for a body without one."""
+    for a body without one; bearing: contact nodes (n, c) and shares (n, c), see `LoadedPoints`, None where nothing
+    gives way."""
 
     def __init__(
         self,
@@ -57,8 +61,10 @@ class ContactPoints:
         condensation: PointCondensation | None,
         scale: ComplianceScale | None = None,
         internal: InternalPoints | None = None,
+        bearing: tuple[IntArray, Array] | None = None,
     ) -> None:
         self.material, self.condensation, self.scale, self.internal = material, condensation, scale, internal
+        self.bearing = bearing
         self.basis_gradients = np.ascontiguousarray(material.basis_gradient.transpose(0, 2, 1))
 
     @classmethod
@@ -78,12 +84,13 @@ class ContactPoints:
             None if condensation is None else PointCondensation.at(body, condensation, *at),
             scale,
             None if internal is None else InternalPoints.at(internal, *at),
+            (loaded.nodes, loaded.shares),
         )
 
-    def in_frame(self, frame_rows: Array) -> CorotatedPoints:
+    def in_frame(self, frame_rows: Array, given: GivenDisplacement | None = None) -> CorotatedPoints:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
         condensation = None if self.condensation is None else self.condensation.corotated(frame_rows)
-        return CorotatedPoints(self, frame_rows, condensation)
+        return CorotatedPoints(self, frame_rows, condensation, given)
 
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """F (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
@@ -92,22 +99,35 @@ class ContactPoints:
 
 @dataclass(frozen=True, eq=False)
 class CorotatedPoints:
-    """The contact points in the corotated frame of one step: without an internal correction x is affine in the handle
-    rows. index: (m,) some."""
+    """The contact points in the corotated frame of one step: without internal correction and given displacement x is
+    affine in the handle rows. given: None for none. index: (m,) some."""
 
     points: ContactPoints
     frame_rows: Array
     condensation: CorotatedPointCondensation | None
+    given: GivenDisplacement | None = None
     _last: list[tuple[Array, Array, Array]] = field(default_factory=list, repr=False, kw_only=True)
 
     def positions(self, rows: Array, index: IntArray | None = None) -> Array:
-        """x (m, dim) [m] of some of the points (all by default), static condensation and internal correction
-        included."""
+        """x (m, dim) [m] of some of the points (all by default), static condensation, internal correction and given
+        displacement included."""
         basis, internal = self.points.material.basis, self.points.internal
         x = placed(basis, rows) if index is None else placed_some(basis, rows, index)
         if self.condensation is not None:
             x = x + self.condensation.displacement(rows, index)
-        return x if internal is None else x + internal.displacement(rows, index)
+        if internal is not None:
+            x = x + internal.displacement(rows, index)
+        if self.given is None:
+            return x
+        index = np.arange(len(x)) if index is None else index
+        return np.asarray(x + to_world(self.carriers(rows, index), self.given_displacement(index)))
+
+    def given_displacement(self, index: IntArray) -> Array:
+        """c (m, dim) [m] of some of the points (m,), in rest coordinates."""
+        if self.given is None or self.points.bearing is None:
+            return np.zeros((len(index), self.frame_rows.shape[1]))
+        nodes, shares = self.points.bearing
+        return self.given.of_points(nodes[index], shares[index])
 
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """F (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
@@ -143,9 +163,16 @@ class CorotatedPoints:
                 x, reach = placed(basis, rows), np.zeros(len(basis))
             else:
                 x, reach = self._bounded(rows)
+            if self.given is not None:
+                reach = reach + self.given.largest * (1.0 if self.points.scale is None else self.points.scale.largest)
             last = rows, x if internal is None else x + internal.displacement(rows), reach
             self._last[:] = [last]
         return last[1:]
+
+    @property
+    def bounds_are_exact(self) -> bool:
+        """Whether the approximate positions are exact."""
+        return self.condensation is None and self.given is None
 
     @lazy
     def _bounded(self) -> BoundedPoints | None:

@@ -49,7 +49,7 @@ class PressedPoints:
         return Planes(self.place[which], self.direction[which])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CorotatedPressedPoints(CorotatedPoints):
     """The contact points on the facets, n of them, followed by pressed points. pressed: these, with their numbers
     (j,)."""
@@ -64,8 +64,9 @@ class CorotatedPressedPoints(CorotatedPoints):
         if pressed.condensation is not None and of_facets.condensation is not None:
             # The same nodes, so that their rotations are known.
             condensation = CorotatedPointCondensation(pressed.condensation, of_facets.condensation.of_nodes)
-        own = CorotatedPoints(pressed, of_facets.frame_rows, condensation)
-        return cls(of_facets.points, of_facets.frame_rows, of_facets.condensation, own, numbers)
+        own = CorotatedPoints(pressed, of_facets.frame_rows, condensation, of_facets.given)
+        shared = of_facets.points, of_facets.frame_rows, of_facets.condensation, of_facets.given
+        return cls(*shared, pressed=own, numbers=numbers)
 
     def positions(self, rows: Array, index: IntArray | None = None) -> Array:
         """See `CorotatedPoints`; of those on the facets by default."""
@@ -74,6 +75,12 @@ class CorotatedPressedPoints(CorotatedPoints):
         own, others = self._split(index)
         first = super().positions(rows, own)
         return np.concatenate([first, self.pressed.positions(rows, others)]) if len(others) else first
+
+    def given_displacement(self, index: IntArray) -> Array:
+        """See `CorotatedPoints`."""
+        own, others = self._split(index)
+        first = super().given_displacement(own)
+        return np.concatenate([first, self.pressed.given_displacement(others)]) if len(others) else first
 
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """See `CorotatedPoints`."""
@@ -150,4 +157,5 @@ class SurfaceNodes:
             condensation = replace(condensation, corners=at, weights=pressed.weights, bounds=None)
         if internal is not None:
             internal = replace(internal, corners=at, weights=pressed.weights)
-        return ContactPoints(material, condensation, self.scale, internal)
+        bearing = pressed.nodes, pressed.shares
+        return ContactPoints(material, condensation, self.scale, internal, bearing)

@@ -241,11 +241,12 @@ class SharpSearch:
         """About sharp points of a collider, at p (j, dim) [m]. The last is kept, as these are looked for again with
         another dent."""
         largest = 0.0 if dent is None else dent.largest
+        farthest = largest + (0.0 if points.given is None else points.given.largest)
         last, key = self._last.get(sharp.number), (points, rows, pose)
-        if last is not None and all(map(operator.is_, last[0], key)) and largest <= last[1].farthest:
+        if last is not None and all(map(operator.is_, last[0], key)) and farthest <= last[1].farthest:
             return last[1]
         lower, upper = bounds(p)
-        farthest = _DISPLACED * largest
+        farthest *= _DISPLACED
         margin = _AROUND * self._spacing + farthest
         near = np.zeros(len(x), dtype=bool)
         near[in_box(x, lower - margin, upper + margin)] = True
@@ -253,18 +254,22 @@ class SharpSearch:
         nodes, facets = numbered(self._facets[beside], len(self.surface.nodes))
         F = deformed_some(self._gradients, rows, nodes)
         normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
-        positions, group = self._positions(points, rows, nodes), self._group[beside]
+        positions, group = self._positions(points, rows, nodes, F), self._group[beside]
         own = _Undented(farthest, nodes, facets, group, F, positions, normals)
         self._last[sharp.number] = key, own
         return own
 
-    def _positions(self, points: CorotatedPoints, rows: Array, nodes: IntArray) -> Array:
-        """(k, dim) [m] of some of the surface nodes (k,), without the displacement by contact."""
+    def _positions(self, points: CorotatedPoints, rows: Array, nodes: IntArray, F: Array) -> Array:
+        """(k, dim) [m] of some of the surface nodes (k,), without the displacement by contact; F: (k, dim, dim) there."""
         x = placed_some(self.surface.material.basis, rows, nodes)
         if points.condensation is not None:
             x += points.condensation.of_nodes.displacement(rows, nodes)
         if self.surface.internal is not None:
             x += self.surface.internal.of_corners(rows)[nodes]
+        free = np.flatnonzero(self._owner[nodes] >= 0)
+        if points.given is not None and len(free):
+            given = points.given.of_nodes(self._owner[nodes[free]])
+            x[free] += to_world(nearest_rotations(F[free]), given)
         return x
 
     def _dented(self, own: _Undented, dent: Dent | None) -> Array:

@@ -67,6 +67,10 @@ class WarmStart:
     stiffness: Array
     frame: CorotatedPoints | None = None
 
+    def is_within(self, points: CorotatedPoints) -> bool:
+        """Whether it was solved in the step in whose frame these points are."""
+        return self.frame is not None and self.frame.frame_rows is points.frame_rows
+
     @lazy
     def factor(self) -> WoodburyFactor:
         """The Woodbury factorisation of the active points, for predictions, Hessians and sensitivities."""

@@ -1,6 +1,7 @@
 """A body evaluated at one state: corrections, elasticity and contact, each computed once, at its first use.
 
-Friction is not included, so that updating friction does not evaluate any of them again.
+Friction is not included, so that updating friction does not evaluate any of them again, but contact on the surface as
+friction has displaced it.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from dataclasses import dataclass, field
 
 from softprint.runtime.arrays import Array, RowHessian
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
+from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.dynamics.step.frame import CorotatedFrame
@@ -40,6 +42,14 @@ class BodyEvaluation:
         if at.rows is self.at.rows and not self.frame.terms.points.corrected:
             # A change of poses alone changes neither positions nor elasticity.
             other.__dict__ |= {k: self.__dict__[k] for k in ("positions", "elastic") if k in self.__dict__}
+        return other
+
+    def under(self, friction: FrictionForces | None) -> BodyEvaluation:
+        """The same with other known friction of condensed contact, the solve of which starts from that here."""
+        start = None if self.contact is None else self.contact.warm_start
+        other = BodyEvaluation(self.frame.under(friction), self.at, start, self.kept_hessian, self.timings)
+        known = {k: v for k, v in self.__dict__.items() if k != "contact"}
+        other.__dict__.update({**known, **other.__dict__})
         return other
 
     @lazy

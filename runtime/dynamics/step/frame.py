@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from softprint.runtime.arrays import Array
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.condensed_friction import CondensedFriction
+from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticInFrame
@@ -38,17 +39,25 @@ class BodyTerms:
     frames: FrameContact | None
     correction_weight: CorrectionWeight | None = None
 
-    def in_frame(self, frame_rows: Array) -> CorotatedFrame:
+    def in_frame(self, frame_rows: Array, friction: FrictionForces | None = None) -> CorotatedFrame:
         """See `CorotatedFrame`."""
-        return CorotatedFrame(self, frame_rows)
+        return CorotatedFrame(self, frame_rows, friction)
 
 
 @dataclass(frozen=True, eq=False)
 class CorotatedFrame:
-    """The terms of a body in the frame of handle rows (n_rows, dim)."""
+    """The terms of a body in the frame of handle rows (n_rows, dim). friction: known friction of condensed contact,
+    which displaces the contact points, None for none."""
 
     terms: BodyTerms
     rows: Array
+    friction: FrictionForces | None = None
+
+    def under(self, friction: FrictionForces | None) -> CorotatedFrame:
+        """The same frame with other known friction."""
+        other = CorotatedFrame(self.terms, self.rows, friction)
+        other.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("weight", "elastic", "surface")})
+        return other
 
     @lazy
     def weight(self) -> tuple[Array, float]:
@@ -69,4 +78,4 @@ class CorotatedFrame:
     def contact_points(self) -> CorotatedPoints | None:
         """The points of condensed contact."""
         condensed = self.terms.condensed
-        return None if condensed is None else condensed.in_frame(self.rows)
+        return None if condensed is None else condensed.in_frame(self.rows, self.friction)

@@ -48,7 +48,7 @@ def _with_hardening_held(begin: BodyEvaluation) -> BodyEvaluation | None:
     learned = condensed.learned.held(_force_ratio(contact, condensed.learned.first))
     terms = replace(frame.terms, condensed=replace(condensed, learned=learned))
     return BodyEvaluation(
-        terms.in_frame(frame.rows), begin.at, contact.warm_start, begin.kept_hessian, begin.timings
+        terms.in_frame(frame.rows, frame.friction), begin.at, contact.warm_start, begin.kept_hessian, begin.timings
     )
 
 

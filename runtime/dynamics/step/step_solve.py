@@ -53,7 +53,9 @@ def solve_step(
             early -= 1
         else:
             continue
-        lagged = replace(problem, lagged=problem.lag(point, sliding.slip, point.friction_on_nodes))
+        friction = point.friction_on_nodes
+        point = problem.point(point.body.under(friction))
+        lagged = replace(problem, lagged=problem.lag(point, sliding.slip, friction))
         point = lagged.point(point.body)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.contact import CoulombFriction
-from softprint.runtime.contact.condensed.compliant_friction import FactoredCompliance, settle
+from softprint.runtime.contact.condensed.compliant_friction import CompliantPoints, settle
 from softprint.runtime.contact.friction import LaggedContact
 from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
@@ -33,13 +33,12 @@ def points(request):
     carrier = np.eye(dim) + 0.2 * rng.standard_normal((K, dim, dim))
     pose = RigidPose.identity(dim)
     lagged = LaggedContact(np.arange(K), np.full(K, FORCE), normal, np.zeros((K, dim)), pose)
-    return FactoredCompliance.of(given, dim), carrier, lagged, rng, given
+    return CompliantPoints.of(given, dim), carrier, lagged, rng, given
 
 
 def settled(points, y, stiffer=1.0, start=None):
     compliance, carrier, lagged, *_ = points
-    factor, moved = (one / stiffer**0.5 for one in (compliance.factor, compliance.moved))
-    compliance = replace(compliance, factor=factor, moved=moved)
+    compliance = replace(compliance, stiffness=stiffer * compliance.stiffness)
     return settle(lambda x: LAW.terms(x, lagged, TIME_STEP), y, carrier, compliance, start)
 
 
@@ -55,9 +54,9 @@ def test_no_other_displacements_have_less_energy(points, length):
     found = settled(points, y)
     assert found.converged
     for _ in range(20):
-        s = found.stored + 1e-5 * rng.standard_normal(len(found.stored))
-        x = y + (carrier @ compliance.displacement(s)[..., None])[..., 0]
-        energy = LAW.terms(x, lagged, TIME_STEP).energy + 0.5 * s @ s
+        u = found.displacement + 1e-7 * rng.standard_normal(len(found.displacement))
+        x = y + (carrier @ compliance.displacement(u)[..., None])[..., 0]
+        energy = LAW.terms(x, lagged, TIME_STEP).energy + 0.5 * u @ compliance.stiffness @ u
         assert energy > found.energy
 
 
@@ -84,10 +83,12 @@ def test_the_start_changes_the_cost_alone(points, size):
     """Near, or far beyond what friction can be, where zero is the better start."""
     y = slipped(points, 1e-3)
     found = settled(points, y)
-    again = settled(points, y, start=size * found.stored)
+    again = settled(points, y, start=size * found.displacement)
     assert again.converged
     # The energy is convex, and the residual at most 1e-9.
-    np.testing.assert_allclose(again.stored, found.stored, atol=1e-6 * np.abs(found.stored).max())
+    np.testing.assert_allclose(
+        again.displacement, found.displacement, atol=1e-6 * np.abs(found.displacement).max()
+    )
 
 
 @pytest.mark.parametrize("length", [1e-4, 1e-3], ids="{} m".format)
@@ -122,14 +123,15 @@ def test_what_sticks_is_a_spring_in_series(points):
     stiffness = 2.0 * LAW.coefficient * FORCE / (LAW.slip_velocity * TIME_STEP)
     dim = y.shape[1]
     P = np.eye(dim) - lagged.normal[:, :, None] * lagged.normal[:, None, :]
-    # x = y + A V s and s = -V^T A^T k P x.
-    T = (carrier @ compliance.moved.reshape(K, dim, -1)).reshape(K * dim, -1)
+    # x = y + A N u and u = -G N^T A^T k P x.
+    N = np.stack([compliance.displacement(e) for e in np.eye(NODES * dim)], axis=-1)
+    T = (carrier @ N).reshape(K * dim, -1)
     H = np.zeros((K, dim, K, dim))
     H[np.arange(K), :, np.arange(K)] = stiffness * P
     H = H.reshape(K * dim, K * dim)
-    s = -np.linalg.solve(np.eye(T.shape[1]) + T.T @ H @ T, T.T @ H @ y.ravel())
+    u = -np.linalg.solve(compliance.stiffness + T.T @ H @ T, T.T @ H @ y.ravel())
     # Friction falls off from linear by |slip| / (2 eps), a few parts in a million.
-    np.testing.assert_allclose(settled(points, y).stored, s, rtol=1e-3, atol=1e-4 * np.abs(s).max())
+    np.testing.assert_allclose(settled(points, y).displacement, u, rtol=1e-3, atol=1e-4 * np.abs(u).max())
 
 
 def test_a_surface_that_does_not_give_way_feels_friction_itself(points):

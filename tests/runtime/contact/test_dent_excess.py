@@ -25,7 +25,7 @@ def made(body, model="stable_neo_hookean", at_most=400):
 def pressed(loaded, body, rng, count=6):
     """Some neighbouring points on top, and forces on them, mostly downwards."""
     at = loaded.mean(body.mesh.points)
-    order = np.argsort(np.square(at - [*[0.004] * (body.dim - 1), 0.06]).sum(axis=1))
+    order = np.argsort(np.square(at - [*[0.004, 0.002][: body.dim - 1], 0.06]).sum(axis=1))
     forces = 0.3 * FORCE[body.dim] * rng.normal(size=(count, body.dim))
     forces[:, -1] -= FORCE[body.dim]
     return np.sort(order[:count]), forces
