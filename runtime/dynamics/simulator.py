@@ -155,7 +155,8 @@ class Simulator:
         reached = replace(reached, factorisation=kept_factorisation(solved, predicted_by))
         result = self._result(solved, reached, inertia, timings, free)
         released = {name for name, contact in result.contacts.items() if not contact.points}
-        piercing = self._pierced.deepest(begin, solved.x.body, released)
+        drawn = solved.x.body.displaced(reached.friction)
+        piercing = self._pierced.deepest(begin, drawn, released)
         if piercing is None:
             piercing = self._pierced.penetrating(result.contacts)
         if piercing is None and limit is not None and not solved.converged:

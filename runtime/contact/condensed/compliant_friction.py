@@ -1,9 +1,9 @@
 """Friction on points that give way: a friction potential and the compliance of the surface in series.
 
 Contact points lie between contact nodes, which are fewer, so that what gives way is computed there: with the compliance
-G among the nodes and the shares N of the points in them, nodal forces phi displace the nodes in rest coordinates by
-u = G phi, which stores the energy u . G^-1 u / 2, and the points by N u. What friction feels is the slip of the displaced
-points
+G among the nodes and the shares N of the points in them, nodal forces phi displace the nodes by u = G phi in rest
+coordinates, which stores the energy u . G^-1 u / 2, and the points by N u. What friction feels is the slip of the
+displaced points
 
     x(q, u) = y(q) + A(q) N u,
 

@@ -22,7 +22,6 @@ from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.all_points import AllPoints
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.condensed.pushed_points import pushed_in
-from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -38,7 +37,6 @@ from softprint.runtime.contact.solver.candidates import (
 from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
-from softprint.runtime.contact.solver.given_displacement import GivenDisplacement
 from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.sharp_search import Dent, SharpSearch, bearing_facets, sharp_colliders
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
@@ -125,11 +123,9 @@ class CondensedContact:
         """By name."""
         return {name: search.collider for name, search in self.searches.items()}
 
-    def in_frame(self, frame_rows: Array, friction: FrictionForces | None = None) -> CorotatedPoints:
-        """The contact points on the facets in the corotated frame of a step that starts at frame rows (n_rows, dim), as
-        displaced by known friction."""
-        given = None if friction is None else GivenDisplacement(self.of_nodes, *friction[:2])
-        return self.points.in_frame(frame_rows, given)
+    def in_frame(self, frame_rows: Array) -> CorotatedPoints:
+        """The contact points on the facets in the corotated frame of a step that starts at frame rows (n_rows, dim)."""
+        return self.points.in_frame(frame_rows)
 
     def resume(self, solved: SolvedContact | None, frame: CorotatedPoints | None = None) -> WarmStart | None:
         """The warm start from the solved contact that a state stores. frame: of the step in which it was solved."""

@@ -10,8 +10,9 @@ normals g / |g| of the last contact solve, and v. Friction and the compliance of
 
 x_start are the positions of the same points at the start of the step, with the displacements of that state by contact
 and by friction: a dent that travels over the body slips as far as its points do. For this a state stores the friction
-forces on its contact nodes. What friction does to the pressure is neglected, and so is what the friction of one
-collider does to the points that touch another.
+forces on its contact nodes. Pressure is that on the surface as the last friction has displaced it
+(`runtime/contact/solver/given_displacement.py`), of all colliders. What the friction of one collider does to the slip
+of points that touch another is neglected.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ So the energy W(q) of contact and of the displacement that it causes has (Clapey
 
 Both are exact and need no derivative beyond the Hessian of the distance. x and F are affine in the handle rows while
 the rotations of the frame of static condensation are fixed. An internal correction of the body is not affine: with it
--sum_j f_j . d2x_j is added. A given displacement c (`given_displacement.py`) is fixed in rest coordinates like v, so that
+-sum_j f_j . d2x_j is added. A given displacement c (`given_displacement.py`) is fixed in rest coordinates like v, and
 v + c takes the place of v.
 
 The contact Hessian of a reduced step is `LinearisedContact.hessian`.

@@ -7,7 +7,7 @@ the handles alone is computed without it,
 
     sum_j f_j . dx_j + M_j : dA_j,    dx_j = U_j dq + du_j,    dF_j = dq^T grad U_j.
 
-An internal correction of the body moves the points, too (`internal_points.py`), and so does a displacement that is given
+An internal correction of the body moves the points, too (`internal_points.py`), and so does a given displacement
 (`given_displacement.py`); the formulas here are without them.
 """
 
@@ -87,10 +87,10 @@ class ContactPoints:
             (loaded.nodes, loaded.shares),
         )
 
-    def in_frame(self, frame_rows: Array, given: GivenDisplacement | None = None) -> CorotatedPoints:
+    def in_frame(self, frame_rows: Array) -> CorotatedPoints:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
         condensation = None if self.condensation is None else self.condensation.corotated(frame_rows)
-        return CorotatedPoints(self, frame_rows, condensation, given)
+        return CorotatedPoints(self, frame_rows, condensation)
 
     def deformation(self, rows: Array, index: IntArray) -> Array:
         """F (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
@@ -100,13 +100,18 @@ class ContactPoints:
 @dataclass(frozen=True, eq=False)
 class CorotatedPoints:
     """The contact points in the corotated frame of one step: without internal correction and given displacement x is
-    affine in the handle rows. given: None for none. index: (m,) some."""
+    affine in the handle rows. given: None for none; step: what is the same in one step alone. index: (m,) some."""
 
     points: ContactPoints
     frame_rows: Array
     condensation: CorotatedPointCondensation | None
     given: GivenDisplacement | None = None
+    step: object = field(default_factory=object, repr=False)
     _last: list[tuple[Array, Array, Array]] = field(default_factory=list, repr=False, kw_only=True)
+
+    def displaced(self, given: GivenDisplacement) -> CorotatedPoints:
+        """The same points with a given displacement."""
+        return CorotatedPoints(self.points, self.frame_rows, self.condensation, given, self.step)
 
     def positions(self, rows: Array, index: IntArray | None = None) -> Array:
         """x (m, dim) [m] of some of the points (all by default), static condensation, internal correction and given

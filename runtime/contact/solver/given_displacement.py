@@ -1,8 +1,8 @@
 """What given forces displace contact points by: those of friction, while the pressure is solved for.
 
 Friction bends the surface as contact does. Where it is known from before, phi on the contact nodes, its displacement
-c = G phi, in rest coordinates, is carried along like that by contact: the points are at x(q) + A(q) c. So the pressure is
-that on the surface as friction has dragged it, and a collider that drags the surface far does not end up inside it.
+c = G phi, in rest coordinates, is carried along like that by contact: the points are at x(q) + A(q) c. Pressure is on
+the surface where friction has dragged it, so that a collider that drags the surface far does not end up inside it.
 """
 
 from __future__ import annotations

@@ -260,7 +260,8 @@ class SharpSearch:
         return own
 
     def _positions(self, points: CorotatedPoints, rows: Array, nodes: IntArray, F: Array) -> Array:
-        """(k, dim) [m] of some of the surface nodes (k,), without the displacement by contact; F: (k, dim, dim) there."""
+        """(k, dim) [m] of some of the surface nodes (k,), without the displacement by contact; F: (k, dim, dim) of
+        these."""
         x = placed_some(self.surface.material.basis, rows, nodes)
         if points.condensation is not None:
             x += points.condensation.of_nodes.displacement(rows, nodes)

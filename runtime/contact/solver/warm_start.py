@@ -69,7 +69,7 @@ class WarmStart:
 
     def is_within(self, points: CorotatedPoints) -> bool:
         """Whether it was solved in the step in whose frame these points are."""
-        return self.frame is not None and self.frame.frame_rows is points.frame_rows
+        return self.frame is not None and self.frame.step is points.step
 
     @lazy
     def factor(self) -> WoodburyFactor:

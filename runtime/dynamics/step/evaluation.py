@@ -6,7 +6,7 @@ friction has displaced it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from softprint.runtime.arrays import Array, RowHessian
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
@@ -50,6 +50,19 @@ class BodyEvaluation:
         other = BodyEvaluation(self.frame.under(friction), self.at, start, self.kept_hessian, self.timings)
         known = {k: v for k, v in self.__dict__.items() if k != "contact"}
         other.__dict__.update({**known, **other.__dict__})
+        return other
+
+    def displaced(self, friction: FrictionForces | None) -> BodyEvaluation:
+        """The same as friction displaces it, under the pressure that was found without."""
+        condensed, contact = self.frame.terms.condensed, self.contact
+        if condensed is None or contact is None or contact.solved is None or friction is None:
+            return self
+        other, rows = self.under(friction), self.at.rows
+        points = other.frame.contact_points
+        assert points is not None  # there is condensed contact
+        there = condensed.evaluation(points, rows, contact.solved).every.positions(rows, contact.solved.index)
+        solved = replace(contact.solved, position=there)
+        other.__dict__["contact"] = condensed.evaluation(points, rows, solved)
         return other
 
     @lazy

@@ -13,6 +13,7 @@ from softprint.runtime.contact.condensed.condensed_contact import CondensedConta
 from softprint.runtime.contact.condensed.condensed_friction import CondensedFriction
 from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
+from softprint.runtime.contact.solver.given_displacement import GivenDisplacement
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.elastic import Elastic, ElasticInFrame
 from softprint.runtime.dynamics.terms.frame_contact import FrameContact
@@ -56,7 +57,8 @@ class CorotatedFrame:
     def under(self, friction: FrictionForces | None) -> CorotatedFrame:
         """The same frame with other known friction."""
         other = CorotatedFrame(self.terms, self.rows, friction)
-        other.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("weight", "elastic", "surface")})
+        shared = ("weight", "elastic", "surface", "_undisplaced")
+        other.__dict__.update({name: value for name, value in self.__dict__.items() if name in shared})
         return other
 
     @lazy
@@ -77,5 +79,13 @@ class CorotatedFrame:
     @lazy
     def contact_points(self) -> CorotatedPoints | None:
         """The points of condensed contact."""
+        condensed, points = self.terms.condensed, self._undisplaced
+        if condensed is None or points is None or self.friction is None:
+            return points
+        return points.displaced(GivenDisplacement(condensed.of_nodes, *self.friction[:2]))
+
+    @lazy
+    def _undisplaced(self) -> CorotatedPoints | None:
+        """These without known friction."""
         condensed = self.terms.condensed
-        return None if condensed is None else condensed.in_frame(self.rows, self.friction)
+        return None if condensed is None else condensed.in_frame(self.rows)

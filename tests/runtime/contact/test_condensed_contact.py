@@ -17,6 +17,7 @@ from softprint.runtime.contact.solver import candidate_search, contact_solve
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
+from softprint.runtime.contact.solver.given_displacement import GivenDisplacement
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
@@ -24,6 +25,7 @@ from tests.internal_model import made_model
 
 STIFFNESS = 1e10  # N/m^4
 RADIUS = 0.02
+DRAG = {2: 20.0, 3: 0.5}  # N on each node, which displaces points by a millimetre
 # Larger than what is learned on the Jelly.
 LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8, -0.8)), 0.85, 1.0)
 
@@ -60,6 +62,14 @@ class PressedBall:
         )
         return cls(contact, contact.in_frame(rows), rows, pose)
 
+    def dragged(self, force: float) -> "PressedBall":
+        """Displaced by given forces of this size [N] on the nodes that bear pressure."""
+        nodes, pressure = self.contact.node_forces(self.at().solved)
+        forces = force * np.random.default_rng(4).normal(size=pressure.shape)
+        return replace(
+            self, points=self.points.displaced(GivenDisplacement(self.contact.of_nodes, nodes, forces))
+        )
+
     def at(self, rows=None, pose=None, warm_start: WarmStart | None = None) -> ContactEvaluation:
         """Of that state by default."""
         rows, pose = self.rows if rows is None else rows, self.pose if pose is None else pose
@@ -88,6 +98,8 @@ def law(request):
         "learned energy",
         "internal on the subspace",
         "internal, and learned energy",
+        "dragged",
+        "dragged, and learned energy",
     ]
 )
 def pressed(jelly_body, dim, law, request):
@@ -99,7 +111,8 @@ def pressed(jelly_body, dim, law, request):
     internal = None
     if "internal" in request.param:
         internal = InternalCorrection(made_model(jelly_body, size=3e-4), jelly_body)
-    return PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose, law, learned, internal)
+    pressed = PressedBall.of(jelly_body, mechanics, strained(jelly_body), pose, law, learned, internal)
+    return pressed.dragged(DRAG[dim]) if "dragged" in request.param else pressed
 
 
 def test_a_step_is_no_longer_than_contact_can_be_followed(pressed, jelly_body, dim):

@@ -182,8 +182,8 @@ def test_energy_only_decreases(settled_balls, dim, condensed):
     lost = energies[0] - energies[-1]
     assert lost > 0
     # Backward Euler dissipates; where the energy is not convex (a ball on few nodes) or the body's rotations are
-    # updated with the step, it may gain a little for a moment.
-    assert np.diff(energies).max() < 0.02 * lost
+    # updated with the step, it may gain a little for a moment, and what friction displaces stores energy, too.
+    assert np.diff(energies).max() < 0.03 * lost
 
 
 @pytest.mark.parametrize(("slope", "slides"), [(0.2, False), (0.6, True)])
