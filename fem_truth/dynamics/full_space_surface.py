@@ -9,7 +9,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.piercing import DeformedSurface, depths_below, facets_beside
+from softprint.runtime.contact.piercing import DeformedSurface, depths_inside
 from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, SearchedSurface
 from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.lazy import lazy
@@ -61,7 +61,7 @@ class _SurfaceNodesAt:
 
     def depths(self, z: Array, near: IntArray) -> Array:
         """See `DeformedSurface`."""
-        return depths_below(z, self.approximate, facets_beside(self.facets, len(self.approximate), near))
+        return depths_inside(z, self.approximate, self.facets, near)
 
     @lazy
     def _normals(self) -> Array:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple, Protocol
 
+import igl
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -62,8 +63,8 @@ class DeformedSurface(Protocol):
         ...
 
     def depths(self, z: Array, near: IntArray) -> Array:
-        """How deep points z (k, dim) are below the facets [m] (k,), negative outside. near: (m,) contact points beside
-        which facets are looked at."""
+        """How deep points z (k, dim) are inside the surface [m] (k,), negative outside. near: (m,) contact points to
+        the facets beside which the distance is."""
         ...
 
 
@@ -141,7 +142,10 @@ class PiercingSearch:
     ) -> _FarInside | None:
         """The points of a collider that are inside the surface, and farther than the limit [m] from its points."""
         probe, x = self._probes[name], surface.approximate
-        lower, upper = bounds(x)
+        least, most = bounds(x)
+        # A collider inside may have lifted the surface out of the box that it is in without contact.
+        lower, upper = bounds(np.concatenate([x, surface.known]))
+        lifted = float(max((least - lower).max(), (upper - most).max()))
         around = pose.apply(probe.points)
         index = in_box(around, lower, upper)
         around = around[index]
@@ -156,7 +160,7 @@ class PiercingSearch:
             return None
         # Contact may have moved nodes of the surface from anywhere along the collider to a point of it.
         lower, upper = bounds(around)
-        near = in_box(x, lower - limit, upper + limit)
+        near = in_box(x, lower - (limit + lifted), upper + (limit + lifted))
         y, normal = surface.positions(near), surface.normals(near)
         kept &= ~probe.are_outside(index, pose, y, normal, limit)
         z = z[kept]
@@ -204,17 +208,17 @@ def _without_none(found: Mapping[str, Piercing | None]) -> dict[str, Piercing]:
     return {name: piercing for name, piercing in found.items() if piercing is not None}
 
 
-def facets_beside(facets: IntArray, n_nodes: int, nodes: IntArray) -> IntArray:
-    """Those of the facets (f, dim) whose corners are all among some of n_nodes nodes (k,)."""
-    beside = np.zeros(n_nodes, dtype=bool)
-    beside[nodes] = True
-    return facets[beside[facets].all(axis=1)]
-
-
-def depths_below(z: Array, x: Array, facets: IntArray) -> Array:
-    """How deep points z (k, dim) are below facets (f, dim) between nodes at x (n_nodes, dim) [m] (k,), negative
-    outside; infinite without facets."""
-    return nearest_of(z, x, facets).depth if len(facets) else np.full(len(z), np.inf)
+def depths_inside(z: Array, x: Array, facets: IntArray, near: IntArray) -> Array:
+    """How deep points z (k, dim) are inside a closed surface with facets (f, dim) between nodes at x (n_nodes, dim) [m]
+    (k,), negative outside: as far as they are from the facets between some of the nodes (m,), infinitely without any.
+    Where the surface has folded over, the nearest of these may show its outer side to a point inside, whose winding
+    number is not zero then; and that may be zero where a body is turned inside out. Either tells of a point inside."""
+    beside = np.zeros(len(x), dtype=bool)
+    beside[near] = True
+    facets_beside = facets[beside[facets].all(axis=1)]
+    depth = nearest_of(z, x, facets_beside).depth if len(facets_beside) else np.full(len(z), np.inf)
+    inside = np.rint(igl.winding_number(x, facets.astype(np.int64), z)) != 0.0
+    return np.where(inside, np.abs(depth), depth)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.piercing import DeformedSurface, depths_below, facets_beside
+from softprint.runtime.contact.piercing import DeformedSurface, depths_inside
 from softprint.runtime.contact.solver.contact_points import ContactPoints
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, SearchedSurface
@@ -68,11 +68,10 @@ class _Facets:
         """The nodes (k,), ascending, whose contact point is one of some."""
         return np.flatnonzero(np.isin(self.points, points))
 
-    def depths(self, z: Array, nodes: IntArray, x: Array) -> Array:
-        """See `DeformedSurface`; nodes: (k,) at x (k, dim) [m]."""
-        every = np.zeros((len(self.nodes), x.shape[1]))
-        every[nodes] = x
-        return depths_below(z, every, facets_beside(self.corners, len(self.nodes), nodes))
+    def beside(self, points: ContactPoints, rows: Array, approximate: Array) -> Array:
+        """(n, dim) [m]: every node displaced from handle rows (n_rows, dim) as its contact point is, of those at
+        approximate positions."""
+        return placed(self.basis, rows) + (approximate - placed(points.material.basis, rows))[self.points]
 
 
 class SampledSurface:
@@ -113,11 +112,9 @@ class _SampledAt:
         return _normals(self.points, self.rows, index)
 
     def depths(self, z: Array, near: IntArray) -> Array:
-        """See `DeformedSurface`. Every node is displaced like its contact point."""
-        nodes = self.facets.near(near)
-        beside = self.facets.points[nodes]
-        displaced = self.approximate[beside] - placed_some(self.points.material.basis, self.rows, beside)
-        return self.facets.depths(z, nodes, placed_some(self.facets.basis, self.rows, nodes) + displaced)
+        """See `DeformedSurface`."""
+        x = self.facets.beside(self.points, self.rows, self.approximate)
+        return depths_inside(z, x, self.facets.corners, self.facets.near(near))
 
 
 class CondensedSurface:
@@ -170,8 +167,8 @@ class _CondensedAt:
         return _normals(self.surface.points, self.contact.rows, index)
 
     def depths(self, z: Array, near: IntArray) -> Array:
-        """See `DeformedSurface`. Every node has the displacement by contact of its contact node, and all others of the
-        contact point beside it."""
+        """See `DeformedSurface`. Every node near has the displacement by contact of its contact node, and all others of
+        the contact point beside it. Those farther off are about where they are, which tells what is inside."""
         surface, facets, rows = self.surface, self.surface.facets, self.contact.rows
         nodes = facets.near(near)
         x = placed_some(facets.basis, rows, nodes)
@@ -183,7 +180,9 @@ class _CondensedAt:
         if contact is not None:
             v = surface.compliance.displacement(surface.owner[nodes[own]], *contact.start.node_forces)
             x[own] += to_world(every.carriers(rows, beside)[which], v)
-        return facets.depths(z, nodes, x)
+        every = facets.beside(surface.points, rows, self.approximate)
+        every[nodes] = x
+        return depths_inside(z, every, facets.corners, nodes)
 
 
 def _normals(points: ContactPoints, rows: Array, index: IntArray) -> Array:

@@ -11,8 +11,9 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.colliders import Box, Plane, RigidPose, Sphere
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion
-from softprint.runtime.contact.piercing import PiercingSearch, _Probe, depths_below, facets_beside
+from softprint.runtime.contact.piercing import PiercingSearch, _Probe, depths_inside
 from softprint.runtime.mesh import Mesh, box_mesh
+from softprint.runtime.mesh.nearest_facets import nearest_of
 
 SPACING = 0.01  # m, of the nodes of the block
 
@@ -42,8 +43,7 @@ class Undeformed:
 
     def depths(self, z, near):
         facets = np.searchsorted(self.mesh.surface_nodes, self.mesh.facets)
-        x = self.approximate + self.displacement
-        return depths_below(z, x, facets_beside(facets, len(x), near))
+        return depths_inside(z, self.approximate + self.displacement, facets, near)
 
 
 @pytest.fixture
@@ -95,6 +95,39 @@ def test_a_surface_that_gives_way_is_not_pierced(block, dim):
     down = -0.03 * np.eye(dim)[-1]
     top = surface.approximate[:, -1:] > 0.099
     assert not search.found(Undeformed(mesh, top * down), poses)
+
+
+def test_a_collider_that_lifts_the_surface_from_inside_is_found(block, dim):
+    """Above where the surface is without contact."""
+    _, mesh = block
+    lifted = np.where(mesh.points[mesh.surface_nodes][:, -1:] > 0.099, 0.06 * np.eye(dim)[-1], 0.0)
+    search = PiercingSearch({"ball": Sphere(0.008, dim)}, SPACING)
+    above = {"ball": RigidPose(np.eye(dim), np.append(np.full(dim - 1, 0.05), 0.13))}
+
+    class Known(Undeformed):
+        @property
+        def known(self):
+            return (self.approximate + self.displacement)[self.approximate[:, -1] > 0.099]
+
+    found = search.found(Known(mesh, lifted), above)["ball"]
+    # The top is at 0.16 m, and the ball's lowest point 0.038 m below.
+    assert found.depth == pytest.approx(0.038, abs=0.1 * SPACING)
+
+
+def test_what_is_inside_a_surface_that_has_folded_over():
+    """A limacon of Pascal, r = 1 + 2 cos t: its inner loop, in which the curve winds twice, shows its outer side to the
+    points between both loops."""
+    t = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    x = (1.0 + 2.0 * np.cos(t))[:, None] * np.column_stack([np.cos(t), np.sin(t)])
+    facets = np.column_stack([np.arange(400), np.roll(np.arange(400), -1)])
+    z = np.array([[1.2, 0.0], [0.7, 0.0], [2.9, 0.0], [3.4, 0.0]])
+    assert nearest_of(z[:1], x, facets).depth < 0.0
+    # Chords of arcs, a hundredth long, are off by the square of that.
+    expected = [0.2, 0.3, 0.1, -0.4]
+    found = depths_inside(z, x, facets, np.arange(400))
+    np.testing.assert_allclose(found, expected, atol=2e-3)
+    # Turned inside out, it winds the other way.
+    np.testing.assert_allclose(depths_inside(z, x, facets[:, ::-1], np.arange(400)), np.abs(expected), atol=2e-3)
 
 
 def test_known_positions_spare_the_others(block, dim):
