@@ -54,7 +54,7 @@ _HALVINGS = 2
 # The points that sharp points press are found again this often at most, at the start of a step.
 _FINDS = 3
 # A prediction with so many times the energy of the last contact, if that had any, is one of another contact.
-_GROWN = 4.0
+_GROWN = 12.0
 
 
 @dataclass(frozen=True, eq=False)

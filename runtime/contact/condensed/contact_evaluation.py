@@ -27,10 +27,6 @@ from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
-# Points in contact move by at most this multiple of the contact displacement between two solves: as far as a prediction
-# reaches, in each of the four parts that `CondensedContact` may cut a way into.
-_FARTHEST = 4.0 * TOO_FAR
-
 
 class CarriedCompliance(NamedTuple):
     """How k points give way and are carried along by the body. compliance: among them; displacement: v (k, dim) [m], in
@@ -113,14 +109,14 @@ class ContactEvaluation:
         return self._active.hessian if self._hardened is None else self._hardened.hessian
 
     def longest(self, change: Array) -> float:
-        """1, or the share of a change of the rows (n_rows, dim) by which points in contact move so far that contact
-        can just be followed."""
+        """1, or the share of a change of the rows (n_rows, dim) by which points in contact move just so far that their
+        contact can be predicted."""
         contact = self._active
         if contact is None:
             return 1.0
         moved = (contact.derivatives.position @ change.ravel()).reshape(-1, change.shape[1])
         farthest = float(np.linalg.norm(moved, axis=1).max())
-        most = _FARTHEST * contact.solved.depth
+        most = TOO_FAR * contact.solved.depth
         return 1.0 if farthest <= most else most / farthest
 
     @property

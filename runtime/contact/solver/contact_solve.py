@@ -51,7 +51,7 @@ _TOLERANCE = 1e-5
 _TIGHTER = 0.01
 _ITERATIONS = 12
 # A warm start needs two or three iterations. After so many Newton's method is unlikely to converge.
-_NEAR_ITERATIONS = 7
+_NEAR_ITERATIONS = 10
 # Newton's method stops when the residual has grown by this factor, or, after so many iterations, when it is no longer
 # the smallest so far.
 _GROWTH, _SETTLED = 10.0, 4
