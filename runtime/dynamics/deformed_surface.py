@@ -180,9 +180,9 @@ class _CondensedAt:
         if contact is not None:
             v = surface.compliance.displacement(surface.owner[nodes[own]], *contact.start.node_forces)
             x[own] += to_world(every.carriers(rows, beside)[which], v)
-        every = facets.beside(surface.points, rows, self.approximate)
-        every[nodes] = x
-        return depths_inside(z, every, facets.corners, nodes)
+        whole = facets.beside(surface.points, rows, self.approximate)
+        whole[nodes] = x
+        return depths_inside(z, whole, facets.corners, nodes)
 
 
 def _normals(points: ContactPoints, rows: Array, index: IntArray) -> Array:
