@@ -167,8 +167,9 @@ class _CondensedAt:
         return _normals(self.surface.points, self.contact.rows, index)
 
     def depths(self, z: Array, near: IntArray) -> Array:
-        """See `DeformedSurface`. Every node near has the displacement by contact of its contact node, and all others of
-        the contact point beside it. Those farther off are about where they are, which tells what is inside."""
+        """See `DeformedSurface`. Every node near has the displacements by contact and friction of its contact node, and
+        all others of the contact point beside it. Those farther off are about where they are, which tells what is
+        inside."""
         surface, facets, rows = self.surface, self.surface.facets, self.contact.rows
         nodes = facets.near(near)
         x = placed_some(facets.basis, rows, nodes)
@@ -178,7 +179,10 @@ class _CondensedAt:
         settled = every.positions(rows, beside) - placed_some(surface.points.material.basis, rows, beside)
         x[own] += settled[which]
         if contact is not None:
-            v = surface.compliance.displacement(surface.owner[nodes[own]], *contact.start.node_forces)
+            of = surface.owner[nodes[own]]
+            v = surface.compliance.displacement(of, *contact.start.node_forces)
+            if every.given is not None:
+                v = v + every.given.of_nodes(of) - every.given_displacement(beside)[which]
             x[own] += to_world(every.carriers(rows, beside)[which], v)
         whole = facets.beside(surface.points, rows, self.approximate)
         whole[nodes] = x

@@ -127,7 +127,9 @@ def test_what_is_inside_a_surface_that_has_folded_over():
     found = depths_inside(z, x, facets, np.arange(400))
     np.testing.assert_allclose(found, expected, atol=2e-3)
     # Turned inside out, it winds the other way.
-    np.testing.assert_allclose(depths_inside(z, x, facets[:, ::-1], np.arange(400)), np.abs(expected), atol=2e-3)
+    np.testing.assert_allclose(
+        depths_inside(z, x, facets[:, ::-1], np.arange(400)), np.abs(expected), atol=2e-3
+    )
 
 
 def test_known_positions_spare_the_others(block, dim):
