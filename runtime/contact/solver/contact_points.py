@@ -100,7 +100,8 @@ class ContactPoints:
 @dataclass(frozen=True, eq=False)
 class CorotatedPoints:
     """The contact points in the corotated frame of one step: without internal correction and given displacement x is
-    affine in the handle rows. given: None for none; step: what is the same in one step alone. index: (m,) some."""
+    affine in the handle rows. given: None for none; step: the same object for all points of one step. index: (m,)
+    some."""
 
     points: ContactPoints
     frame_rows: Array
