@@ -1,10 +1,14 @@
-"""The speed columns of a table of bodies: frames a second of the bare subspace, of ours and of full space, in contact.
+"""The speed columns of a table of bodies: frames a second of the bare subspace, the thesis's networks, ours and
+full space, in contact.
 
     python -m benchmarks.bodies_speed examples/{jelly3d,ball,finger,hand}.toml [--cores 2] [--tolerance T] [--no-full]
+    python -m benchmarks.bodies_speed examples/{jelly2d_circle,worm,duck}.toml --full-steps 20
 
 Every body is pressed in its first test scene, springs, friction and all. Where the run directory has a trained
 correction of form force, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
-It is kept in the run directory as speed_stand_in_NODES_VERSION.safetensors, and the mechanics as in training. A
+It is kept in the run directory as speed_stand_in_NODES_VERSION.safetensors, and the mechanics as in training. The
+thesis's network is the last of form thesis4, thesis5 or thesis6 in the experiment, always an untrained one whose output
+is zero: it costs what a trained one does, and contact is that of the bare subspace. A
 body whose run is elsewhere is given as EXPERIMENT=DIRECTORY. On two cores the surface of a step is drawn beside the
 next step, by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says.
 Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4
@@ -26,6 +30,7 @@ from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.run_mechanics import RunMechanics
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.cli.verbs.bench_verb import all_or_count
+from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import ModelSpec
@@ -34,6 +39,7 @@ from softprint.runtime.learned.correction_file import VERSION, save_correction
 from softprint.runtime.learned.force.entry import options as force_options
 from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.learned.form import find_form
+from softprint.runtime.learned.thesis4.model import ObjectCentricModel, unit_shape
 from softprint.runtime.scenes.playing import (
     SceneModel,
     bare_model,
@@ -46,7 +52,7 @@ from softprint.runtime.scenes.speed import Speed, machine, measure, with_newton
 
 # Of the table: heading and width of what is counted.
 _COLUMNS = (("tets", 8), ("points", 8), ("frames", 8), ("dofs", 6))
-_MODELS = ("bare", "ours", "full")
+_MODELS = ("bare", "thesis", "ours", "full")
 
 
 def stand_in(context: Context, spec: ModelSpec, body: ReducedBody, contact_nodes: int, path: Path) -> None:
@@ -75,21 +81,48 @@ def correction_file(context: Context, body: ReducedBody, contact_nodes: int | No
     return path, False
 
 
+def thesis_file(context: Context, body: ReducedBody, collider: str) -> Path | None:
+    """The last of the thesis's networks in the experiment, untrained, for one collider; None where it has none."""
+    experiment = context.experiment
+    specs = [spec for spec in experiment.training.models if spec.form.startswith("thesis")]
+    if not specs:
+        return None
+    spec, path = specs[-1], context.out_dir / f"speed_stand_in_{specs[-1].name}_{VERSION}.safetensors"
+    if not path.is_file():
+        form = find_form(spec.form)
+        own = form.options(spec, body, PenaltyContact.of(experiment.contact))
+        model = form.model(own.to_json(), body.dim, body.n_rows)
+        with torch.no_grad():
+            for last in list(model.parameters())[-2:]:
+                last.zero_()
+            if isinstance(model, ObjectCentricModel):
+                shape = build_collider(experiment.collider(collider), experiment.base_dir)
+                model.shape.copy_(torch.as_tensor(unit_shape(shape)))
+                model.sizes.fill_(shape.size)
+        told = {"untrained": "a stand-in for measurements of speed"}
+        save_correction(path, spec.name, model, body, collider, "", 0.0, told)
+    return path
+
+
 def measured(context: Context, options: argparse.Namespace) -> str:
     """One body's line of the table."""
     body = body_of_run(context)
     path, trained = correction_file(context, body, options.contact_nodes)
     experiment = with_newton(context.experiment, options.iterations, options.tolerance)
     scene = experiment.scenes_of_role("test")[0]
-    models: dict[str, SceneModel] = {
-        "bare": bare_model(experiment, body, scene),
-        "ours": model_of_file(experiment, body, scene, path),
-    }
+    models: dict[str, SceneModel] = {"bare": bare_model(experiment, body, scene)}
+    thesis = thesis_file(context, body, scene.colliders[0].name)
+    if thesis is not None:
+        models["thesis"] = model_of_file(experiment, body, scene, thesis)
+    models["ours"] = model_of_file(experiment, body, scene, path)
     if find_spec("dolfinx") is not None and not options.no_full:
         models["full"] = build_model(experiment, body, scene, context.out_dir, "full")
     n = scene_steps(experiment, scene)
+    steps = dict.fromkeys(models, options.steps)
+    if options.full_steps is not None:
+        steps["full"] = options.full_steps
     speeds = {
-        name: measure(name, model, n, options.steps, options.cores == 2) for name, model in models.items()
+        name: measure(name, model, n, steps[name], options.cores == 2) for name, model in models.items()
     }
     handles = body.handles
     counts = (body.mesh.n_cells, handles.n_points, len(handles.frames), handles.n_dofs)
@@ -120,7 +153,7 @@ def table_line(name: str, counts: Sequence[int], speeds: Mapping[str, Speed | No
             f"{1e3 * speed.cpu:>8.2f}{speed.frames_per_second:>8.1f}"
             f"{speed.iterations:>8.1f}{speed.converged:>7.0%}"
         )
-    bare, own, full = (speeds.get(model) for model in _MODELS)
+    bare, own, full = (speeds.get(model) for model in ("bare", "ours", "full"))
     cells.append(f"{own.mean / bare.mean:>8.2f}x" if own and bare else f"{'-':>9}")
     cells.append(f"{full.mean / own.mean:>8.1f}x" if full and own else f"{'-':>9}")
     return f"{name:<16}{''.join(cells)}"
@@ -134,6 +167,9 @@ def main() -> None:
     parser.add_argument("experiments", nargs="+", help="experiment files, or EXPERIMENT=RUN_DIRECTORY")
     parser.add_argument(
         "--steps", type=all_or_count, default="all", help="time only so many steps in contact (default: all)"
+    )
+    parser.add_argument(
+        "--full-steps", type=all_or_count, help="the same for full space (default: as --steps)"
     )
     parser.add_argument("--iterations", type=int, help="of Newton a step at most (default: to convergence)")
     parser.add_argument("--tolerance", type=float, help="of a step's residual (default: the experiment's)")

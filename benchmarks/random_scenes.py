@@ -1,15 +1,17 @@
 """Steps of random scenes, in great number: does any of them end in NaN, in an error, or with a collider inside the body
 that no status tells of?
 
-    python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 1000000 --processes 2
+    python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 200000 --processes 2
+    python -m benchmarks.random_scenes examples/jelly2d_star_small.toml --steps 800000 --processes 2
     python -m benchmarks.random_scenes examples/jelly_library_small.toml --model ours
 
-Scene k is drawn from the seed and k alone. A shape of the library, of 3 to 30 mm, is thrown at the body with up to 20
-m/s (1 to 1000 g), led across it up to 25 mm deep, or thrown while another one is led; with or without linear mechanics
-(or a correction of the run for any collider, `--model`), with or without friction, with steps of 1/1000 to 1/30 s. It
-ends after 100 steps, or ten that are pierced. In every tenth step the depth of the colliders is found in all cells of
-the body (`runtime/contact/intrusion.py`): above the limit of the step's own check by half, in a step that says that it
-has converged, it is *silent*.
+Scene k is drawn from the seed and k alone. A shape of the library (in the plane a polygon or star), of 3 to 30 mm, is
+thrown at the body with up to 20 m/s (1 to 1000 g; in the plane 0.03 to 30 kg per metre of thickness), led across it up
+to 25 mm deep, or thrown while another one is led; with or without linear mechanics (or a correction of the run for any
+collider, `--model`), with or without friction, with steps of 1/1000 to 1/30 s. It ends after 100 steps, or ten that are
+pierced. In every tenth step the depth of the colliders is found in all cells of the body
+(`runtime/contact/intrusion.py`): above the limit of the step's own check by half, in a step that says that it has
+converged, it is *silent*.
 
 Needs `softprint body EXPERIMENT`; mechanics are computed where `softprint train` has not left them. Finished scenes are
 kept in RUN/random_scenes.jsonl (of a correction in RUN/random_scenes_MODEL.jsonl): a run that was stopped continues,
@@ -27,6 +29,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import count, islice
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -35,10 +38,13 @@ from tqdm import tqdm
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody, load_body
+from softprint.runtime.body.rotations import rotation_dofs
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Collider, RigidPose, Sphere
 from softprint.runtime.colliders.library import library_collider
 from softprint.runtime.colliders.path import KeyframedPath
+from softprint.runtime.colliders.pose import rotation_matrix
+from softprint.runtime.colliders.sampled.polygon import polygon_collider
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.contact.intrusion import intrusion
@@ -66,12 +72,16 @@ _GIVEN_UP = 10
 SILENT = 1.5
 CONTACT_NODES = 3000
 MECHANICS = "mechanics"
+# The inner radius of stars: pointed, blunt, and nearly convex.
+_STARS = (0.3, 0.6, 0.9)
+# The heaviest that is thrown, kg; in the plane kg per metre of thickness.
+_MASS = {2: 30.0, 3: 1.0}
 
 
 @dataclass
 class Counted:
     """What happened in one scene. kind: of scene and model; worst: the deepest that a collider was inside the body in a
-    step that says that it has converged [m]."""
+    step that says that it has converged [m]; seconds and slowest: of all steps, and of one [s]."""
 
     scene: int
     kind: str
@@ -84,6 +94,8 @@ class Counted:
     worst: float = 0.0
     error: str = ""
     first_silent: list[int] = field(default_factory=list)
+    seconds: float = 0.0
+    slowest: float = 0.0
 
 
 class Scenes:
@@ -104,6 +116,7 @@ class Scenes:
                 run / "corrections" / f"{model}.safetensors", self.body, self.mechanics
             )
         self.law = PenaltyContact.of(self.experiment.contact)
+        self.dim = self.body.dim
         self.top = float(self.body.mesh.points[:, -1].max())
         self.reach = self.body.mesh.points[:, :-1].max(axis=0)
 
@@ -133,7 +146,10 @@ class Scenes:
             )
             state = simulator.rest_state()
             for step in range(STEPS):
+                began = perf_counter()
                 result = simulator.step(state)
+                taken = perf_counter() - began
+                counted.seconds, counted.slowest = counted.seconds + taken, max(counted.slowest, taken)
                 state = result.state
                 self._count(counted, simulator, result, step)
                 if not _finite(state) or counted.pierced == _GIVEN_UP:
@@ -161,28 +177,39 @@ class Scenes:
     def _shape(self, rng: np.random.Generator, name: str) -> Collider:
         size = float(rng.choice([0.003, 0.006, 0.012, 0.02, 0.03]))
         if rng.random() < 0.3:
-            return Sphere(size, 3, name)
+            return Sphere(size, self.dim, name)
+        if self.dim == 2:
+            return _star(int(rng.integers(3, 9)), float(rng.choice(_STARS)), size, name)
         return _library(str(rng.choice(sorted(SHAPES))), size, name)
+
+    def _turn(self, rng: np.random.Generator) -> Array:
+        """A rotation (dim, dim)."""
+        if self.dim == 2:
+            return rotation_matrix(rng.uniform(-np.pi, np.pi), 2)
+        return np.asarray(Rotation.random(random_state=rng).as_matrix())
 
     def _thrown(self, rng: np.random.Generator) -> PlacedCollider:
         shape = self._shape(rng, "thrown")
-        at = np.append(rng.uniform(-0.6, 0.6, 2) * self.reach, self.top + 1.8 * shape.size + 0.002)
-        pose = RigidPose(Rotation.random(random_state=rng).as_matrix(), at)
-        velocity = np.append(rng.uniform(-0.5, 0.5, 2), -1.0) * np.exp(rng.uniform(np.log(0.1), np.log(20)))
-        mass = float(np.exp(rng.uniform(np.log(1e-3), np.log(1.0))))
-        free = free_collider(shape, pose, mass=mass, velocity=velocity, spin=rng.normal(0.0, 3.0, 3))
+        sideways = self.dim - 1
+        at = np.append(rng.uniform(-0.6, 0.6, sideways) * self.reach, self.top + 1.8 * shape.size + 0.002)
+        pose = RigidPose(self._turn(rng), at)
+        direction = np.append(rng.uniform(-0.5, 0.5, sideways), -1.0)
+        velocity = direction * np.exp(rng.uniform(np.log(0.1), np.log(20)))
+        mass = _MASS[self.dim] * float(np.exp(rng.uniform(np.log(1e-3), np.log(1.0))))
+        spin = rng.normal(0.0, 3.0, rotation_dofs(self.dim))
+        free = free_collider(shape, pose, mass=mass, velocity=velocity, spin=spin)
         return PlacedCollider("thrown", shape, free=free)
 
     def _led(self, rng: np.random.Generator) -> PlacedCollider:
         """Down to some depth, across, and up again."""
         shape = self._shape(rng, "led")
-        rotation = Rotation.random(random_state=rng)
-        low = float((rotation.as_matrix() @ _points(shape).T)[2].min())
+        rotation = self._turn(rng)
+        low = float((_points(shape) @ rotation.T)[:, -1].min())
         height = self.top - low - np.array([-0.005, *rng.uniform(0.0, 0.025, 3), -0.02])
-        across = rng.uniform(-0.8, 0.8, (5, 2)) * self.reach
+        across = rng.uniform(-0.8, 0.8, (5, self.dim - 1)) * self.reach
         across[1] = across[0]
         times = np.cumsum([0.0, *np.exp(rng.uniform(np.log(0.02), np.log(0.5), 4))])
-        turns = np.array([rotation.as_rotvec()] * 5)
+        turns = np.tile(RigidPose(rotation, np.zeros(self.dim)).rotation_vector, (5, 1))
         return PlacedCollider(
             "led", shape, path=KeyframedPath(times, np.column_stack([across, height]), turns)
         )
@@ -209,6 +236,15 @@ def _is_near(body: ReducedBody, collider: Collider, pose: RigidPose) -> bool:
 @lru_cache(maxsize=1024)
 def _library(entry: str, size: float, name: str) -> Collider:
     return library_collider(entry, size, name=name)
+
+
+@lru_cache(maxsize=1024)
+def _star(spikes: int, inner: float, size: float, name: str) -> Collider:
+    """In the plane: tips at `size` [m] from its centre, and corners between them at the share `inner` of that."""
+    angles = np.pi / spikes * np.arange(2 * spikes)
+    radii = size * np.tile([1.0, inner], spikes)
+    outline = radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    return polygon_collider(outline, 0.02 * size, 192, name)
 
 
 @lru_cache(maxsize=1024)
@@ -243,7 +279,7 @@ def _read(path: Path) -> list[dict[str, Any]]:
     if not path.is_file():
         return []
     lines = path.read_text().splitlines()
-    return [json.loads(line) for line in lines if line.endswith("}")]
+    return [vars(Counted(**json.loads(line))) for line in lines if line.endswith("}")]
 
 
 def _table(done: Sequence[dict[str, Any]], reduced: str) -> Iterator[str]:
@@ -256,7 +292,7 @@ def _table(done: Sequence[dict[str, Any]], reduced: str) -> Iterator[str]:
         "not finite",
         "checked in all cells",
     ]
-    heads += ["silent", "deepest, mm", "errors"]
+    heads += ["silent", "deepest, mm", "errors", "a step, ms", "slowest, s"]
     yield "| " + " | ".join(heads) + " |"
     yield "| --- " * len(heads) + "|"
     for model in ("bare", reduced):
@@ -270,7 +306,8 @@ def _table(done: Sequence[dict[str, Any]], reduced: str) -> Iterator[str]:
             f"| {model} | {len(mine)} | {total('steps')} | {total('pierced') / steps:.2%} | "
             f"{total('unconverged') / steps:.2%} | {total('not_finite')} | {total('checked')} | {total('silent')} | "
             f"{1e3 * max((scene['worst'] for scene in mine), default=0.0):.1f} | "
-            f"{sum(bool(scene['error']) for scene in mine)} |"
+            f"{sum(bool(scene['error']) for scene in mine)} | {1e3 * total('seconds') / steps:.0f} | "
+            f"{max((scene['slowest'] for scene in mine), default=0.0):.1f} |"
         )
     for scene in done:
         if scene["error"] or scene["silent"] or scene["not_finite"]:
