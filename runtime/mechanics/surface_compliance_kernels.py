@@ -107,34 +107,6 @@ def gathered(pairs: NDArray[np.float32], index: IntArray) -> NDArray[np.float32]
     return result.reshape(m * dim, m * dim)
 
 
-def _dense(of: NodalCompliance, dim: int) -> Array:
-    G, corners, shares = of
-    at = G.reshape(-1, dim, len(G) // dim, dim)[corners[:, :, None, None], :, corners, :]
-    size = len(corners) * dim
-    return np.einsum("pa,paqbij,qb->piqj", shares, at, shares).reshape(size, size)
-
-
-@summing(reference=_dense)
-def dense(of: NodalCompliance, dim: int) -> Floats:
-    """N G N^T (m*dim, m*dim) [m/N]. Symmetric; the entries of two points do not depend on the other points."""
-    G, corners, shares = of
-    m, c = corners.shape
-    own, weights = np.empty(len(G), G.dtype), shares.astype(G.dtype)
-    result = np.empty((m * dim, m * dim), G.dtype)
-    for row in range(m * dim):
-        p, i = divmod(row, dim)
-        own[:] = 0.0
-        for a in range(c):
-            own += weights[p, a] * G[corners[p, a] * dim + i]
-        for q in range(p + 1):
-            for j in range(dim):
-                entry = weights[q, 0] * own[corners[q, 0] * dim + j]
-                for b in range(1, c):
-                    entry += weights[q, b] * own[corners[q, b] * dim + j]
-                result[row, q * dim + j] = result[q * dim + j, row] = entry
-    return result
-
-
 def _some(G: Floats, nodes: IntArray, dim: int) -> Floats:
     rows = (nodes[:, None] * dim + np.arange(dim)).ravel()
     return G[np.ix_(rows, rows)]

@@ -37,7 +37,7 @@ from softprint.runtime.contact.solver import contact_point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.negative_curvature import modified_newton_change
 from softprint.runtime.lazy import lazy
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance, dense
+from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 log = logging.getLogger(__name__)
 
@@ -237,14 +237,10 @@ class ContactProblem:
                 return change, along, slope, True
         except np.linalg.LinAlgError:  # a point is about to slide off a tip
             pass
-        which, dim = np.flatnonzero((e > 0.0) | phi.any(axis=1)), phi.shape[1]
-        G = dense(self.compliance.taken(which, dim), dim)
-        g, H = at.gradient[which], at.hessian[which]
-        steepness = 2.0 * self.stiffness * np.maximum(e, 0.0)
-        D = steepness[which, None, None] * g[:, :, None] * g[:, None, :]
-        D -= pressure[which, None, None] * 0.5 * (H + H.transpose(0, 2, 1))
-        change = np.zeros_like(phi)
-        change[which] = modified_newton_change(G, self.carriers[which], D, phi[which], balanced[which])
+        g, H, steepness = at.gradient, at.hessian, 2.0 * self.stiffness * np.maximum(e, 0.0)
+        D = steepness[:, None, None] * g[:, :, None] * g[:, None, :]
+        D -= pressure[:, None, None] * 0.5 * (H + H.transpose(0, 2, 1))
+        change = modified_newton_change(self._apply, self.carriers, D, phi - balanced)
         along = self._apply(change)
         return change, along, float(((phi - balanced) * along).sum()), False
 

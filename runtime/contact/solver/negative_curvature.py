@@ -15,13 +15,11 @@ directions that matter first. A product with G is all that an iteration costs, a
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.compiled import summing
 
 # Steps along flat directions are at most this much longer than Newton's along those of the compliance alone.
 _FLOOR = 0.01
@@ -30,54 +28,27 @@ _TOLERANCE = 1e-4
 
 
 def modified_newton_change(
-    compliance: NDArray[np.floating[Any]], F: Array, stiffness: Array, phi: Array, balanced: Array
+    displaced_by: Callable[[Array], Array], F: Array, stiffness: Array, imbalance: Array
 ) -> Array:
-    """The change dphi (m, dim) of the forces phi (m, dim), a descent direction of E. compliance: G (m*dim, m*dim);
-    stiffness: D (m, dim, dim) in the world, zero at points without contact; balanced: phi(v) (m, dim), the contact
-    forces at the displacements of phi."""
+    """The change dphi (m, dim) of the forces, a descent direction of E. displaced_by: the product with G of forces (m,
+    dim); stiffness: D (m, dim, dim) in the world, zero at points without contact; imbalance: r (m, dim), the forces
+    less the contact forces at the displacements of the forces."""
     D = np.einsum("jab,jac,jcd->jbd", F, stiffness, F)
-    return _modified_step(compliance, D, phi - balanced, _TOLERANCE, _FLOOR)
-
-
-@summing
-def _modified_step(
-    G: NDArray[np.floating[Any]], D: Array, imbalance: Array, tolerance: float, floor: float
-) -> Array:
-    """dphi (m, dim) by modified conjugate gradients; imbalance: r (m, dim)."""
-    m, dim = imbalance.shape
-    n = m * dim
-    change, left = np.zeros(n), -imbalance.copy().reshape(n)
-    displaced = _product(G, left)  # G times what is left
-    rho = np.sum(left * displaced)
-    enough = tolerance**2 * rho
-    p, Gp = left.copy(), displaced.copy()
-    for _ in range(n):
+    change, left = np.zeros_like(imbalance), -imbalance
+    displaced = displaced_by(left)
+    rho = float((left * displaced).sum())
+    enough = _TOLERANCE**2 * rho
+    p, Gp = left, displaced
+    for _ in range(imbalance.size):
         if not rho > enough:
             break
-        Ap = p.copy()
-        for j in range(m):
-            for a in range(dim):
-                for b in range(dim):
-                    Ap[j * dim + a] += D[j, a, b] * Gp[j * dim + b]
-        curvature = np.sum(Gp * Ap)
-        change += rho / max(abs(curvature), floor * np.sum(p * Gp)) * p
+        Ap = p + np.einsum("jab,jb->ja", D, Gp)
+        curvature = float((Gp * Ap).sum())
+        change += rho / max(abs(curvature), _FLOOR * float((p * Gp).sum())) * p
         if curvature == 0.0:
             break
-        left -= rho / curvature * Ap
-        displaced = _product(G, left)
-        before, rho = rho, np.sum(left * displaced)
+        left = left - rho / curvature * Ap
+        displaced = displaced_by(left)
+        before, rho = rho, float((left * displaced).sum())
         p, Gp = left + rho / before * p, displaced + rho / before * Gp
-    return change.reshape(m, dim)
-
-
-@summing
-def _product(G: NDArray[np.floating[Any]], phi: Array) -> Array:
-    """G phi (n,)."""
-    n = len(phi)
-    result = np.empty(n)
-    for i in range(n):
-        row, entry = G[i], 0.0
-        for j in range(n):
-            entry += row[j] * phi[j]
-        result[i] = entry
-    return result
+    return change

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from softprint.runtime.compiled import REFERENCES
 from softprint.runtime.mechanics.static_condensation_kernels import SparseModes
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 from tests.kernel_files import KERNEL_FILES
 
 for _file in KERNEL_FILES:
@@ -483,14 +482,6 @@ INPUTS = {
     "mechanics.surface_compliance_kernels": {
         "apply": compliance,
         "gathered": lambda rng, dim: (rng.normal(size=(M, M, dim, dim)).astype(np.float32), some(rng)),
-        "dense": lambda rng, dim: (
-            NodalCompliance(
-                symmetric_matrix(rng, M * dim),
-                rng.integers(0, M, (2 * M, dim)),
-                rng.uniform(size=(2 * M, dim)),
-            ),
-            dim,
-        ),
         "submatrix": lambda rng, dim: (symmetric_matrix(rng, M * dim), some(rng), dim),
         "displacement": lambda rng, dim: (
             rng.normal(size=(M, M, dim, dim)).astype(np.float32),
