@@ -25,7 +25,7 @@ help:
 	@echo "make test      the test suite"
 	@echo "make lint      ruff and mypy"
 	@echo "make docs      the documentation as a site in site/, with no link to fetch anything from the network"
-	@echo "make figures   every number and picture of README.md and docs/results.md, hours; a stopped run continues"
+	@echo "make figures   every number and picture of README.md and the pages of results, hours; a stopped run continues"
 	@echo "make install   Debian packages and .venv; the others do this by themselves"
 
 install:

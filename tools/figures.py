@@ -1,4 +1,4 @@
-"""Every figure of README.md and docs/results.md, with the commands that regenerate it.
+"""Every figure of README.md and of the pages of results in docs/, with the commands that regenerate it.
 
     python -m tools.figures [NAME ...] [--list] [--again] [--ranks 2]
 
@@ -40,6 +40,8 @@ class Figure:
 
 
 README, RESULTS = "README.md", "docs/results.md"
+CONTACT, FORCES, BODIES = (f"docs/results_{topic}.md" for topic in ("contact", "forces", "bodies"))
+VIEW, TACTILE = "docs/view.md", "docs/tactile.md"
 ANY, DESCRIPTOR = "docs/any_collider.md", "docs/thesis_descriptor_model.md"
 _BODIES = "examples/{jelly3d,ball,finger,hand}.toml"
 _SMALL = "examples/jelly_library_small.toml"
@@ -60,7 +62,7 @@ def _library(name: str, options: str = "") -> Figure:
         f"softprint simulate {experiment}{options} {_MODELS}",
         f"softprint report {experiment}{options}",
     )
-    return Figure(commands, (RESULTS,))
+    return Figure(commands, (BODIES,))
 
 
 def _motions(experiment: str, scene: str, needs: str, run: str) -> Figure:
@@ -72,15 +74,15 @@ def _motions(experiment: str, scene: str, needs: str, run: str) -> Figure:
         f"softprint report examples/{experiment}.toml{out}",
         f"python -m benchmarks.motions_alone {motions}",
     )
-    return Figure(commands, (RESULTS,), (needs,))
+    return Figure(commands, (BODIES,), (needs,))
 
 
-def _whole(experiment: str, scene: str, options: str = "") -> Figure:
+def _whole(experiment: str, scene: str, page: str, options: str = "") -> Figure:
     """A small body from its truth to its motions alone."""
     models = ("full", "bare", "mechanics", "ours")
     motions = " ".join(f"runs/{experiment}/motions/{scene}_{model}.h5" for model in models)
     run = f"softprint run examples/{experiment}.toml{options}"
-    return Figure((run, f"python -m benchmarks.motions_alone {motions}"), (RESULTS,))
+    return Figure((run, f"python -m benchmarks.motions_alone {motions}"), (page,))
 
 
 # Those that touch the body in the scene.
@@ -145,7 +147,7 @@ FIGURES: Mapping[str, Figure] = {
             "python -m benchmarks.viewer_speed examples/jelly3d.toml --out runs/jelly3d_fine "
             """--set 'body.mesh="../runs/jelly3d_fine.vtu"'""",
         ),
-        (RESULTS,),
+        (VIEW,),
         ("demo",),
     ),
     "gel_pad": Figure(
@@ -169,7 +171,7 @@ FIGURES: Mapping[str, Figure] = {
             "runs/gel_pad_small/touch/turned_bar_mechanics_camera.h5 "
             "runs/gel_pad_small/touch/turned_bar_ours_camera.h5",
         ),
-        (RESULTS,),
+        (TACTILE,),
         ("gel_pad",),
     ),
     "metamaterials": Figure(
@@ -200,8 +202,8 @@ FIGURES: Mapping[str, Figure] = {
         ),
         ("docs/internal_corrections.md",),
     ),
-    "meshers": Figure(("python -m benchmarks.meshers --cells 5000",), (RESULTS, "docs/own_mesh.md")),
-    "demo_2d": _whole("jelly2d", "held_out", " --set sampling.rotations=8"),
+    "meshers": Figure(("python -m benchmarks.meshers --cells 5000",), ("docs/own_mesh.md",)),
+    "demo_2d": _whole("jelly2d", "held_out", RESULTS, " --set sampling.rotations=8"),
     "collider_library": Figure(
         ("python meshes/library_sheet.py docs/collider_library.png",),
         (README, RESULTS),
@@ -227,11 +229,11 @@ FIGURES: Mapping[str, Figure] = {
             "python -m benchmarks.contact_points examples/jelly3d_small.toml --contacts 40 --refinements 0 2 4 "
             "--stiffness 0.1 1 10",
         ),
-        (RESULTS,),
+        (CONTACT,),
         ("demo",),
     ),
     "ipc_witness": Figure(
-        ("python -m pip install --quiet ipctk==1.6.1", "python -m benchmarks.ipc_witness"), (RESULTS,)
+        ("python -m pip install --quiet ipctk==1.6.1", "python -m benchmarks.ipc_witness"), (CONTACT,)
     ),
     "barrier_motion": Figure(
         (
@@ -240,7 +242,7 @@ FIGURES: Mapping[str, Figure] = {
             "softprint simulate examples/jelly3d_small.toml --out runs/facets --model full --set contact.friction=0 "
             "--set contact.refinement=2 --set contact.stiffness=3e12",
         ),
-        (RESULTS,),
+        (CONTACT,),
     ),
     "press_depth": Figure(
         (
@@ -248,10 +250,10 @@ FIGURES: Mapping[str, Figure] = {
             "python -m benchmarks.press_depth examples/jelly3d_small.toml --set contact.reduced_refinement=2 "
             "--models mechanics",
         ),
-        (RESULTS,),
+        (CONTACT,),
         ("demo",),
     ),
-    "friction": Figure(("python -m benchmarks.dragged_ball",), (RESULTS,)),
+    "friction": Figure(("python -m benchmarks.dragged_ball",), (CONTACT,)),
     "motions_alone": Figure(
         (
             "python -m benchmarks.motions_alone runs/jelly3d_small/motions/held_out_full.h5 "
@@ -268,10 +270,10 @@ FIGURES: Mapping[str, Figure] = {
         pictures=("docs/drop_map.png",),
     ),
     "bounces": Figure(
-        ("python -m benchmarks.drop_map examples/jelly3d_small.toml --bounces",), (RESULTS,), ("demo",)
+        ("python -m benchmarks.drop_map examples/jelly3d_small.toml --bounces",), (CONTACT,), ("demo",)
     ),
     "correction_inertia": Figure(
-        ("python -m benchmarks.correction_inertia examples/jelly3d_small.toml",), (RESULTS,), ("demo",)
+        ("python -m benchmarks.correction_inertia examples/jelly3d_small.toml",), (CONTACT,), ("demo",)
     ),
     "free_bodies": Figure(
         (
@@ -285,7 +287,7 @@ FIGURES: Mapping[str, Figure] = {
     ),
     "random_scenes": Figure(
         ("python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 130000",),
-        (RESULTS,),
+        (CONTACT,),
         ("demo",),
     ),
     "cubature": Figure(("python -m benchmarks.cubature",), ("docs/method.md",)),
@@ -320,23 +322,23 @@ FIGURES: Mapping[str, Figure] = {
             "python -m benchmarks.press_depth examples/jelly_library_small.toml --shapes punch ball cone plate "
             "--models mechanics ours",
         ),
-        (RESULTS,),
+        (CONTACT,),
         ("jelly_library_small",),
     ),
     "energy_labels": Figure(
-        (f"python -m reproduction.energy_labels {_SMALL} --seeds 1",), (RESULTS,), ("jelly_library_small",)
+        (f"python -m reproduction.energy_labels {_SMALL} --seeds 1",), (FORCES,), ("jelly_library_small",)
     ),
     "force_floor": Figure(
         (f"python -m benchmarks.force_floor {_SMALL} --samples 60 --models ours",),
-        (RESULTS,),
+        (FORCES,),
         ("jelly_library_small",),
     ),
     "handle_forces": Figure(
-        (f"python -m benchmarks.handle_forces {_SMALL}",), (RESULTS,), ("jelly_library_small",)
+        (f"python -m benchmarks.handle_forces {_SMALL}",), (FORCES,), ("jelly_library_small",)
     ),
     "random_scenes_ours": Figure(
         (f"python -m benchmarks.random_scenes {_SMALL} --model ours --steps 10000",),
-        (RESULTS,),
+        (CONTACT,),
         ("jelly_library_small",),
     ),
     "motions_of_shapes": Figure(
@@ -346,7 +348,7 @@ FIGURES: Mapping[str, Figure] = {
             for shape in shapes
             for command in _alone(scene, shape)
         ),
-        (RESULTS,),
+        (FORCES,),
         ("jelly_library_small",),
     ),
     "carriers": Figure(
@@ -423,17 +425,17 @@ FIGURES: Mapping[str, Figure] = {
     "hand": _library("hand"),
     "table_6_1": Figure(
         ("softprint gather runs/jelly_library runs/ball runs/finger runs/hand",),
-        (RESULTS,),
+        (BODIES,),
         ("jelly_library", "ball", "finger", "hand"),
     ),
     "motions_jelly": _motions("jelly_library", "held_out", "jelly_library", "jelly_library"),
     "motions_ball": _motions("ball", "bars", "ball", "ball"),
     "motions_finger": _motions("finger", "read", "finger", "finger"),
     "motions_hand": _motions("hand", "explore", "hand", "hand"),
-    "ball_small": _whole("ball_small", "bars"),
+    "ball_small": _whole("ball_small", "bars", BODIES),
     "ball_confidence": Figure(
         ("python -m reproduction.confidence_check examples/ball_small.toml --calibrate bars --judge bars",),
-        (RESULTS,),
+        (BODIES,),
         ("ball_small",),
     ),
     "ball_on_modes": Figure(
@@ -455,19 +457,19 @@ FIGURES: Mapping[str, Figure] = {
             "python -m reproduction.linear_response examples/ball_small.toml bars --frames 8",
             "python -m reproduction.internal_forces examples/ball_small.toml --states 10",
         ),
-        (RESULTS,),
+        (BODIES,),
         ("ball_small",),
     ),
-    "finger_small": _whole("finger_small", "read"),
+    "finger_small": _whole("finger_small", "read", BODIES),
     "press_over_bone": Figure(
         (
             "python -m benchmarks.press_depth examples/finger_small.toml --shapes bead --place 0.012 0 "
             "--deepest 0.0105 --printed 1e-3 --models mechanics ours",
         ),
-        (RESULTS,),
+        (CONTACT,),
         ("finger_small",),
     ),
-    "hand_small": _whole("hand_small", "explore"),
+    "hand_small": _whole("hand_small", "explore", BODIES),
     "hand_on_modes": Figure(
         (
             f"softprint run {_HAND}",
