@@ -53,14 +53,14 @@ class HandleSparsity:
     """The near frames of the parts of one body."""
 
     def __init__(self, body: ReducedBody) -> None:
-        self._body, self._tangent = body, body.handles.tangent(body.rest_rows)
+        self._body, self._motions = body, _motions(body)
         pivots = np.array([frame.pivot for frame in body.handles.frames]).reshape(-1, body.dim)
         self._apart = np.linalg.norm(pivots[:, None] - pivots, axis=2)
 
     def groups(self, B: Array) -> tuple[list[CellGroup], Array]:
         """Groups of the cells of the cubature, and B (m, s, n_rows*dim) by d with far frames lumped in every group.
         B: the same before lumping."""
-        strained = B @ self._tangent
+        strained = B @ self._motions
         near_frames = self._near(np.square(strained).sum(axis=1), _LEAST_STRAIN)
         groups, lumped = self._grouped(near_frames), B.copy()
         for cells, near in groups:
@@ -69,7 +69,7 @@ class HandleSparsity:
 
     def sparsified(self, modes: Array) -> Array:
         """Modes (n, dim, n_rows*dim), displacements of n nodes by d, with far frames lumped at every node."""
-        by_unknowns = np.square(modes @ self._tangent).sum(axis=1)
+        by_unknowns = np.square(modes @ self._motions).sum(axis=1)
         sets, of = np.unique(
             self._near(by_unknowns, _LEAST_DISPLACEMENT * self._body.mesh.size), axis=0, return_inverse=True
         )
@@ -82,7 +82,7 @@ class HandleSparsity:
     def near_part(self, stiffness: Array, unit: float) -> BoolArray:
         """Which frames (n_frames,) are near a part of the body with stiffness (n_rows*dim, n_rows*dim) by d. unit: its
         stiffness at a strain of one."""
-        energy = (self._tangent * (stiffness @ self._tangent)).sum(axis=0)
+        energy = (self._motions * (stiffness @ self._motions)).sum(axis=0)
         return np.asarray(self._near(np.maximum(energy, 0.0)[None] / unit, _LEAST_STRAIN_OF_PARTS)[0])
 
     def lumped(self, B: Array, near: BoolArray) -> Array:
@@ -103,8 +103,8 @@ class HandleSparsity:
         return np.concatenate([np.arange(handles.n_points), frames[near].ravel()]).astype(np.int64)
 
     def _near(self, squared: Array, least: float) -> BoolArray:
-        """Which frames (m, n_frames) are near, at least one of them, from the squared effect (m, n_dofs) of each
-        coordinate."""
+        """Which frames (m, n_frames) are near, at least one of them, from the squared effect (m, n_dofs) of each of
+        the motions."""
         handles, dim = self._body.handles, self._body.dim
         others = self._apart + np.diag(np.full(len(handles.frames), np.inf))
         strained = np.empty((len(squared), len(handles.frames)))
@@ -113,7 +113,7 @@ class HandleSparsity:
             next_frame = others[frame].min()
             step = next_frame if np.isfinite(next_frame) else self._body.mesh.size
             strained[:, frame] = step * np.sqrt(own[:, :dim].sum(axis=1))
-            strained[:, frame] += 0.5 * np.pi * np.sqrt(own[:, dim:].sum(axis=1))
+            strained[:, frame] += np.sqrt(own[:, dim:].sum(axis=1))
         if not handles.frames:
             return np.ones(strained.shape, dtype=bool)
         near = strained >= least
@@ -149,3 +149,16 @@ class HandleSparsity:
         dim, width = self._body.dim, (self._body.dim + 1) * self._body.dim
         start = self._body.handles.n_points * dim + frame * width
         return slice(start, start + width)
+
+
+def _motions(body: ReducedBody) -> Array:
+    """d (n_rows*dim, n_dofs) of unit displacements of points and frames, and of frames that turn by a right angle about
+    each axis. Not of infinitesimal turns: nodes beside a bone are carried by it, so that L hardly answers to these, but
+    it does to the squeeze that a finite turn of this bone is in the rows of another one."""
+    handles, rest = body.handles, body.rest_rows
+    result = handles.tangent(rest)
+    for frame in handles.frames:
+        for dof in range(handles.n_dofs)[handles.dofs_of(frame.name)][body.dim :]:
+            turned = handles.retract(rest, 0.5 * np.pi * np.eye(handles.n_dofs)[dof])
+            result[:, dof] = (turned - rest).ravel()
+    return result

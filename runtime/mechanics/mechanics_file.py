@@ -23,7 +23,7 @@ from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.static_condensation import condensation_arrays, take_condensation
 from softprint.runtime.mechanics.surface_compliance_arrays import surface_compliance_arrays, take_compliance
 
-KIND, VERSION = "mechanics", 1
+KIND, VERSION = "mechanics", 2
 REMEDY = "make it again with `softprint mechanics`"
 PATTERN = "mechanics_*.safetensors"
 

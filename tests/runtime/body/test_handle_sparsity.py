@@ -1,23 +1,26 @@
 """Far frames are lumped into near ones: what that changes, and what it must not."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from softprint.runtime.body import assemble_body, frame_in_box, handle_sparsity, place_handles
+from softprint.runtime.body import assemble_body, build_body, frame_in_box, handle_sparsity, place_handles
 from softprint.runtime.body.handle_sparsity import CellGroup, HandleSparsity
 from softprint.runtime.body.rotations import rotation_exponential
 from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.cell_group_blocks import CellGroupBlocks
 from softprint.runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
 from softprint.runtime.elasticity import make_material
+from softprint.runtime.experiment import load_experiment
 from softprint.runtime.mechanics.corotation import local_gradients
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.mesh import box_mesh
 
 BONES = 6
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["2d", "3d"])
@@ -183,3 +186,39 @@ def test_blocks_do_what_the_whole_matrix_does(dim):
     np.testing.assert_allclose(
         where.stiffness(blocks, tangent, along), along.T @ expected @ along, rtol=0, atol=error
     )
+
+
+@pytest.fixture(scope="module")
+def worm():
+    """The body of examples/worm_small.toml: three thin bones in much flesh."""
+    experiment = load_experiment(EXAMPLES / "worm_small.toml")
+    return build_body(experiment.body, experiment.base_dir)
+
+
+def test_frames_are_far_only_where_finite_turns_show_it(worm, monkeypatch):
+    """With the head turned by a right angle, lumping moves no node by more than twice its threshold, as there may be two far
+    frames. Nodes beside a bone are carried by it and hardly answer to a small turn: if only those counted, some would
+    move by thirty times the threshold."""
+    response, handles = NullSpaceCompliance(worm), worm.handles
+    rows = handles.retract(worm.rest_rows, 0.5 * np.pi * np.eye(handles.n_dofs)[-1])
+    lumped = compute_static_condensation(worm, None, response)
+    monkeypatch.setattr(HandleSparsity, "sparsified", lambda self, modes: modes)
+    exact = compute_static_condensation(worm, None, response)
+    moved, expected = (np.tensordot(one.modes, rows - worm.rest_rows, 2) for one in (lumped, exact))
+    least = handle_sparsity._LEAST_DISPLACEMENT * worm.mesh.size
+    assert 0.0 < np.linalg.norm(moved - expected, axis=1).max() < 2.0 * least
+
+
+def test_the_energy_of_a_bent_joint_grows_with_the_square_of_its_angle(worm):
+    """As in full space, to 1 % from 0.1 to 0.2 rad. If only small turns counted where frames are lumped, it would grow 2.5
+    times as fast: the worm would lock, gain energy from step to step, and turn over."""
+    condensation = compute_static_condensation(worm, None, NullSpaceCompliance(worm))
+    elastic = CondensedElasticEnergy(worm, CorrectedPoints(worm, [], surface=False), condensation)
+    joint = np.array([0.12, 0.0])
+
+    def energy(angle):
+        R = rotation_exponential(np.array([angle]))
+        rows = worm.handles.with_frame(worm.rest_rows, "head", R, joint - R @ joint)
+        return elastic.in_frame(rows).evaluate(rows, None).energy
+
+    assert energy(0.2) / (4.0 * energy(0.1)) == pytest.approx(1.0, abs=0.1)
