@@ -104,6 +104,27 @@ class Handles:
         frame = np.append(np.zeros(self.dim), 1.0)
         return np.concatenate([np.ones(self.n_points), *([frame] * len(self.frames))])
 
+    @property
+    def linearised_frames(self) -> Array:
+        """P (n_rows*dim, n_rows*dim): what a difference d of the rows from rest is when frames have turned by
+        infinitesimal angles. Of the linear rows D of a frame it keeps (D - D^T) / 2, and of its translation what moves
+        its pivot alike. So P d is a strain-free motion of every frame, with the sines of finite angles in the place of
+        the angles; without P, their cosines would squeeze the frame. P is the identity on `tangent` at rest."""
+        dim, identity = self.dim, np.eye(self.dim)
+        result = np.eye(self.n_rows * dim)
+        for index, frame in enumerate(self.frames):
+            rows = self._frame_rows(index)
+            block = np.zeros((dim + 1, dim, dim + 1, dim))
+            block[:dim, :, :dim] = np.einsum("ik,jl->ijkl", identity, identity)
+            block[:dim, :, :dim] -= np.einsum("il,jk->ijkl", identity, identity)
+            block[dim, :, :dim] = np.einsum("k,jl->jkl", frame.pivot, identity)
+            block[dim, :, :dim] += np.einsum("l,jk->jkl", frame.pivot, identity)
+            block *= 0.5
+            block[dim, :, dim] = identity
+            dofs = slice(rows.start * dim, rows.stop * dim)
+            result[dofs, dofs] = block.reshape((dim + 1) * dim, -1)
+        return result
+
     def rest_rows(self, points: Array) -> Array:
         """(n_rows, dim) rows at rest, from the rest positions (n_nodes, dim) of the mesh's nodes."""
         frame = np.vstack([np.eye(self.dim), np.zeros(self.dim)])

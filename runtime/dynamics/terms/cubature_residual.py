@@ -2,11 +2,13 @@
 
 In a region r with rotation R_r, with z = (d, R_r^T g) and the strain d = R_r^T rows - rest in the frame of the region,
 
-    E = sum_r 1/2 z^T M_r z,    M_r = V^T K_r V - sum_c w_c B_c^T A_c B_c,
+    E = sum_r 1/2 z^T M_r z,    M_r = P^T (V^T K_r V - sum_c w_c B_c^T A_c B_c) P,
 
 with V = (U + L, w) the displacements of the nodes by z, K_r the stiffness at rest of all cells of the region, and c the
 cubature cells among them. Far regions of a body rotate relative to each other, so no single d is small everywhere; but
-a stiffness between near handles only requires that these rotate alike. Frames far from a region are lumped
+a stiffness between near handles only requires that these rotate alike. Where they do not, as at a joint, P
+(`Handles.linearised_frames`) lets a frame that has turned by a finite angle count as turned by its sine. By its cosine,
+which is a squeeze in d, E would fall without bound where M_r is indefinite. Frames far from a region are lumped
 (`handle_sparsity.py`).
 """
 
@@ -15,6 +17,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
@@ -59,6 +62,7 @@ class CubatureResidual:
         elastic = elastic_cells(body.mesh, body.handles)
         places = body.mesh.cell_centroids
         of_elastic, of_cubature = regions.of(places[elastic]), regions.of(places[body.cubature.cells])
+        linearised = scipy.linalg.block_diag(body.handles.linearised_frames, np.eye(dim))
         blocks, rows = [], []
         for region in range(regions.count):
             cells, own = elastic[of_elastic == region], of_cubature == region
@@ -72,7 +76,8 @@ class CubatureResidual:
             whole = V.T @ (K @ V)
             near = sparsity.near_part(whole[: n_rows * dim, : n_rows * dim], unit)
             residual = sparsity.lumped(whole - at_rest(elasticity.take(own), B), near)
-            residual = sparsity.lumped(residual.T, near).reshape(n_rows + 1, dim, n_rows + 1, dim)
+            residual = sparsity.lumped(residual.T, near)
+            residual = (linearised.T @ residual @ linearised).reshape(n_rows + 1, dim, n_rows + 1, dim)
             kept = sparsity.rows(near)
             rows.append(kept)
             kept = np.append(kept, n_rows)

@@ -91,6 +91,27 @@ def test_tangent_is_the_derivative_of_the_retraction(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+def test_linearised_frames_are_turned_by_their_sines(dim):
+    """A projection, which keeps infinitesimal motions as they are. Of a frame that has turned by a finite angle about
+    an axis through its pivot it keeps the sine about that axis; points keep their displacements."""
+    mesh, handles = box_with_handles(dim)
+    rest, P = handles.rest_rows(mesh.points), handles.linearised_frames
+    np.testing.assert_allclose(P @ P, P, atol=1e-15)
+    tangent = handles.tangent(rest)
+    np.testing.assert_allclose(P @ tangent, tangent, atol=1e-15)
+    angle, spins = 0.7, handles.n_dofs - handles.dofs_of("right").start - dim
+    motion = np.zeros(handles.n_dofs)
+    motion[handles.dofs_of("right")][dim:] = angle * np.eye(spins)[-1]
+    motion[handles.dofs_of("right")][:dim] = 0.1
+    motion[handles.dofs_of(1)] = 0.2
+    sines = motion.copy()
+    sines[handles.dofs_of("right")][dim:] *= np.sin(angle) / angle
+    moved = (handles.retract(rest, motion) - rest).ravel()
+    np.testing.assert_allclose(P @ moved, tangent @ sines, atol=1e-14)
+    assert np.abs(moved - tangent @ sines).max() > 0.1
+
+
+@pytest.mark.parametrize("dim", [2, 3])
 def test_increment_is_the_best_rigid_explanation_of_a_change(dim):
     rng = np.random.default_rng(5)
     mesh, handles = box_with_handles(dim)
