@@ -286,7 +286,11 @@ FIGURES: Mapping[str, Figure] = {
         (RESULTS,),
     ),
     "random_scenes": Figure(
-        ("python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 130000",),
+        (
+            "python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 130000",
+            "softprint body examples/jelly2d_star_small.toml",
+            "python -m benchmarks.random_scenes examples/jelly2d_star_small.toml --steps 130000",
+        ),
         (CONTACT,),
         ("demo",),
     ),
