@@ -121,8 +121,8 @@ def test_the_edge_does_not_go_into_the_body(bodies, dim):
     # A point of a facet that the edge comes to is first nearest to its face, and then to its side: a jump, at which a
     # step may end without convergence. It says so, and is not pierced.
     assert unconverged <= 8
-    # A third of the depth, and of the distance between nodes, in the one step of a jump, and a fifth in all others; in full
-    # space 0.15 in 2D and 0.19 in 3D.
+    # A third of the depth, and of the distance between nodes, in the one step of a jump, a fifth in all others; in
+    # full space 0.15 in 2D and 0.19 in 3D.
     assert 0.0 < deepest < 0.35 * DEPTH
 
 
