@@ -62,7 +62,7 @@ class SharpPointSearch:
         p = pose.apply(self._points)
         lower, upper = bounds(x)
         about = in_box(p, lower - margin, upper + margin)
-        facet, shares, depth = self._search.nearest(p[about], x, self._near[about])
+        facet, shares, depth = self._search.nearest(p[about], x, self._near[about], margin)
         self._near[about] = facet
         found = Met(self._points[about], p[about], facet, FacetPoints(self._facets[facet], shares), depth)
         return found.where(depth > -margin)

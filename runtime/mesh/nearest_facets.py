@@ -42,13 +42,16 @@ class SurfaceSearch:
         self._number = np.argsort(self._order)
         self._facets = np.ascontiguousarray(facets[self._order])
 
-    def nearest(self, points: Array, x: Array, near: IntArray | None = None) -> NearestFacets:
+    def nearest(
+        self, points: Array, x: Array, near: IntArray | None = None, beyond: float = np.inf
+    ) -> NearestFacets:
         """For points (m, dim) [m], with the nodes at x (n_nodes, dim) [m]. Where the nearest point is on an edge or a
         corner, the side is that of the pseudonormal of Baerentzen and Aanaes (2005), which is right for any closed
-        surface. near: (m,) facets that are probably near the points, which makes the search faster."""
+        surface. near: (m,) facets that are probably near the points, which makes the search faster; beyond: see
+        `nearest_of`."""
         first = np.full(len(points), -1) if near is None else self._number[near]
         balls, single = bounding_balls(x, self._facets), np.arange(len(points) + 1)
-        facet, weights, depth = _nearest(points, single, first, x, self._facets, *balls, self._starts, np.inf)
+        facet, weights, depth = _nearest(points, single, first, x, self._facets, *balls, self._starts, beyond)
         return NearestFacets(self._order[facet], weights, depth)
 
 
@@ -128,13 +131,13 @@ def _nearest(
             p, begin = points[i], first[i]
             if begin < 0:
                 begin = _begin(p, group_centre, square_to, starts, centre)
-                if _all_farther(p, square_to, group_radius, starts, centre, radius, beyond):
-                    reach = math.sqrt(_closest(p, x, facets[begin], weights[i]))
-                    if _along_normal(p, x, facets[begin], weights[i]) > _OPPOSITE * reach:
-                        found[i], depth[i] = begin, -reach
-                        continue
             else:
                 _squared_distances(p, group_centre, square_to)
+            if _all_farther(p, square_to, group_radius, starts, centre, radius, beyond):
+                reach = math.sqrt(_closest(p, x, facets[begin], weights[i]))
+                if _along_normal(p, x, facets[begin], weights[i]) > _OPPOSITE * reach:
+                    found[i], depth[i] = begin, -reach
+                    continue
             found[i], height = _search(
                 p, begin, x, facets, centre, radius, starts, group_radius, square_to, weights[i], trial
             )

@@ -93,6 +93,12 @@ def test_nearest_point_of_a_surface(dim):
         np.testing.assert_allclose(limited.depth[near], depth[near], atol=1e-15)
         assert (limited.depth[~near] < -beyond).all()
     assert dim == 2 or (limited.depth < depth - 1e-6).any()
+    begun = search.nearest(
+        points, x, np.random.default_rng(4).integers(0, len(mesh.facets), len(points)), beyond
+    )
+    np.testing.assert_allclose(begun.depth[near], depth[near], atol=1e-15)
+    assert (begun.depth[~near] < -beyond).all()
+    assert (begun.depth < depth - 1e-6).any()
 
 
 def test_which_points_are_sharp(dim):
