@@ -8,8 +8,8 @@ Every body is pressed in its first test scene, springs, friction and all. Where 
 correction of form force, that is timed; where not, an untrained one of the same architecture, marked *, costs as much.
 It is kept in the run directory as speed_stand_in_NODES_VERSION.safetensors, and the mechanics as in training. The
 thesis's network is the last of form thesis4, thesis5 or thesis6 in the experiment, always an untrained one whose output
-is zero: it costs what a trained one does, and contact is that of the bare subspace. A
-body whose run is elsewhere is given as EXPERIMENT=DIRECTORY. On two cores the surface of a step is drawn beside the
+is zero: it costs what a trained one does, and contact is that of the bare subspace. A body whose run is elsewhere is
+given as EXPERIMENT=DIRECTORY. On two cores the surface of a step is drawn beside the
 next step, by ours and by the bare subspace; full space, and all linear algebra, go on as OPENBLAS_NUM_THREADS says.
 Figures to reach on 2 cores at 30,000 to 80,000 tetrahedra: 60 frames/s with the correction in contact, and at most 4
 times the cost of the bare subspace.
