@@ -37,8 +37,9 @@ _HELD = 2.0
 _LEAST_ALONG = 8
 # Of the collider points that seem to be deeper than the limit, so many are compared with all nodes ...
 _FAR_POINTS = 64
-# ... and so many of the deepest with the facets.
-_UNDER_FACETS = 16
+# ... and so many of the deepest with the facets, and of the others: where a dent has stretched facets to many times
+# their length, the point that is the deepest under them may be nearer to a node than most.
+_DEEPEST, _OTHERS = 16, 48
 
 
 class DeformedSurface(Protocol):
@@ -83,7 +84,9 @@ class Piercing:
         """Which collider is how deep inside, and where."""
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.point)
         be = "would be" if self.refused else "is"
-        return f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
+        return (
+            f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
+        )
 
 
 class PiercingSearch:
@@ -133,8 +136,8 @@ class PiercingSearch:
         far = self._far_inside(name, surface, pose, self.limit)
         if far is None:
             return None
-        some = np.argsort(-far.depth)[:_UNDER_FACETS]
-        below = far._replace(points=far.points[some], depth=surface.depths(far.points[some], far.near))
+        z = far.points[_deepest_and_others(far.depth)]
+        below = far._replace(points=z, depth=surface.depths(z, far.near))
         return below.deepest(name) if below.depth.max() > self.limit else None
 
     def _far_inside(
@@ -204,6 +207,13 @@ class _FarInside(NamedTuple):
         return Piercing(name, float(self.depth[deepest]), self.points[deepest])
 
 
+def _deepest_and_others(depth: Array) -> IntArray:
+    """Some of the points with depth (k,)."""
+    order = np.argsort(-depth)
+    others = order[_DEEPEST:]
+    return np.concatenate([order[:_DEEPEST], others[:: max(1, -(-len(others) // _OTHERS))]])
+
+
 def _without_none(found: Mapping[str, Piercing | None]) -> dict[str, Piercing]:
     return {name: piercing for name, piercing in found.items() if piercing is not None}
 
@@ -217,8 +227,11 @@ def depths_inside(z: Array, x: Array, facets: IntArray, near: IntArray) -> Array
     beside[near] = True
     facets_beside = facets[beside[facets].all(axis=1)]
     depth = nearest_of(z, x, facets_beside).depth if len(facets_beside) else np.full(len(z), np.inf)
-    inside = np.rint(igl.winding_number(x, facets.astype(np.int64), z)) != 0.0
-    return np.where(inside, np.abs(depth), depth)
+    outer = np.flatnonzero(depth < 0.0)
+    if len(outer):
+        turns = igl.winding_number(x, facets.astype(np.int64), z[outer])
+        depth[outer] *= np.where(np.rint(turns) != 0.0, -1.0, 1.0)
+    return depth
 
 
 @dataclass(frozen=True, eq=False)
