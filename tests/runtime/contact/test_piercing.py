@@ -87,6 +87,23 @@ def test_a_collider_far_from_every_node_is_found(dim):
     assert search.found(surface, inside)["ball"].depth > 0.4
 
 
+def test_the_deepest_point_may_be_among_those_nearest_to_a_node(dim):
+    """Facets of half a metre, as a dent stretches them. A rod under the top, from a node at its deepest end to the
+    middle of facets, where most of its points are farther from all nodes, and not as deep."""
+    block = box_mesh([0.0] * dim, [1.0] * dim, [2] * dim)
+    rod, down = Box([0.125] + [0.002] * (dim - 1)), np.deg2rad(25.0)
+    turn = np.eye(dim)
+    turn[np.ix_([0, -1], [0, -1])] = [[np.cos(down), -np.sin(down)], [np.sin(down), np.cos(down)]]
+    centre = np.full(dim, 0.5)
+    centre[0], centre[-1] = 0.5 + 0.14, 0.9
+    poses = {"rod": RigidPose(turn, centre)}
+    search = PiercingSearch({"rod": rod}, 0.05)
+    exact = intrusion(poses["rod"].apply(surface_points(rod)), block, block.points)
+    found = search.found(Undeformed(block), poses)["rod"]
+    # Its points are 0.05 m apart, the end's among them.
+    assert found.depth == pytest.approx(exact.depth, abs=0.005)
+
+
 def test_a_surface_that_gives_way_is_not_pierced(block, dim):
     surface, mesh = block
     poses = at_depth(dim, 0.03, 0.015)
