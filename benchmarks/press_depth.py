@@ -1,25 +1,30 @@
 """Force against depth, pressed until the body gives up: a punch, a ball, a cone, a plate and a bead.
 
     python -m benchmarks.press_depth examples/jelly3d_small.toml [--out RUN] [--shapes ball ...] [--place X Y]
-                                     [--models bare mechanics ours] [--set KEY=VALUE]
+                                     [--models bare mechanics ours] [--places 7 --processes 2] [--set KEY=VALUE]
 
 Each shape is led straight down into the top, near the middle of a jelly or at a place, slowly, in full space, with the
 bare subspace, with linear mechanics, and with corrections of the run for any collider. Printed is the force on it at
 some depths below the highest point of the undeformed body, for reduced models relative to full space, with the status
-of the step where it is not CONVERGED. Needs `softprint mechanics` or `softprint train`.
+of the step where it is not CONVERGED. What is as fine as the mesh meets another force where it is between other nodes:
+with several --places, within a distance between surface nodes, the mean force of all is compared, and how much that of
+full space differs (standard deviation) is printed beside it. Needs `softprint mechanics` or `softprint train`.
 """
 
 from __future__ import annotations
 
 import argparse
 import logging
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
+from softprint.runtime.arrays import Array
 from softprint.runtime.body import load_body
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Box, Collider, Cone, Cylinder, KeyframedPath, Sphere
@@ -46,26 +51,18 @@ SHAPES: Mapping[str, Callable[[], Collider]] = {
 
 
 class Presses:
-    """Presses into the body of a run, at a place (x, y) [m]."""
+    """Presses into the body of a run, down to a depth [m]."""
 
-    def __init__(
-        self,
-        experiment: Experiment,
-        run: Path,
-        deepest: float,
-        place: Sequence[float],
-        models: Sequence[str],
-    ) -> None:
-        self.experiment, self.deepest, self.place, self.models = experiment, deepest, place, models
-        self.run = run
+    def __init__(self, experiment: Experiment, run: Path, deepest: float) -> None:
+        self.experiment, self.deepest, self.run = experiment, deepest, run
         self.body = load_body(run / "body.h5")
         self.mechanics = load_mechanics(mechanics_path(run, CONTACT_NODES), self.body)
         self.top = float(self.body.mesh.points[:, 2].max())
 
-    def press(self, shape: Collider, model: str) -> tuple[list[float], list[float], list[str]]:
-        """Depths [m], forces [N] and statuses of all steps, to the first that does not converge in full space."""
+    def press(self, shape: Collider, place: Array, model: str) -> Pressed:
+        """All steps, at a place (x, y) [m], to the first that does not converge in full space."""
         high, way = self.top - float(shape.lower[2]), self.deepest + CLEAR
-        places = [[*self.place, high + CLEAR], [*self.place, high - self.deepest]]
+        places = [[*place, high + CLEAR], [*place, high - self.deepest]]
         simulator = self._simulator(shape, KeyframedPath([0.0, way / SPEED], places), model)
         state = simulator.rest_state()
         depths, forces, statuses = [], [], []
@@ -77,7 +74,7 @@ class Presses:
             statuses.append(result.status.name)
             if model == "full" and not result.converged:
                 break
-        return depths, forces, statuses
+        return Pressed(np.array(depths), np.array(forces), statuses)
 
     def _simulator(self, shape: Collider, path: KeyframedPath, model: str) -> Any:
         own = self.experiment.dynamics
@@ -97,26 +94,59 @@ class Presses:
         placed = [PlacedCollider(shape.name, shape, path, correction)]
         return Simulator(self.body, placed, mechanics=mechanics, **common)
 
-    def table(self, name: str, every: float) -> Sequence[str]:
-        """Lines for one shape, at depths that far apart [m]."""
-        shape = SHAPES[name]()
-        found = {model: self.press(shape, model) for model in ("full", *self.models)}
-        depths, forces, statuses = found["full"]
-        lines = []
-        for depth in np.arange(every, depths[-1] + 1e-9, every):
-            at = int(np.argmin(np.abs(np.array(depths) - depth)))
-            if not forces[at]:  # beside the highest point it touches later
-                continue
-            cells = [name, f"{1e3 * depths[at]:.1f}", f"{forces[at]:.2f}{_status(statuses[at])}"]
-            for model in self.models:
-                _, own, said = found[model]
-                cells.append(f"{own[at] / forces[at] - 1.0:+.0%}{_status(said[at])}")
-            lines.append("| " + " | ".join(cells) + " |")
-        return lines
+
+class Pressed(NamedTuple):
+    """The steps of a press: depths [m], forces [N] and statuses."""
+
+    depths: Array
+    forces: Array
+    statuses: Sequence[str]
+
+    def at(self, depth: float) -> tuple[float, str]:
+        """The force at a depth [m], between those of the steps beside it, and the status of the nearest step."""
+        nearest = int(np.argmin(np.abs(self.depths - depth)))
+        return float(np.interp(depth, self.depths, self.forces)), self.statuses[nearest]
 
 
-def _status(name: str) -> str:
-    return "" if name == "CONVERGED" else f" {name}"
+def around(place: Sequence[float], count: int, within: float) -> list[Array]:
+    """So many places (2,) [m], evenly over a disc of a radius [m] about the first, which is its middle."""
+    golden = np.pi * (3.0 - np.sqrt(5.0))
+    radius = within * np.sqrt(np.arange(count) / max(count - 1, 1))
+    turn = golden * np.arange(count)
+    return list(np.asarray(place) + radius[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
+def lines(
+    name: str, models: Sequence[str], found: Mapping[str, Sequence[Pressed]], every: float
+) -> Sequence[str]:
+    """The lines of one shape, at depths that far apart [m]. found: by model, at all places."""
+    result = []
+    for depth in np.arange(every, max(own.depths[-1] for own in found["full"]) + 1e-9, every):
+        there = [n for n, own in enumerate(found["full"]) if own.depths[-1] >= depth - 1e-9]
+        full = [found["full"][n].at(depth) for n in there]
+        forces = np.array([force for force, _ in full])
+        if not forces.all():  # beside the highest point it touches later
+            continue
+        cells = [name, f"{1e3 * depth:.1f}", f"{forces.mean():.2f}{_statuses(full)}"]
+        if len(found["full"]) > 1:
+            cells.append(f"{forces.std() / forces.mean():.0%} of {len(there)}")
+        for model in models:
+            own = [found[model][n].at(depth) for n in there]
+            ratio = np.mean([force for force, _ in own]) / forces.mean()
+            cells.append(f"{ratio - 1.0:+.0%}{_statuses(own)}")
+        result.append("| " + " | ".join(cells) + " |")
+    return result
+
+
+def _statuses(steps: Sequence[tuple[float, str]]) -> str:
+    """Those that are not CONVERGED, and of how many places."""
+    others = Counter(status for _, status in steps if status != "CONVERGED")
+    of = f" at {{}} of {len(steps)}" if len(steps) > 1 else ""
+    return "".join(f" {status}{of.format(n)}" for status, n in others.items())
+
+
+def _quiet() -> None:
+    logging.getLogger("softprint").setLevel(logging.ERROR)  # the table has every status
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -130,17 +160,28 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--deepest", type=float, default=0.03, help="m, below the undeformed top")
     parser.add_argument("--printed", type=float, default=PRINTED, help="m, between two lines")
     parser.add_argument("--place", nargs=2, type=float, default=(0.002, 0.003), metavar=("X", "Y"), help="m")
+    parser.add_argument("--places", type=int, default=1, help="about that place")
+    parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--models", nargs="+", default=MODELS, metavar="NAME")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the experiment")
     options = parser.parse_args(words)
-    logging.getLogger("softprint").setLevel(logging.ERROR)  # the table has every status
+    _quiet()
     run = options.out or Path("runs") / options.experiment.stem
     experiment = load_experiment(options.experiment, options.set)
-    presses = Presses(experiment, run, options.deepest, options.place, options.models)
-    print(f"| shape | depth, mm | full space, N | {' | '.join(options.models)} |")
-    print("| --- " * (3 + len(options.models)) + "|", flush=True)
-    for name in options.shapes:
-        print("\n".join(presses.table(name, options.printed)), flush=True)
+    presses = Presses(experiment, run, options.deepest)
+    places = around(options.place, options.places, presses.body.mesh.surface_spacing)
+    heads = ["shape", "depth, mm", "full space, N", *["differs"] * (len(places) > 1), *options.models]
+    print("| " + " | ".join(heads) + " |")
+    print("| --- " * len(heads) + "|", flush=True)
+    models = ("full", *options.models)
+    with ProcessPoolExecutor(options.processes, initializer=_quiet) as pool:
+        for name in options.shapes:
+            began = {
+                model: [pool.submit(presses.press, SHAPES[name](), place, model) for place in places]
+                for model in models
+            }
+            found = {model: [one.result() for one in own] for model, own in began.items()}
+            print("\n".join(lines(name, options.models, found, options.printed)), flush=True)
 
 
 if __name__ == "__main__":
