@@ -247,6 +247,7 @@ FIGURES: Mapping[str, Figure] = {
     "press_depth": Figure(
         (
             "python -m benchmarks.press_depth examples/jelly3d_small.toml",
+            "python -m benchmarks.press_depth examples/jelly3d_small.toml --places 5 --processes 2",
             "python -m benchmarks.press_depth examples/jelly3d_small.toml --set contact.reduced_refinement=2 "
             "--models mechanics",
         ),
@@ -289,7 +290,7 @@ FIGURES: Mapping[str, Figure] = {
         (
             "python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 130000",
             "softprint body examples/jelly2d_star_small.toml",
-            "python -m benchmarks.random_scenes examples/jelly2d_star_small.toml --steps 130000",
+            "python -m benchmarks.random_scenes examples/jelly2d_star_small.toml --steps 305000",
         ),
         (CONTACT,),
         ("demo",),
