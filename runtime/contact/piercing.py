@@ -84,9 +84,7 @@ class Piercing:
         """Which collider is how deep inside, and where."""
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.point)
         be = "would be" if self.refused else "is"
-        return (
-            f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
-        )
+        return f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
 
 
 class PiercingSearch:
@@ -208,7 +206,8 @@ class _FarInside(NamedTuple):
 
 
 def _deepest_and_others(depth: Array) -> IntArray:
-    """Some of the points with depth (k,)."""
+    """The numbers of the points that are compared with the facets, of k points with depth (k,): the deepest, and every
+    so many of the others."""
     order = np.argsort(-depth)
     others = order[_DEEPEST:]
     return np.concatenate([order[:_DEEPEST], others[:: max(1, -(-len(others) // _OTHERS))]])
