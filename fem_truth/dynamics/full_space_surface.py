@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.piercing import DeformedSurface, depths_inside
 from softprint.runtime.dynamics.pierced_colliders import PiercedColliders, SearchedSurface
@@ -59,9 +59,9 @@ class _SurfaceNodesAt:
         """See `DeformedSurface`."""
         return np.asarray(self._normals[index])
 
-    def depths(self, z: Array, near: IntArray) -> Array:
+    def depths(self, z: Array, near: IntArray, outer: BoolArray) -> Array:
         """See `DeformedSurface`."""
-        return depths_inside(z, self.approximate, self.facets, near)
+        return depths_inside(z, self.approximate, self.facets, near, outer)
 
     @lazy
     def _normals(self) -> Array:

@@ -4,8 +4,8 @@ Contact acts at points of the body's surface, and a collider can pass between th
 gives way. Points on the collider's surface are therefore compared with the nearest contact points of the deformed
 surface: one on the inner side of its nearest point is at most as deep in the body as it is far from that point. Where
 that is more than the limit, the depth of the deepest is found under the facets of the surface, as contact displaces
-them. A body thinner than twice the limit can be passed unseen. `intrusion.py` has the exact depth, from all cells of
-the body.
+them, and with it that of points on the outer side of their nearest point, as the surface may have folded over. A body
+thinner than twice the limit can be passed unseen. `intrusion.py` has the exact depth, from all cells of the body.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ _HELD = 2.0
 _LEAST_ALONG = 8
 # Of the collider points that seem to be deeper than the limit, so many are compared with all nodes ...
 _FAR_POINTS = 64
-# ... and so many of the deepest with the facets, and of the others: where a dent has stretched facets to many times
-# their length, the point that is the deepest under them may be nearer to a node than most.
+# ... and so many of the deepest with the facets, of the others inside, and of those that seem to be outside: where a
+# dent has stretched facets to many times their length, the point that is the deepest under them may be nearer to a node
+# than most.
 _DEEPEST, _OTHERS = 16, 48
 
 
@@ -63,9 +64,9 @@ class DeformedSurface(Protocol):
         """Outward normals (m, dim), of any length."""
         ...
 
-    def depths(self, z: Array, near: IntArray) -> Array:
+    def depths(self, z: Array, near: IntArray, outer: BoolArray) -> Array:
         """How deep points z (k, dim) are inside the surface [m] (k,), negative outside. near: (m,) contact points to
-        the facets beside which the distance is."""
+        the facets beside which the distance is; outer: (k,) see `depths_inside`."""
         ...
 
 
@@ -84,7 +85,9 @@ class Piercing:
         """Which collider is how deep inside, and where."""
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.point)
         be = "would be" if self.refused else "is"
-        return f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
+        return (
+            f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
+        )
 
 
 class PiercingSearch:
@@ -134,14 +137,16 @@ class PiercingSearch:
         far = self._far_inside(name, surface, pose, self.limit)
         if far is None:
             return None
-        z = far.points[_deepest_and_others(far.depth)]
-        below = far._replace(points=z, depth=surface.depths(z, far.near))
+        of = _looked_at(far.depth)
+        z, outer = far.points[of], far.depth[of] == 0.0
+        below = far._replace(points=z, depth=surface.depths(z, far.near, outer))
         return below.deepest(name) if below.depth.max() > self.limit else None
 
     def _far_inside(
         self, name: str, surface: DeformedSurface, pose: RigidPose, limit: float
     ) -> _FarInside | None:
-        """The points of a collider that are inside the surface, and farther than the limit [m] from its points."""
+        """The points of a collider that are farther than the limit [m] from the points of the surface, if any of them
+        are inside; None if none."""
         probe, x = self._probes[name], surface.approximate
         least, most = bounds(x)
         # A collider inside may have lifted the surface out of the box that it is in without contact.
@@ -177,8 +182,10 @@ class PiercingSearch:
             depth[far] = 0.0
             some, near = far[:: -(-len(far) // _FAR_POINTS)], np.arange(len(x))
             _, depth[some] = _nearest_depths(z[some], everywhere, surface.normals(near))
-        deep = np.flatnonzero(depth > limit)
-        return _FarInside(z[deep], depth[deep], near) if len(deep) else None
+        if not (depth > limit).any():
+            return None
+        kept = (depth > limit) | (depth == 0.0)
+        return _FarInside(z[kept], depth[kept], near)
 
 
 def _nearest_depths(z: Array, y: Array, normal: Array) -> tuple[Array, Array]:
@@ -193,8 +200,8 @@ def _nearest_depths(z: Array, y: Array, normal: Array) -> tuple[Array, Array]:
 
 
 class _FarInside(NamedTuple):
-    """Points (k, dim) [m] of a collider inside a body, their depth (k,) [m], and the contact points (m,) near the
-    collider."""
+    """Points (k, dim) [m] of a collider of which some are inside a body, their depth (k,) [m], 0 for those on the outer
+    side of the nearest contact point, and the contact points (m,) near the collider."""
 
     points: Array
     depth: Array
@@ -205,31 +212,39 @@ class _FarInside(NamedTuple):
         return Piercing(name, float(self.depth[deepest]), self.points[deepest])
 
 
-def _deepest_and_others(depth: Array) -> IntArray:
+def _looked_at(depth: Array) -> IntArray:
     """The numbers of the points that are compared with the facets, of k points with depth (k,): the deepest, and every
-    so many of the others."""
-    order = np.argsort(-depth)
-    others = order[_DEEPEST:]
-    return np.concatenate([order[:_DEEPEST], others[:: max(1, -(-len(others) // _OTHERS))]])
+    so many of the others inside, and of those with none."""
+    order = np.argsort(-depth, kind="stable")
+    inside = int((depth > 0.0).sum())
+    others, outer = order[_DEEPEST:inside], order[inside:]
+    some = [of[:: max(1, -(-len(of) // _OTHERS))] for of in (others, outer)]
+    return np.concatenate([order[: min(_DEEPEST, inside)], *some])
 
 
 def _without_none(found: Mapping[str, Piercing | None]) -> dict[str, Piercing]:
     return {name: piercing for name, piercing in found.items() if piercing is not None}
 
 
-def depths_inside(z: Array, x: Array, facets: IntArray, near: IntArray) -> Array:
+def depths_inside(
+    z: Array, x: Array, facets: IntArray, near: IntArray, outer: BoolArray | None = None
+) -> Array:
     """How deep points z (k, dim) are inside a closed surface with facets (f, dim) between nodes at x (n_nodes, dim) [m]
     (k,), negative outside: as far as they are from the facets between some of the nodes (m,), infinitely without any.
     Where the surface has folded over, the nearest of these may show its outer side to a point inside, whose winding
-    number is not zero then; and that may be zero where a body is turned inside out. Either tells of a point inside."""
+    number is not zero then; and that may be zero where a body is turned inside out. Either tells of a point inside.
+    outer: (k,) points of which only the winding number tells, by default none: to which the nearest node shows its
+    outer side. Where a surface touches itself their nearest facet may show its inner one."""
     beside = np.zeros(len(x), dtype=bool)
     beside[near] = True
     facets_beside = facets[beside[facets].all(axis=1)]
     depth = nearest_of(z, x, facets_beside).depth if len(facets_beside) else np.full(len(z), np.inf)
-    outer = np.flatnonzero(depth < 0.0)
-    if len(outer):
-        turns = igl.winding_number(x, facets.astype(np.int64), z[outer])
-        depth[outer] *= np.where(np.rint(turns) != 0.0, -1.0, 1.0)
+    if outer is not None:
+        depth[outer] = -np.abs(depth[outer])
+    asked = np.flatnonzero(depth < 0.0)
+    if len(asked):
+        turns = igl.winding_number(x, facets.astype(np.int64), z[asked])
+        depth[asked] *= np.where(np.rint(turns) != 0.0, -1.0, 1.0)
     return depth
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
@@ -111,10 +111,10 @@ class _SampledAt:
         """See `DeformedSurface`."""
         return _normals(self.points, self.rows, index)
 
-    def depths(self, z: Array, near: IntArray) -> Array:
+    def depths(self, z: Array, near: IntArray, outer: BoolArray) -> Array:
         """See `DeformedSurface`."""
         x = self.facets.beside(self.points, self.rows, self.approximate)
-        return depths_inside(z, x, self.facets.corners, self.facets.near(near))
+        return depths_inside(z, x, self.facets.corners, self.facets.near(near), outer)
 
 
 class CondensedSurface:
@@ -166,7 +166,7 @@ class _CondensedAt:
         """See `DeformedSurface`."""
         return _normals(self.surface.points, self.contact.rows, index)
 
-    def depths(self, z: Array, near: IntArray) -> Array:
+    def depths(self, z: Array, near: IntArray, outer: BoolArray) -> Array:
         """See `DeformedSurface`. Every node near has the displacements by contact and friction of its contact node, and
         all others of the contact point beside it. Those farther off are about where they are, which tells what is
         inside."""
@@ -186,7 +186,7 @@ class _CondensedAt:
             x[own] += to_world(every.carriers(rows, beside)[which], v)
         whole = facets.beside(surface.points, rows, self.approximate)
         whole[nodes] = x
-        return depths_inside(z, whole, facets.corners, nodes)
+        return depths_inside(z, whole, facets.corners, nodes, outer)
 
 
 def _normals(points: ContactPoints, rows: Array, index: IntArray) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.colliders import Box, Plane, RigidPose, Sphere
+from softprint.runtime.colliders import Box, Placed, Plane, RigidPose, SmoothUnion, Sphere
 from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.contact.intrusion import intrusion
 from softprint.runtime.contact.piercing import PiercingSearch, _Probe, depths_inside
@@ -41,9 +41,9 @@ class Undeformed:
     def normals(self, index):
         return self.mesh.surface_normals[index]
 
-    def depths(self, z, near):
+    def depths(self, z, near, outer):
         facets = np.searchsorted(self.mesh.surface_nodes, self.mesh.facets)
-        return depths_inside(z, self.approximate + self.displacement, facets, near)
+        return depths_inside(z, self.approximate + self.displacement, facets, near, outer)
 
 
 @pytest.fixture
@@ -131,22 +131,50 @@ def test_a_collider_that_lifts_the_surface_from_inside_is_found(block, dim):
     assert found.depth == pytest.approx(0.038, abs=0.1 * SPACING)
 
 
-def test_what_is_inside_a_surface_that_has_folded_over():
-    """A limacon of Pascal, r = 1 + 2 cos t: its inner loop, in which the curve winds twice, shows its outer side to the
-    points between both loops."""
-    t = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+def limacon(n):
+    """A limacon of Pascal, r = 1 + 2 cos t (n, 2) [m]: its inner loop, in which the curve winds twice, shows its outer
+    side to the points between both loops. With outward normals (n, 2) and facets (n, 2)."""
+    t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
     x = (1.0 + 2.0 * np.cos(t))[:, None] * np.column_stack([np.cos(t), np.sin(t)])
-    facets = np.column_stack([np.arange(400), np.roll(np.arange(400), -1)])
+    tangent = np.roll(x, -1, axis=0) - np.roll(x, 1, axis=0)
+    facets = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
+    return x, tangent @ np.array([[0.0, -1.0], [1.0, 0.0]]), facets
+
+
+def test_what_is_inside_a_surface_that_has_folded_over():
+    x, _, facets = limacon(400)
     z = np.array([[1.2, 0.0], [0.7, 0.0], [2.9, 0.0], [3.4, 0.0]])
     assert nearest_of(z[:1], x, facets).depth < 0.0
     # Chords of arcs, a hundredth long, are off by the square of that.
     expected = [0.2, 0.3, 0.1, -0.4]
     found = depths_inside(z, x, facets, np.arange(400))
     np.testing.assert_allclose(found, expected, atol=2e-3)
+    # The same where the nearest node shows its outer side.
+    outer = np.array([True, False, False, True])
+    np.testing.assert_allclose(depths_inside(z, x, facets, np.arange(400), outer), expected, atol=2e-3)
     # Turned inside out, it winds the other way.
     np.testing.assert_allclose(
         depths_inside(z, x, facets[:, ::-1], np.arange(400)), np.abs(expected), atol=2e-3
     )
+
+
+def test_the_deepest_point_may_be_on_the_outer_side_of_its_nearest_node():
+    """Of two balls, one is deep inside beside the inner loop of the limacon, the other just under the outer one."""
+    x, normal, facets = limacon(400)
+
+    class Limacon:
+        known, approximate = x[:0], x
+        positions, normals = x.__getitem__, normal.__getitem__
+
+        def depths(self, z, near, outer):
+            return depths_inside(z, x, facets, near, outer)
+
+    places = [np.array([1.5, 0.0]), np.array([2.85, 0.0])]
+    both = SmoothUnion([Placed(Sphere(0.05, 2), RigidPose(np.eye(2), at)) for at in places], blend=0.01)
+    at_rest = {"both": RigidPose(np.eye(2), np.zeros(2))}
+    found = PiercingSearch({"both": both}, 0.03).found(Limacon(), at_rest)["both"]
+    # The inner loop ends at (1, 0).
+    assert found.depth == pytest.approx(0.55, abs=0.01)
 
 
 def test_known_positions_spare_the_others(block, dim):

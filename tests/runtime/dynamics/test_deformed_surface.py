@@ -42,7 +42,7 @@ def test_points_are_as_deep_as_under_all_facets_of_the_drawn_surface(jelly_body,
     z = down + RADIUS * np.random.default_rng(0).normal(size=(40, dim))
     mesh = jelly_body.mesh
     exact = SurfaceSearch(mesh.points, mesh.facets).nearest(z, x).depth
-    found = deformed.depths(z, np.arange(len(deformed.approximate)))
+    found = deformed.depths(z, np.arange(len(deformed.approximate)), np.zeros(len(z), dtype=bool))
     # Nodes turn and settle as the contact points beside them do: some per cent of the dent.
     np.testing.assert_allclose(found, exact, atol=0.03 * DEPTH)
 
@@ -78,4 +78,6 @@ def test_they_are_where_friction_has_dragged_them(jelly_body, dim, refinement):
     z = aside + RADIUS * np.random.default_rng(0).normal(size=(40, dim))
     exact = SurfaceSearch(mesh.points, mesh.facets).nearest(z, x).depth
     # As above, of a dent half as deep and what friction adds.
-    np.testing.assert_allclose(deformed.depths(z, every), exact, atol=0.03 * DEPTH)
+    np.testing.assert_allclose(
+        deformed.depths(z, every, np.zeros(len(z), dtype=bool)), exact, atol=0.03 * DEPTH
+    )
