@@ -28,7 +28,7 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
 from softprint.runtime.contact.frame_points import FramePoints
-from softprint.runtime.contact.learned_energy.learned_energy import BOUND, LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LEAST, MOST, LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames
@@ -167,7 +167,7 @@ def _parameters(learned: LearnedEnergy) -> Array:
 def _stepped(learned: LearnedEnergy, change: Array) -> LearnedEnergy:
     """With the parameters changed, within their bounds."""
     *coefficients, first, growth = _parameters(learned) + change
-    first, growth = np.clip(first, -_FIRST, _FIRST), np.clip(growth, -BOUND, BOUND)
+    first, growth = np.clip(first, -_FIRST, _FIRST), np.clip(growth, LEAST, MOST)
     return _with_parameters(learned, [*coefficients, first, growth])
 
 

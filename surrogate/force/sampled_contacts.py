@@ -28,7 +28,7 @@ from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, 
 from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
 from softprint.runtime.contact.learned_energy.hardened_contact import excess_response, measure_slopes
-from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy, hardening
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
@@ -165,13 +165,13 @@ def by_parameters(
     response = excess_response(contact, excess)
     terms, r = learned.terms(W, chi), measure_slopes(contact, response)[:, 1].reshape(h.shape)
     energy, force, of_excess = _by_coefficients(contact, learned.scale, response)
-    (grown, faster), (_, rate) = hardening(chi), terms.slope / terms.value
+    _, rate = terms.slope / terms.value
     found = terms.value * (h / W + rate * r)
     by_excess = terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r
-    by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [1.0, grown]])
+    by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [1.0, chi]])
     by_scale = terms.value / W * (force.reshape(*h.shape, -1) + rate * r[..., None] * energy)
     by_scale = by_scale + by_excess[..., None] * of_excess
-    by_growth = grown * found + terms.value * faster * r
+    by_growth = chi * found + terms.value * r
     return by_energy, np.concatenate([by_scale, found[..., None], by_growth[..., None]], axis=2)
 
 

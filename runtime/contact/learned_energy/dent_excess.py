@@ -1,19 +1,22 @@
-"""The excess of a dent: by how much the energy of the body for the dent of linear mechanics exceeds that which linear
-mechanics has.
+"""The excess of a dent: how much more energy the body has for the dent of linear mechanics than linear mechanics has.
 
 Where the displacement of linear mechanics is u, the body has the energy W + sum_c V_c (Psi(I + H_c) - Psi_2(H_c)), to
 third order in u, with H = grad u, the energy density Psi of its material, and that of linear elasticity, Psi_2 = mu
-eps:eps + lambda/2 (tr eps)^2. So this difference tells how a dent hardens, wherever it is and whatever makes it. Taken
-at contact nodes i, with the forces phi_i on them as weights (`dent_strain.py`),
+eps:eps + lambda/2 (tr eps)^2. So the ratio of both tells how a dent hardens, wherever it is and whatever makes it. Its
+logarithm is taken at contact nodes i, with the forces phi_i on them in the weights (`dent_strain.py`),
 
-    chi = sum_i |phi_i|^2 sum_c V_ic (Psi - Psi_2)(H_ic) / sum_i |phi_i|^2 sum_c V_ic (Psi_2(H_ic) + 1e-8 mu),
+    chi = sum_i |phi_i|^2 sum_c V_ic L(x_ic) / sum_i |phi_i|^2 sum_c V_ic,    L(x) = ln(1 + x),
+    x = (Psi - Psi_2) / psi,    psi = Psi_2(H) + 1e-8 mu,
 
-where the last term only keeps round-off of strains below 1e-4 out. chi is a function of the contact forces in rest
-coordinates: rotating the body with all colliders changes nothing. It is that of each dent where like dents lie apart. A
-node that begins to bear, or ends to, changes it smoothly. With chi held in r = Psi - Psi_2 - chi (Psi_2 + 1e-8 mu), and
-B the denominator,
+for x < 0, where Psi may vanish, L to second order: x - x^2/2; 1e-8 mu only keeps round-off of strains below 1e-4 out.
+A sum of Psi - Psi_2 in place of the mean logarithm would be that of the few cells under a tip, in which linear
+mechanics concentrates strain and the body does not. chi is a function of the contact forces in rest coordinates:
+rotating the body with all colliders changes nothing. It is that of each dent where like dents lie apart. A node that
+begins to bear, or ends to, changes it smoothly. With chi held in r = L(x) - chi, and B the denominator,
 
-    dchi = dR / B,    d2chi = (d2R - dchi dB - dB dchi) / B,    R = sum_i |phi_i|^2 sum_c V_ic r(H_ic).
+    dchi = dR / B,    d2chi = (d2R - dchi dB - dB dchi) / B,    R = sum_i |phi_i|^2 sum_c V_ic r_ic,
+    dr = L'/psi s,    s = dPsi - (1 + x) dPsi_2,
+    d2r = L'/psi [d2Psi - (1 + x) d2Psi_2 - (s dPsi_2^T + dPsi_2 s^T) / psi] + L''/psi^2 s s^T.
 """
 
 from __future__ import annotations
@@ -24,7 +27,6 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.compiled import compiled
 from softprint.runtime.contact.learned_energy.dent_strain import CELLS, DentStrain
 from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.lazy import lazy
@@ -36,19 +38,36 @@ _ROUNDED = 1e-8
 _TINY = float(np.finfo(np.float64).tiny)
 
 
+class _Cells(NamedTuple):
+    """Of the cells (m CELLS,). below: psi [J/m^3]; ratio: 1 + x; log: L, and its slope and bend: L' and L''; stress:
+    dPsi, and linear_stress: dPsi_2 (m CELLS, dim, dim)."""
+
+    below: Array
+    ratio: Array
+    log: Array
+    slope: Array
+    bend: Array
+    stress: Array
+    linear_stress: Array
+
+    @property
+    def s(self) -> Array:
+        """(m CELLS, dim^2) [J/m^3]."""
+        return (self.stress - self.ratio[:, None, None] * self.linear_stress).reshape(len(self.ratio), -1)
+
+
 class _Terms(NamedTuple):
     """value: chi; scale: of the weights [N^2], which are at most one, however small the forces are; total: B by this
-    scale; weight: |phi|^2 (m,) by it; excess: sum_c V r, and stress: its derivative by H (m, CELLS dim^2); below: sum_c
-    V (Psi_2 + 1e-8 mu) (m,), and linear_stress: its derivative; these four in B."""
+    scale; weight: |phi|^2 (m,) by it; excess: sum_c V r, and by_strain: its derivative by H (m, CELLS dim^2); volume:
+    sum_c V (m,); these three in B."""
 
     value: float
     scale: float
     total: float
     weight: Array
     excess: Array
-    below: Array
-    stress: Array
-    linear_stress: Array
+    volume: Array
+    by_strain: Array
 
 
 class _Changes(NamedTuple):
@@ -114,11 +133,9 @@ class DentExcess:
 
     def _crossed(self, one: _Changes, other: _Changes) -> Array:
         """d|phi|^2 dr - dB dchi (n, n'), in B."""
-        by_weight = np.einsum("ms,msn->mn", self._terms.stress, other.strains)
-        return np.asarray(
-            one.weights.T @ by_weight
-            - np.outer(self._total_by_nodes.ravel() @ one.forces, self._by_nodes.ravel() @ other.forces)
-        )
+        by_weight = np.einsum("ms,msn->mn", self._terms.by_strain, other.strains)
+        total = self._terms.volume @ one.weights
+        return np.asarray(one.weights.T @ by_weight - np.outer(total, self._by_nodes.ravel() @ other.forces))
 
     @property
     def _dim(self) -> int:
@@ -131,98 +148,62 @@ class DentExcess:
         return np.asarray(np.eye(self._dim) + H)
 
     @lazy
+    def _cells(self) -> _Cells:
+        (psi, stress), (linear, linear_stress) = (
+            of.energy_and_stress(self._F) for of in (self.material, self.linear)
+        )
+        below = linear + _ROUNDED * self.material.lame_mu
+        x = (psi - linear) / below
+        return _Cells(below, 1.0 + x, *_logarithm(x), stress, linear_stress)
+
+    @lazy
     def _terms(self) -> _Terms:
-        psi, linear = self.material.energy_and_stress(self._F), self.linear.energy_and_stress(self._F)
-        rounded = np.broadcast_to(_ROUNDED * self.material.lame_mu, len(self._F))
-        return _Terms(*_sums(self.forces, self.volumes, rounded, *psi, *linear))
+        of = self._cells
+        square, volume = np.square(self.forces).sum(axis=1), self.volumes.sum(axis=1)
+        scale = max(float(square.max()), _TINY)
+        weight = square / scale
+        total = float(weight @ volume)
+        log = (self.volumes * of.log.reshape(self.volumes.shape)).sum(axis=1)
+        chi = float(weight @ log) / total
+        by_strain = (self.volumes.ravel() / total * of.slope / of.below)[:, None] * of.s
+        return _Terms(
+            chi,
+            scale,
+            total,
+            weight,
+            (log - chi * volume) / total,
+            volume / total,
+            by_strain.reshape(len(log), -1),
+        )
 
     @lazy
     def _tangent(self) -> Array:
         """|phi|^2 V d2r/dH2 (m CELLS, dim^2, dim^2), in B."""
-        tangent = self.material.tangent(self._F) - (1.0 + self.value) * self.linear.tangent(self._F)
-        weight = np.repeat(self._terms.weight / self._terms.total, CELLS) * self.volumes.ravel()
-        return np.asarray(weight[:, None, None] * tangent.reshape(len(tangent), self._dim**2, -1))
+        of, s = self._cells, self._cells.s
+        one = of.linear_stress.reshape(s.shape)
+
+        def scaled(factor: Array, tangent: Array) -> Array:
+            return factor[:, None, None] * tangent.reshape(*s.shape, -1)
+
+        tangent = self.material.tangent(self._F).reshape(*s.shape, -1).copy()
+        tangent -= scaled(of.ratio, self.linear.tangent(self._F))
+        crossed = scaled(1.0 / of.below, s[:, :, None] * one[:, None, :])
+        tangent -= crossed + crossed.transpose(0, 2, 1)
+        tangent += scaled(of.bend / (of.slope * of.below), s[:, :, None] * s[:, None, :])
+        share = np.repeat(self._terms.weight / self._terms.total, CELLS) * self.volumes.ravel()
+        return scaled(share * of.slope / of.below, tangent)
 
     @lazy
     def _by_nodes(self) -> Array:
         """dchi/dphi (m, dim) [1/N]."""
-        return self._by_forces(self._terms.excess, self._terms.stress)
-
-    @lazy
-    def _total_by_nodes(self) -> Array:
-        """dB/dphi (m, dim) [1/N], in B."""
-        return self._by_forces(self._terms.below, self._terms.linear_stress)
-
-    def _by_forces(self, value: Array, stress: Array) -> Array:
-        """The derivative (m, dim) by the forces of sum |phi_i|^2 r_i, of r (m,) with derivatives (m, CELLS dim^2)."""
-        by_strain = (self._terms.weight[:, None] * stress).ravel() @ self.strain
-        return np.asarray(
-            2.0 / self._terms.scale * value[:, None] * self.forces + by_strain.reshape(self.forces.shape)
-        )
+        terms = self._terms
+        by_strain = (terms.weight[:, None] * terms.by_strain).ravel() @ self.strain
+        by_weight = 2.0 / terms.scale * terms.excess[:, None] * self.forces
+        return np.asarray(by_weight + by_strain.reshape(self.forces.shape))
 
 
-def _in_sums(
-    forces: Array,
-    volumes: Array,
-    rounded: Array,
-    psi: Array,
-    stress: Array,
-    linear: Array,
-    linear_stress: Array,
-) -> tuple[float | Array, ...]:
-    square = np.square(forces).sum(axis=1)
-    scale = square.max()
-    above, below = (
-        (volumes * of.reshape(volumes.shape)).sum(axis=1) for of in (psi - linear, linear + rounded)
-    )
-    weight = square / scale
-    total = weight @ below
-    chi = weight @ above / total
-    share = (volumes / total).reshape(-1, 1, 1)
-    stresses = (
-        (share * of).reshape(len(forces), -1) for of in (stress - (1.0 + chi) * linear_stress, linear_stress)
-    )
-    return chi, scale, total, weight, (above - chi * below) / total, below / total, *stresses
-
-
-@compiled(reference=_in_sums)
-def _sums(
-    forces: Array,
-    volumes: Array,
-    rounded: Array,
-    psi: Array,
-    stress: Array,
-    linear: Array,
-    linear_stress: Array,
-) -> tuple[float, float, float, Array, Array, Array, Array, Array]:
-    """`_Terms` from Psi, its stress, Psi_2 and its stress in the m CELLS cells; rounded: 1e-8 mu (m CELLS,)."""
-    m, cells = volumes.shape
-    dim = forces.shape[1]
-    weight, above, below = np.zeros(m), np.zeros(m), np.zeros(m)
-    found, of_linear = np.empty((m, cells * dim * dim)), np.empty((m, cells * dim * dim))
-    scale, value, total = _TINY, 0.0, 0.0
-    for i in range(m):
-        for a in range(dim):
-            weight[i] += forces[i, a] * forces[i, a]
-        scale = max(scale, weight[i])
-        for k in range(cells):
-            c = i * cells + k
-            above[i] += volumes[i, k] * (psi[c] - linear[c])
-            below[i] += volumes[i, k] * (linear[c] + rounded[c])
-    for i in range(m):
-        weight[i] /= scale
-        value += weight[i] * above[i]
-        total += weight[i] * below[i]
-    value /= total
-    for i in range(m):
-        above[i] = (above[i] - value * below[i]) / total
-        below[i] /= total
-        at = 0
-        for k in range(cells):
-            c, share = i * cells + k, volumes[i, k] / total
-            for a in range(dim):
-                for b in range(dim):
-                    found[i, at] = share * (stress[c, a, b] - (1.0 + value) * linear_stress[c, a, b])
-                    of_linear[i, at] = share * linear_stress[c, a, b]
-                    at += 1
-    return value, scale, total, weight, above, below, found, of_linear
+def _logarithm(x: Array) -> tuple[Array, Array, Array]:
+    """L(x), L' and L'' (n,)."""
+    more, less = np.maximum(x, 0.0), np.minimum(x, 0.0)
+    slope = np.where(x > 0.0, 1.0 / (1.0 + more), 1.0 - less)
+    return np.log1p(more) + less - 0.5 * less**2, slope, np.where(x > 0.0, -(slope**2), -1.0)

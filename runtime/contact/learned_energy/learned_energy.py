@@ -5,11 +5,10 @@ Linear mechanics gives the energy W of a contact and of its dent as a function o
 (`runtime/contact/carriers/compliance_scale.py`), which changes W. And the body hardens as its dent grows, for which the
 excess chi of the dent (`dent_excess.py`) is the measure:
 
-    W~ = a W exp eta(chi),    eta = b chi_0 tanh(chi / chi_0),    chi_0 = 2.
+    W~ = a W exp(b chi).
 
 The material and linear mechanics give chi; only how much of it counts is learned, so that it holds for dents much
-deeper than those of training. Where it is large, as under a tip, it says little: linear mechanics concentrates strain
-there that the body spreads. Contacts that lie apart are dents of their own, with energies that add up. Derivatives of
+deeper than those of training. Contacts that lie apart are dents of their own, with energies that add up. Derivatives of
 W~ by W and chi are in closed form, so that forces are exact, whatever the solve depends on (`hardened_contact.py`).
 """
 
@@ -25,11 +24,10 @@ from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, 
 
 #: The number of values of `LearnedEnergy.values`.
 N_VALUES = N_COEFFICIENTS + 2
-#: chi_0. Without it the force on a cone, pressed in by 20 mm with a tip of 2 mm radius, is two thirds too large, and
-#: with half of it that on a ball of 40 mm a third too small at 28 mm.
-LARGE = 2.0
-#: The largest |b|. With b < 0, W~ grows with the dent up to 3: chi grows with W^(1/3), and t / cosh(t)^2 is below 0.45.
-BOUND = 1.0
+#: The least and the largest b. From the least on W~ grows with the dent: chi grows by at most 4 d|H|/|H|, as a stable
+#: neo-Hookean solid has an energy of the sixth power of H where that is large, and W grows with H^2 at least. At the
+#: largest nothing relaxes that linear mechanics displaces too much.
+LEAST, MOST = -0.5, 1.0
 
 
 class EnergyTerms(NamedTuple):
@@ -59,10 +57,10 @@ class LearnedEnergy:
         if len(values) != N_VALUES or not np.isfinite(values).all():
             raise ValueError(f"a learned energy has {N_VALUES} finite values, not {values}")
         *coefficients, first, growth = values
-        if first <= 0.0 or abs(growth) > BOUND:
+        if first <= 0.0 or not LEAST <= growth <= MOST:
             raise ValueError(
-                f"a learned energy with a = {first:g} and b = {growth:g} does not grow: it needs a > 0 and |b| <= "
-                f"{BOUND:g}"
+                f"a learned energy with a = {first:g} and b = {growth:g} does not grow: it needs a > 0 and "
+                f"{LEAST:g} <= b <= {MOST:g}"
             )
         return cls(ComplianceScale(tuple(coefficients)), first, growth)
 
@@ -77,15 +75,6 @@ class LearnedEnergy:
 
     def terms(self, energy: float, excess: float) -> EnergyTerms:
         """W~ at an energy W [J] of mechanics and an excess chi."""
-        t = float(np.tanh(excess / LARGE))
-        value, rate = self.first * energy * float(np.exp(self.growth * LARGE * t)), self.growth * (1.0 - t**2)
-        slope = np.array([1.0, rate])
-        curvature = np.outer(slope, slope)
-        curvature[1, 1] -= 2.0 / LARGE * t * rate
-        return EnergyTerms(value, value * slope, value * curvature)
-
-
-def hardening(excess: float) -> tuple[float, float]:
-    """eta and deta/dchi, by b."""
-    t = float(np.tanh(excess / LARGE))
-    return LARGE * t, 1.0 - t**2
+        value = self.first * energy * float(np.exp(self.growth * excess))
+        slope = np.array([1.0, self.growth])
+        return EnergyTerms(value, value * slope, value * np.outer(slope, slope))

@@ -39,7 +39,7 @@ def test_strains_are_those_of_the_response_of_all_nodes(jelly_body, at_most):
     middle = int(np.flatnonzero(compliance.nodes == top)[0])
     near = strain.others[strain.starts[middle] : strain.starts[middle + 1]][:4]
     phi = np.random.default_rng(0).normal(size=(len(near), body.dim))
-    cells = largest_cells(body.mesh, compliance.nodes[near])
+    cells, _ = largest_cells(body.mesh, compliance.nodes[near])
     assert (body.mesh.cells[cells] == compliance.nodes[near][:, None, None]).any(axis=2).all()
     u = compliance.apply(near, phi)
     expected = np.einsum("mcva,mcvb->mcab", u[body.mesh.cells[cells]], body.mesh.cell_gradients[cells])
@@ -56,28 +56,34 @@ def test_strains_are_those_of_the_null_space_compliance(jelly_body):
     force = np.zeros((body.n_nodes, body.dim, 1))
     force[compliance.nodes[j], -1] = 1.0
     u = NullSpaceCompliance(body).solve(force)[..., 0]
-    cells = largest_cells(body.mesh, compliance.nodes[[j]])[0]
+    cells = largest_cells(body.mesh, compliance.nodes[[j]])[0][0]
     expected = np.einsum("cva,cvb->cab", u[body.mesh.cells[cells]], body.mesh.cell_gradients[cells])
     found = strain.among(np.array([j]))[0, :, :, :, 0, -1]
     # The compliance is kept in single precision.
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_a_cell_of_a_corner_counts_again_where_there_is_no_other(jelly2d_body):
+def test_cells_of_a_node_are_its_largest(jelly2d_body):
+    """Each once: a node with fewer cells has one again, which does not count."""
     mesh = jelly2d_body.mesh
-    count = np.bincount(mesh.cells.ravel(), minlength=mesh.n_nodes)
-    cells = largest_cells(mesh, np.arange(mesh.n_nodes))
-    assert cells.shape == (mesh.n_nodes, CELLS)
-    assert (np.diff(np.sort(cells, axis=1), axis=1)[:, 0] == 0).sum() == (count < CELLS).sum()
+    cells, volumes = largest_cells(mesh, np.arange(mesh.n_nodes))
+    assert cells.shape == volumes.shape == (mesh.n_nodes, CELLS)
+    assert np.bincount(mesh.cells.ravel()).min() < CELLS
+    for node in range(mesh.n_nodes):
+        around = mesh.cell_volumes[(mesh.cells == node).any(axis=1)]
+        expected = np.sort(np.r_[around, np.zeros(CELLS)])[::-1][:CELLS]
+        np.testing.assert_array_equal(volumes[node], expected)
+        assert (mesh.cells[cells[node]] == node).any(axis=1).all()
 
 
 def test_derivatives_by_the_forces(jelly_body, dim):
     body, _, strain, loaded = made(jelly_body)
     rng = np.random.default_rng(1)
     active, forces = pressed(loaded, body, rng)
+    forces *= 4.0
     here = DentExcess.of(strain, loaded, active, forces)
     assert here.value > 0.05  # beyond linear elasticity
-    one, other = FORCE[dim] * rng.normal(size=(2, forces.size, 3))
+    one, other = 4.0 * FORCE[dim] * rng.normal(size=(2, forces.size, 3))
     h = 1e-5
     for k in range(3):
         step = h * other[:, k].reshape(forces.shape)
@@ -99,6 +105,16 @@ def test_excess_vanishes_with_the_forces_and_grows_like_them(jelly_body):
     # Terms of second order are some hundredths.
     assert half == pytest.approx(0.5 * small, rel=5e-2)
     assert DentExcess.of(strain, loaded, active, 1e-9 * forces).value == pytest.approx(0.0, abs=1e-6)
+
+
+def test_excess_is_the_logarithm_of_a_ratio_of_energies(jelly_body, dim):
+    """Where strains are large, the energy density of the solid is of power 2 dim in them, that of linear elasticity of
+    power two."""
+    body, _, strain, loaded = made(jelly_body)
+    active, forces = pressed(loaded, body, np.random.default_rng(2))
+    large, larger = (DentExcess.of(strain, loaded, active, s * forces).value for s in (1e5, 1e6))
+    # Lower powers are less by the strains, some tens of thousands.
+    assert larger - large == pytest.approx((2 * dim - 2) * np.log(10.0), rel=1e-2)
 
 
 def test_a_linear_material_has_no_excess(jelly_body):

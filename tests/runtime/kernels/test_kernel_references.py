@@ -181,12 +181,6 @@ def strains_of_contact_nodes(rng, dim):
     return *neighbours(rng), *cells, operator.reshape(-1, dim, n, dim), share, near
 
 
-def excess_of_cells(rng, dim):
-    energies, stresses = rng.uniform(1, 2, (3, 2 * M)), rng.normal(size=(2, 2 * M, dim, dim))
-    volumes = rng.uniform(1, 2, (M, 2))
-    return rng.normal(size=(M, dim)), volumes, energies[0], energies[1], stresses[0], energies[2], stresses[1]
-
-
 def cell_groups(rng, dim):
     """Cells, where each group's begin, columns, where each group's begin; and blocks in single precision."""
     felt = [np.array([0, 2]), np.array([1, 3, 4])]
@@ -295,9 +289,6 @@ INPUTS = {
     },
     "colliders.surface_mesh.sweep_kernels": {
         "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
-    },
-    "contact.learned_energy.dent_excess": {
-        "_sums": excess_of_cells,
     },
     "contact.learned_energy.dent_strain": {
         "strain_blocks": strains_of_contact_nodes,
