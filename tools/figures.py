@@ -104,6 +104,7 @@ def _alone(scene: str, shape: str) -> tuple[str, str]:
     )
 
 
+_PRESSED = "--shapes punch ball cone plate --places 5 --processes 2"
 _FINE_JELLY = (
     """examples/jelly3d.toml --out runs/jelly3d_fine --set 'body.mesh="../runs/jelly3d_fine.vtu"' """
     "--set sampling.places=16 --set sampling.rotations=4"
@@ -244,16 +245,6 @@ FIGURES: Mapping[str, Figure] = {
         ),
         (CONTACT,),
     ),
-    "press_depth": Figure(
-        (
-            "python -m benchmarks.press_depth examples/jelly3d_small.toml",
-            "python -m benchmarks.press_depth examples/jelly3d_small.toml --places 5 --processes 2",
-            "python -m benchmarks.press_depth examples/jelly3d_small.toml --set contact.reduced_refinement=2 "
-            "--models mechanics",
-        ),
-        (CONTACT,),
-        ("demo",),
-    ),
     "friction": Figure(("python -m benchmarks.dragged_ball",), (CONTACT,)),
     "motions_alone": Figure(
         (
@@ -322,10 +313,11 @@ FIGURES: Mapping[str, Figure] = {
         ("jelly_library_small",),
         ("docs/peers.png",),
     ),
-    "press_learned": Figure(
+    "press_depth": Figure(
         (
-            "python -m benchmarks.press_depth examples/jelly_library_small.toml --shapes punch ball cone plate "
-            "--models mechanics ours",
+            f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models bare mechanics ours",
+            f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models mechanics "
+            "--set contact.reduced_refinement=2",
         ),
         (CONTACT,),
         ("jelly_library_small",),
