@@ -147,11 +147,21 @@ def _run(verb: Verb, options: argparse.Namespace, rank: int) -> int:
         return status
     except BrokenPipeError:
         raise
-    except Exception:
+    except Exception as error:
+        if _is_interrupt(error):
+            raise KeyboardInterrupt from error
         # A bug: show the traceback, then end all ranks so that none waits for this one.
         traceback.print_exc()
         end_all_ranks(1)
         raise
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether this is an interrupt, or what Python makes of one that comes within a compiled function: a SystemError,
+    "returned a result with an exception set", with the interrupt as its cause."""
+    while isinstance(error, SystemError):
+        error = error.__cause__
+    return isinstance(error, KeyboardInterrupt)
 
 
 def _context(verb: Verb, options: argparse.Namespace, rank: int) -> Context:

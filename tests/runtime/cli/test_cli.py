@@ -35,6 +35,10 @@ def run_toy(options: argparse.Namespace, context: Context) -> int:
         raise ZeroDivisionError("a bug")
     if options.fail == "stop":
         raise KeyboardInterrupt
+    if options.fail == "stop in C":  # as Python reports what is raised within a compiled function
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+    if options.fail == "bug in C":
+        raise SystemError("returned NULL without setting an exception")
     return 0
 
 
@@ -137,9 +141,15 @@ def test_mistakes_are_sentences_and_bugs_are_tracebacks(capsys):
         main.main(["toy", "x.toml", "--fail", "bug"])
 
 
-def test_ctrl_c_reports_that_work_is_kept(capsys):
-    assert main.main(["toy", "x.toml", "--fail", "stop"]) == 130
+@pytest.mark.parametrize("where", ["stop", "stop in C"])
+def test_ctrl_c_reports_that_work_is_kept(capsys, where):
+    assert main.main(["toy", "x.toml", "--fail", where]) == 130
     assert "kept" in capsys.readouterr().err
+
+
+def test_a_bug_in_a_compiled_function_is_no_interrupt():
+    with pytest.raises(SystemError):
+        main.main(["toy", "x.toml", "--fail", "bug in C"])
 
 
 def test_only_the_first_rank_speaks(capsys):
