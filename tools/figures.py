@@ -323,7 +323,7 @@ FIGURES: Mapping[str, Figure] = {
         ("jelly_library_small",),
     ),
     "energy_labels": Figure(
-        (f"python -m reproduction.energy_labels {_SMALL} --seeds 1",), (FORCES,), ("jelly_library_small",)
+        (f"python -m reproduction.energy_labels {_SMALL} --seeds 3",), (FORCES,), ("jelly_library_small",)
     ),
     "force_floor": Figure(
         (f"python -m benchmarks.force_floor {_SMALL} --samples 60 --models ours",),
