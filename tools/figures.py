@@ -279,9 +279,9 @@ FIGURES: Mapping[str, Figure] = {
     ),
     "random_scenes": Figure(
         (
-            "python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 130000",
+            "python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 57000",
             "softprint body examples/jelly2d_star_small.toml",
-            "python -m benchmarks.random_scenes examples/jelly2d_star_small.toml --steps 305000",
+            "python -m benchmarks.random_scenes examples/jelly2d_star_small.toml --steps 610000",
         ),
         (CONTACT,),
         ("demo",),
