@@ -132,6 +132,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     experiment, run = context.experiment, context.out_dir
     body = load_body(run / "body.h5")
     handles = HandleCoordinates(body, held_frames(experiment))
+    models = {}
+    for name in options.models:
+        trained = None if name == BARE else read_correction(run / f"corrections/{name}.safetensors", body)
+        models[name] = Model(body, experiment, trained)
     print("| model | samples of | force on | RMS | squared | median | 95 % | samples |")
     print("| --- " * 8 + "|")
     with load_truth(run / "truth.h5", body) as truth:
@@ -140,9 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for side, mask in sides(truth, experiment).items()
         }
         free = {side: ~on_frames(truth, body, experiment, samples) for side, samples in drawn.items()}
-        for name in options.models:
-            trained = None if name == BARE else read_correction(run / f"corrections/{name}.safetensors", body)
-            model = Model(body, experiment, trained)
+        for name, model in models.items():
             for side, samples in drawn.items():
                 found = handle_forces(truth, experiment, model, samples, context)
                 true = np.array([truth.contact_handle_force(int(sample)) for sample in samples])
