@@ -85,9 +85,7 @@ class Piercing:
         """Which collider is how deep inside, and where."""
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.point)
         be = "would be" if self.refused else "is"
-        return (
-            f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
-        )
+        return f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
 
 
 class PiercingSearch:
