@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,15 +14,16 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.experiment import InternalSpec
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import InternalHeader, read_internal_header, save_internal
-from softprint.runtime.learned.internal.model import InternalModel, InternalOptions
+from softprint.runtime.learned.internal.model import InternalModel, InternalOptions, QuadraticModel
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.truth.truth_file import TruthData
 from softprint.surrogate.internal.cubature import fitted_cubature
-from softprint.surrogate.internal.data import read_internal_data
+from softprint.surrogate.internal.data import InternalData, read_internal_data
 from softprint.surrogate.internal.modes import evaluations as modes_evaluations
 from softprint.surrogate.internal.modes import find_modes
+from softprint.surrogate.internal.quadratic import fit_quadratic
 from softprint.surrogate.internal.slope_data import evaluations, read_slope_data
 from softprint.surrogate.internal.slope_task import SlopeTask
 from softprint.surrogate.internal.slopes import EquilibriumSlopes
@@ -49,8 +50,10 @@ def train_internals(
     for spec in wanted:
         if spec.equilibrium:
             _find_modes(context, spec, body, truth)
-        else:
-            _train_one(context, spec, body, truth, condensation if spec.on == "condensation" else None)
+            continue
+        on = condensation if spec.on == "condensation" else None
+        make = _fit_one if spec.quadratic else _train_one
+        make(context, spec, body, truth, on)
 
 
 def _find_modes(context: Context, spec: InternalSpec, body: ReducedBody, truth: TruthData) -> None:
@@ -78,6 +81,22 @@ def _find_modes(context: Context, spec: InternalSpec, body: ReducedBody, truth: 
     )
 
 
+def _fit_one(
+    context: Context,
+    spec: InternalSpec,
+    body: ReducedBody,
+    truth: TruthData,
+    condensation: StaticCondensation | None,
+) -> None:
+    """Fit a quadratic correction and write it."""
+    started, data = time.perf_counter(), read_internal_data(truth, body, condensation, context.seed)
+    with context.progress(evaluations(data), "state", f"derivatives for {spec.name}") as bar:
+        fitted = fit_quadratic(truth, body, data, condensation, spec.components, context.seed, bar.update)
+    result = TrainingResult(fitted.model, fitted.held_out, [])
+    facts = {"discarded": fitted.discarded}
+    _write(context, spec, body, truth, condensation, data, result, facts, started)
+
+
 def _train_one(
     context: Context,
     spec: InternalSpec,
@@ -86,7 +105,6 @@ def _train_one(
     condensation: StaticCondensation | None,
 ) -> None:
     """Train a correction and write it with its curves."""
-    path, recipe = internal_path(context.out_dir, spec.name), _recipe(context, spec, truth)
     data = read_internal_data(truth, body, condensation, context.seed)
     options = InternalOptions(
         spec.hidden, spec.components, spec.linear, condensation is not None, data.gravity
@@ -102,15 +120,30 @@ def _train_one(
     settings = TrainingSettings(
         spec.steps, spec.batch, spec.learning_rate, spec.weight_decay, spec.validations, context.seed
     )
-    checkpoint = path.with_suffix(".checkpoint")
+    checkpoint = internal_path(context.out_dir, spec.name).with_suffix(".checkpoint")
     if not context.resume:
         checkpoint.unlink(missing_ok=True)
-    started = time.perf_counter()
-    result = train_with_bar(
-        context, spec.name, task, settings, checkpoint, json.dumps(recipe, sort_keys=True)
-    )
-    seconds = time.perf_counter() - started
-    facts: dict[str, Any] = {"samples": len(data.train), "left_out": 0, "noise_floor": None, **task.notes}
+    started, recipe = time.perf_counter(), json.dumps(_recipe(context, spec, truth), sort_keys=True)
+    result = train_with_bar(context, spec.name, task, settings, checkpoint, recipe)
+    _write(context, spec, body, truth, condensation, data, result, task.notes, started)
+    checkpoint.unlink(missing_ok=True)
+
+
+def _write(
+    context: Context,
+    spec: InternalSpec,
+    body: ReducedBody,
+    truth: TruthData,
+    condensation: StaticCondensation | None,
+    data: InternalData,
+    result: TrainingResult[InternalModel] | TrainingResult[QuadraticModel],
+    notes: Mapping[str, Any],
+    started: float,
+) -> None:
+    """Write a correction with its curves and, where it is to have one, its cubature. started: when its training began,
+    by `time.perf_counter`."""
+    path, seconds = internal_path(context.out_dir, spec.name), time.perf_counter() - started
+    facts: dict[str, Any] = {"samples": len(data.train), "left_out": 0, "noise_floor": None, **notes}
     cubature = None
     if spec.cubature is not None:
         with context.stage(f"cubature of {spec.name}"):
@@ -137,12 +170,12 @@ def _train_one(
             f"states; {len(body.cubature.cells)} of the body, {force:.1%}"
         )
     write_curves(path.with_suffix(".json"), spec.name, facts, result)
+    recipe = _recipe(context, spec, truth)
     training = {**recipe, "program": program_hash(), "seconds": seconds, "samples": len(data.train)}
     save_internal(path, result.model, body, truth.content_hash, result.held_out.rms, training, cubature)
-    checkpoint.unlink(missing_ok=True)
     context.say(
         f"{path} written: {len(data.train)} states, held-out error {result.held_out.rms:.1%}, "
-        f"{task.notes['discarded']:.1e} of the energy beyond the components, {seconds:.0f} s"
+        f"{notes['discarded']:.1e} of the energy beyond the components, {seconds:.0f} s"
     )
 
 

@@ -99,6 +99,11 @@ class InternalSpec(Section):
         description="without a network: the principal components are modes, whose amplitudes are those of least "
         "elastic energy at every state",
     )
+    quadratic: bool = Field(
+        False,
+        description="without a network: quadratic in the state, fitted in closed form to the equilibria and their "
+        "derivatives",
+    )
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
         (200, 200), description="neurons of each hidden layer; their activation is tanh"
     )
@@ -119,16 +124,21 @@ class InternalSpec(Section):
     validations: Count = Field(20, description="number of times that a run measures the held-out error")
 
     @model_validator(mode="after")
-    def _modes_alone(self) -> Self:
-        if not self.equilibrium:
-            return self
-        if self.on != "subspace":
-            raise ValueError('with equilibrium = true it is on the subspace: leave "on" out')
-        learned = sorted(self.model_fields_set - {"name", "on", "equilibrium", "components", "cubature"})
-        if learned:
+    def _without_network(self) -> Self:
+        if self.equilibrium and self.quadratic:
             raise ValueError(
-                f"with equilibrium = true there is no network to train: leave {', '.join(learned)} out"
+                "equilibrium = true and quadratic = true are two corrections: give each its own table"
             )
+        if self.equilibrium and self.on != "subspace":
+            raise ValueError('with equilibrium = true it is on the subspace: leave "on" out')
+        if self.equilibrium or self.quadratic:
+            kept = {"name", "on", "equilibrium", "quadratic", "components", "cubature"}
+            learned = sorted(self.model_fields_set - kept)
+            if learned:
+                kind = "equilibrium" if self.equilibrium else "quadratic"
+                raise ValueError(
+                    f"with {kind} = true there is no network to train: leave {', '.join(learned)} out"
+                )
         return self
 
 

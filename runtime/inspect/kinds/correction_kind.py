@@ -13,10 +13,10 @@ from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.learned.form import find_form
 from softprint.runtime.learned.internal.file import KIND as INTERNAL
 from softprint.runtime.learned.internal.file import read_internal_header
-from softprint.runtime.learned.internal.model import InternalModel, ModesModel
+from softprint.runtime.learned.internal.model import InternalModel, ModesModel, QuadraticModel
 from softprint.runtime.learned.registry import FORMS
 
-_LINES = {model.form: model.line for model in (InternalModel, ModesModel)}
+_LINES = {model.form: model.line for model in (InternalModel, QuadraticModel, ModesModel)}
 
 
 def recognise(head: FileHead) -> bool:

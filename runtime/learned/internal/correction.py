@@ -27,7 +27,7 @@ from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.correction import require_body
 from softprint.runtime.learned.internal.inputs import RigidFreeRows
 from softprint.runtime.learned.internal.local_field import LocalField, LocalPoint, ModelField
-from softprint.runtime.learned.internal.model import InternalModel
+from softprint.runtime.learned.internal.model import InternalModel, QuadraticModel
 from softprint.runtime.learned.internal.weight import InternalWeight
 
 Singles = NDArray[np.float32]
@@ -40,7 +40,7 @@ class InternalCorrection:
     training, empty without; jacobian: of figure 4.4, see `MappedField`. Raises SoftprintError for a body with other
     nodes or handles."""
 
-    def __init__(self, model: InternalModel, body: ReducedBody, jacobian: Jacobian = "full") -> None:
+    def __init__(self, model: InternalModel | QuadraticModel, body: ReducedBody, jacobian: Jacobian = "full") -> None:
         require_body("internal", model.dim, model.n_rows, body)
         if model.modes.shape[1] != body.n_nodes:
             raise SoftprintError(

@@ -16,7 +16,14 @@ from softprint.runtime.body.cubature import Cubature
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import provenance
 from softprint.runtime.io.torch_file import load_with_header, save_tensors
-from softprint.runtime.learned.internal.model import InternalModel, InternalOptions, ModesModel, ModesOptions
+from softprint.runtime.learned.internal.model import (
+    InternalModel,
+    InternalOptions,
+    ModesModel,
+    ModesOptions,
+    QuadraticModel,
+    QuadraticOptions,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -26,13 +33,15 @@ _CELLS, _WEIGHTS = "cubature.cells", "cubature.weights"
 KIND, VERSION = "internal_correction", 3
 REMEDY = "train it again"
 
+AnyModel = InternalModel | QuadraticModel | ModesModel
+
 
 @dataclass(frozen=True)
 class InternalHeader:
-    """form: internal, with a network, or equilibrium, of modes alone; body_hash, truth_hash: of what it was trained on;
-    options: of the model; held_out_rms: relative error of r, of modes that of u, on held-out states; training: settings
-    and results of the training, in any form; cubature_errors: of energy and forces with its own cubature, empty without
-    one."""
+    """form: internal, with a network, quadratic in the state, or equilibrium, of modes alone; body_hash, truth_hash: of
+    what it was trained on; options: of the model; held_out_rms: relative error of r, of modes that of u, on held-out
+    states; training: settings and results of the training, in any form; cubature_errors: of energy and forces with its
+    own cubature, empty without one."""
 
     name: str
     form: str
@@ -52,7 +61,7 @@ class TrainedInternal(NamedTuple):
     """The content of a file. cubature: that its elasticity is integrated with, None for that of the body."""
 
     header: InternalHeader
-    model: InternalModel | ModesModel
+    model: AnyModel
     cubature: Cubature | None
 
     def on(self, body: ReducedBody) -> ReducedBody:
@@ -67,7 +76,7 @@ def with_cubature(body: ReducedBody, cubature: Cubature) -> ReducedBody:
 
 def save_internal(
     path: Path,
-    model: InternalModel | ModesModel,
+    model: AnyModel,
     body: ReducedBody,
     truth_hash: str,
     held_out_rms: float,
@@ -122,10 +131,11 @@ def load_internal(path: Path, body: ReducedBody) -> TrainedInternal:
     return TrainedInternal(header, model, cubature)
 
 
-def _untrained(header: InternalHeader) -> InternalModel | ModesModel:
+def _untrained(header: InternalHeader) -> AnyModel:
     """A model of the form of a header. Raises KeyError for an unknown one."""
-    makers: dict[str, Callable[[], InternalModel | ModesModel]] = {
+    makers: dict[str, Callable[[], AnyModel]] = {
         InternalModel.form: lambda: InternalModel(InternalOptions.from_json(header.options), *shape),
+        QuadraticModel.form: lambda: QuadraticModel(QuadraticOptions.from_json(header.options), *shape),
         ModesModel.form: lambda: ModesModel(ModesOptions.from_json(header.options), *shape),
     }
     shape = header.dim, header.n_rows, header.n_nodes

@@ -1,11 +1,12 @@
-"""The network of an internal correction (thesis 4.3.3): a few principal components, as functions of the reduced state.
+"""Models of an internal correction (thesis 4.3.3): a few principal components, as functions of the reduced state.
 
     r(q) = sum_k s_k (L_k z / s_z + N_k(z / s_z) - N_k(0)) m_k
 
 with z the rigid-free rows (`inputs.py`), N a network of tanh layers, m_k the principal components, orthonormal in the
 volumes of the nodes, and s their spreads. L, where there is one, is the linear part, fitted before N is trained: with
 it the network learns what is nonlinear. Without gravity the correction at rest is zero, and so it is here; under
-gravity z knows how the body lies, and N(0) is not subtracted.
+gravity z knows how the body lies, and N(0) is not subtracted. Or, without a network, they are quadratic in z
+(`quadratic_map.py`), or follow from the elasticity of the body (`equilibrium/`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from torch import Tensor
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.learned.form import LearnedModel, ModelOptions
+from softprint.runtime.learned.internal.quadratic_map import QuadraticMap
 from softprint.runtime.learned.internal.tanh_network import TanhNetwork, tanh_network
 from softprint.runtime.learned.network import Mlp
 
@@ -80,6 +82,53 @@ class ModesModel(LearnedModel):
     def estimate(self) -> tuple[Array, Array]:
         """linear and offset, in double precision."""
         return self.linear.double().numpy(), self.offset.double().numpy()
+
+
+@dataclass(frozen=True)
+class QuadraticOptions(ModelOptions):
+    """Of a quadratic correction. components: number of principal components; directions: in which the inputs change;
+    on_condensation and gravity: see `InternalOptions`; widths: of no network."""
+
+    components: int
+    directions: int
+    on_condensation: bool
+    gravity: tuple[float, ...] = ()
+    widths: tuple[int, ...] = ()
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Self:
+        """See `ModelOptions`."""
+        return super().from_json({**values, "gravity": tuple(values["gravity"])})
+
+
+class QuadraticModel(LearnedModel):
+    """Coefficients that are quadratic in the inputs z, of a body with n_nodes nodes and n_rows handle rows in dim
+    dimensions. Buffers: modes m (components, n_nodes, dim), and those of `QuadraticMap`: directions P (n_inputs, r),
+    offset (components,), zero without gravity, linear L (components, r), quadratic Q (components, r, r)."""
+
+    form: ClassVar[str] = "quadratic"
+    line: ClassVar[str] = "principal components, quadratic in the state"
+    options: QuadraticOptions
+    modes: Tensor
+    directions: Tensor
+    offset: Tensor
+    linear: Tensor
+    quadratic: Tensor
+
+    def __init__(self, options: QuadraticOptions, dim: int, n_rows: int, n_nodes: int) -> None:
+        super().__init__()
+        self.options, self.dim, self.n_rows = options, dim, n_rows
+        count, r, n_inputs = options.components, options.directions, n_rows * dim + len(options.gravity)
+        self.register_buffer("modes", torch.zeros(count, n_nodes, dim))
+        self.register_buffer("directions", torch.zeros(n_inputs, r))
+        self.register_buffer("offset", torch.zeros(count))
+        self.register_buffer("linear", torch.zeros(count, r))
+        self.register_buffer("quadratic", torch.zeros(count, r, r))
+
+    def as_arrays(self) -> QuadraticMap:
+        """The function, in NumPy and double precision."""
+        parts = self.directions, self.offset, self.linear, self.quadratic
+        return QuadraticMap(*(part.double().numpy() for part in parts))
 
 
 class InternalModel(LearnedModel):
