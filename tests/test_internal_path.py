@@ -9,7 +9,7 @@ import pytest
 from softprint.runtime.cli.main import main
 from softprint.runtime.mesh import box_mesh, write_mesh
 
-MODELS = ("condensed", "thesis4", "ours", "modes")
+MODELS = ("condensed", "thesis4", "ours", "quadratic", "modes")
 EXPERIMENT = """
 [experiment]
 name = "bar"
@@ -46,6 +46,11 @@ hidden = [12, 12]
 components = 4
 steps = 200
 validations = 2
+[[training.internal]]
+name = "quadratic"
+quadratic = true
+components = 8
+cubature = 80
 [[training.internal]]
 name = "modes"
 equilibrium = true
@@ -95,12 +100,13 @@ def test_from_states_to_report(experiment, tmp_path, dim, capsys):
     # Condensation is right to first order, and a correction is nearer to full space than what it is added to.
     assert report["errors"]["thesis4"]["relative_rms"] < 1.0
     assert report["errors"]["ours"]["relative_rms"] < report["errors"]["condensed"]["relative_rms"] < 0.5
-    # Modes in equilibrium learn nothing but their shapes, and come nearer than a network from as few states.
-    assert report["errors"]["modes"]["relative_rms"] < report["errors"]["ours"]["relative_rms"]
+    # A fit in closed form and modes in equilibrium come nearer than a network from as few states.
+    for name in ("quadratic", "modes"):
+        assert report["errors"][name]["relative_rms"] < report["errors"]["ours"]["relative_rms"]
     (scene,) = report["scenes"]
     assert scene["n_contact"] == scene["n_frames"] - 1 == 25
     assert set(MODELS) <= set(scene["free"]) & set(report["timings"])
-    assert set(report["held_out_states"]) == {"thesis4", "ours", "modes"}
+    assert set(report["held_out_states"]) == {"thesis4", "ours", "quadratic", "modes"}
     assert "without a collider" in (run / "report.html").read_text()
     # What exists is kept, and some can be asked for alone.
     before = (run / "internal" / "ours.safetensors").read_bytes()
@@ -108,11 +114,13 @@ def test_from_states_to_report(experiment, tmp_path, dim, capsys):
     assert (run / "internal" / "ours.safetensors").read_bytes() == before
     capsys.readouterr()
     assert main(["train", *here, "--model", "ours", "--model", "theirs"]) == 1
-    assert "there: thesis4, ours, modes" in capsys.readouterr().err
+    assert "there: thesis4, ours, quadratic, modes" in capsys.readouterr().err
     assert main(["inspect", str(run / "internal" / "thesis4.safetensors")]) == 0
     assert "the subspace alone" in capsys.readouterr().out
     assert main(["inspect", str(run / "internal" / "modes.safetensors")]) == 0
     assert "modes in elastic equilibrium" in capsys.readouterr().out
+    assert main(["inspect", str(run / "internal" / "quadratic.safetensors")]) == 0
+    assert "quadratic in the state" in capsys.readouterr().out
     assert main(["simulate", *here, "--model", "theirs"]) == 1
     assert "thesis4" in capsys.readouterr().err
 
@@ -128,6 +136,9 @@ def test_from_states_to_report(experiment, tmp_path, dim, capsys):
         ("hidden = [12, 12]", "hidden = []", "hidden"),
         ("equilibrium = true", "equilibrium = true\nhidden = [8]\nsteps = 9", "leave hidden, steps out"),
         ("equilibrium = true", 'equilibrium = true\non = "condensation"', "on the subspace"),
+        ("disturbed = 1", "longest_move = 0.1", "longest_move is of states"),
+        ("quadratic = true", "quadratic = true\nsteps = 9", "with quadratic = true there is no network"),
+        ("quadratic = true", "quadratic = true\nequilibrium = true", "two corrections"),
     ],
 )
 def test_bad_tables_are_refused_in_a_sentence(experiment, dim, before, after, message, capsys):

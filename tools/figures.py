@@ -449,6 +449,19 @@ FIGURES: Mapping[str, Figure] = {
         ("docs/internal_corrections.md",),
         ("ball_small",),
     ),
+    "ball_quadratic": Figure(
+        (
+            "softprint generate examples/ball_forces_small.toml",
+            "softprint train examples/ball_forces_small.toml",
+            "mkdir -p runs/ball_small/internal",
+            "cp runs/ball_forces_small/internal/*.safetensors runs/ball_small/internal",
+            "softprint simulate examples/ball_small.toml --model mechanics+quadratic",
+            "python -m benchmarks.motions_alone runs/ball_small/motions/bars_"
+            "{full,bare,mechanics,mechanics+quadratic}.h5",
+        ),
+        ("docs/internal_corrections.md",),
+        ("ball_small",),
+    ),
     "ball_forces": Figure(
         (
             "python -m reproduction.linear_response examples/ball_small.toml bars --frames 8",

@@ -1,5 +1,5 @@
-"""Selects the states of the truth: recorded frames in farthest-point order, until enough have a stable internal
-equilibrium."""
+"""Selects the states of the truth: recorded frames in farthest-point order, or states of random forces, until enough
+have a stable internal equilibrium."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 
 from softprint.fem_truth.generate.farm import Groups, on_first_rank, share_units
 from softprint.fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
+from softprint.fem_truth.sampling.forced_states import forced_states
 from softprint.fem_truth.sampling.recorded_states import (
+    Recording,
     disturbed_states,
     n_frames,
     record_scenes,
@@ -32,6 +34,8 @@ log = logging.getLogger(__name__)
 _TRIES = 4
 # Spread of disturbed states, in sizes of the body, if the experiment gives none; and the stream of their numbers.
 _DISTURBANCE, _DISTURBANCE_STREAM = 0.01, 23
+# The longest move of states of random forces, in sizes of the body, if the experiment gives none; and their stream.
+_LONGEST, _FORCE_STREAM = 0.1, 29
 
 Columns = dict[str, Column]
 
@@ -83,14 +87,18 @@ def _record(
     body: ReducedBody,
     progress: Callable[[int, str, str], Progress],
 ) -> None:
-    """Save the candidates for states: recorded frames in farthest-point order, each followed by its disturbed ones."""
+    """Save the candidates for states: recorded frames in farthest-point order, or those of random forces, each followed
+    by its disturbed ones."""
     if is_whole(path):
         return
-    with progress(n_frames(experiment), "frames", "recording scenes") as bar:
-        recording = record_scenes(experiment, body, bar.update)
     sampling = experiment.sampling
-    order = spread_states(body, recording.rows, _TRIES * sampling.states)
-    log.info("recorded %d frames, %d of them candidates for states", len(recording.rows), len(order))
+    if sampling.record_with == "forces":
+        recording, order = _of_forces(experiment, body), np.arange(_TRIES * sampling.states)
+    else:
+        with progress(n_frames(experiment), "frames", "recording scenes") as bar:
+            recording = record_scenes(experiment, body, bar.update)
+        order = spread_states(body, recording.rows, _TRIES * sampling.states)
+        log.info("recorded %d frames, %d of them candidates for states", len(recording.rows), len(order))
     rows, rng = recording.rows[order], np.random.default_rng([experiment.seed, _DISTURBANCE_STREAM])
     if sampling.disturbed:
         rows = disturbed_states(body, rows, sampling.disturbed, sampling.disturbance or _DISTURBANCE, rng)
@@ -102,6 +110,15 @@ def _record(
         "time": recording.time[order],
     }
     write_shard(path, {"recording": columns})
+
+
+def _of_forces(experiment: Experiment, body: ReducedBody) -> Recording:
+    """Candidates in the order in which they are drawn, each of its own."""
+    sampling, rng = experiment.sampling, np.random.default_rng([experiment.seed, _FORCE_STREAM])
+    count, longest = _TRIES * sampling.states, sampling.longest_move or _LONGEST
+    turned = any(experiment.dynamics.gravity)
+    rows = forced_states(body, count, longest * body.mesh.size, turned, rng)
+    return Recording(rows, ["forces"] * count, np.arange(count), np.zeros(count))
 
 
 def _solve_candidates(

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from scipy.linalg import cho_factor, cho_solve
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.learned.internal.model import QuadraticModel, QuadraticOptions
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
@@ -115,12 +115,12 @@ def least_squares(w: Array, learned: SlopeData, P: Array, offset: bool) -> tuple
     return d, fitted[:, :r], Q + Q.transpose(0, 2, 1)
 
 
-def _features(w: Array, pairs: tuple[Array, Array]) -> Array:
+def _features(w: Array, pairs: tuple[IntArray, IntArray]) -> Array:
     """w, the products of pairs of it, and 1, of inputs (s, r)."""
     return np.concatenate([w, w[:, pairs[0]] * w[:, pairs[1]], np.ones((len(w), 1))], axis=1)
 
 
-def _feature_slopes(w: Array, dw: Array, pairs: tuple[Array, Array]) -> Array:
+def _feature_slopes(w: Array, dw: Array, pairs: tuple[IntArray, IntArray]) -> Array:
     """Their derivatives at one input (r,) along changes of it (k, r)."""
     i, j = pairs
     return np.concatenate([dw, dw[:, i] * w[j] + w[i] * dw[:, j], np.zeros((len(dw), 1))], axis=1)

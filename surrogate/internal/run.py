@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,8 @@ from softprint.surrogate.kept_corrections import kept_header, program_hash
 from softprint.surrogate.learning_task import LearningTask
 from softprint.surrogate.train import TrainingResult, TrainingSettings
 from softprint.surrogate.training_bar import train_with_bar, write_curves
+
+ModelT = TypeVar("ModelT", InternalModel, QuadraticModel)
 
 
 def train_internals(
@@ -136,7 +138,7 @@ def _write(
     truth: TruthData,
     condensation: StaticCondensation | None,
     data: InternalData,
-    result: TrainingResult[InternalModel] | TrainingResult[QuadraticModel],
+    result: TrainingResult[ModelT],
     notes: Mapping[str, Any],
     started: float,
 ) -> None:

@@ -397,9 +397,9 @@ keyframes = [{time = 0.0, position = [0.0, 0.0]}, {time = 0.3, position = [0.01,
 )
 
 
-@pytest.mark.parametrize("record", ["condensed", "full"])
+@pytest.mark.parametrize("record", ["condensed", "full", "forces"])
 def test_without_colliders_the_truth_is_of_states_alone(experiment, record, tmp_path):
-    """Each recorded state is followed by its disturbed one, which is near it but another one."""
+    """Each state is followed by its disturbed one, which is near it but another one."""
     path = experiment.parent / f"states_{record}.toml"
     path.write_text(WITHOUT_COLLIDERS.replace("RECORD", record))
     out = tmp_path / "states"

@@ -16,6 +16,7 @@ from softprint.fem_truth.sampling.contact_places import (
 from softprint.fem_truth.sampling.contact_plan import ContactPlan
 from softprint.fem_truth.sampling.depths import noisy_depths
 from softprint.fem_truth.sampling.farthest import farthest_selection
+from softprint.fem_truth.sampling.forced_states import forced_states
 from softprint.fem_truth.sampling.recorded_states import spread_states
 from softprint.fem_truth.sampling.rigid_free import RigidFreeDescriptor
 from softprint.fem_truth.sampling.rotations import random_rotation, spread_rotations
@@ -285,3 +286,37 @@ def test_a_depth_that_the_march_meets_exactly_is_reached(seed):
     depths = np.sort(rng.uniform(1e-4, 2e-3, 5))
     found = [approach.depth(pose.translation[1] - surface[6, 1]) for pose in approach.poses_at(depths)]
     np.testing.assert_allclose(found, depths, rtol=1e-9)
+
+
+def test_forced_states_move_as_far_as_they_are_told(body):
+    """The node that moves most, relative to the body; frames turn by finite angles, which is 1 % of the move here."""
+    longest, rest = 1e-3, body.rest_rows
+    rows = forced_states(body, 40, longest, False, np.random.default_rng(1))
+    assert rows.shape == (40, *rest.shape)
+    most = [np.linalg.norm(body.reduced_positions(own) - body.mesh.points, axis=1).max() for own in rows]
+    assert max(most) < 1.01 * longest
+    assert 0.1 * longest < 1.01 * min(most) < 0.4 * longest
+    for own in rows:
+        body.handles.check_rows(own)  # frames are rigid
+    again = forced_states(body, 40, longest, False, np.random.default_rng(1))
+    np.testing.assert_array_equal(again, rows)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_forces_on_one_point_move_mostly_that_point(dim):
+    """Beside a frame, in some states one point moves farther than any other by half."""
+    body = small_body(dim, True)
+    rows = forced_states(body, 60, 1e-4, False, np.random.default_rng(2))
+    points = np.linalg.norm((rows - body.rest_rows)[:, : body.handles.n_points], axis=2)
+    points.sort(axis=1)
+    assert (points[:, -1] > 1.5 * points[:, -2]).mean() > 0.1
+
+
+def test_forced_states_under_gravity_lie_every_way(body):
+    """The strain is that of a body which is not turned; the mean of 200 rotations is nearly zero."""
+    rng = np.random.default_rng(3)
+    rows = forced_states(body, 200, 1e-4, True, rng)
+    G = body.basis.T @ (body.mesh.points - body.mesh.points.mean(axis=0))  # of rows^T G, nearly a multiple of R
+    turned = np.array([own.T @ G for own in rows])
+    turned /= np.linalg.norm(turned, axis=(1, 2))[:, None, None] / np.sqrt(body.dim)
+    assert np.abs(turned.mean(axis=0)).max() < 0.25

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from softprint.runtime.experiment.schema.section import Box, Count, NotNegative, Positive, Section, Share
 
@@ -27,10 +27,15 @@ class SamplingSpec(Section):
         "optional if there is only one choice",
     )
     states: Count = Field(5, description="states of the body, chosen from the scenes of role `record`")
-    record_with: Literal["bare", "condensed", "full"] | None = Field(
+    record_with: Literal["bare", "condensed", "full", "forces"] | None = Field(
         None,
         description="model that plays the scenes of role `record`: the bare subspace, which is the default, with "
-        "static condensation, or full space",
+        "static condensation, or full space; or no scene, but random forces on a few handles at a time",
+    )
+    longest_move: Positive | None = Field(
+        None,
+        description='with record_with = "forces": how far the node that moves most moves at most, in sizes of the '
+        "body; 0.1 if absent",
     )
     disturbed: Count | None = Field(
         None, description="states with handles moved at random, after each recorded one; none if absent"
@@ -63,3 +68,9 @@ class SamplingSpec(Section):
         None, description="the part of the body at rest where contact places are [m]; everywhere if absent"
     )
     solver: SolverSpec = SolverSpec()
+
+    @model_validator(mode="after")
+    def _move_of_forces(self) -> Self:
+        if self.longest_move is not None and self.record_with != "forces":
+            raise ValueError('longest_move is of states with record_with = "forces": leave it out')
+        return self

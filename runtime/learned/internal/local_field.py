@@ -1,5 +1,5 @@
 """r of a correction as a function of the handle rows, at fixed nodes, with two derivatives: principal components, whose
-coefficients a network computes from its inputs."""
+coefficients are a network's, or quadratic in its inputs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.lazy import lazy
-from softprint.runtime.learned.internal.tanh_network import MovedNetwork, NetworkPoint, TanhNetwork
 
 
 class LocalPoint(Protocol):
@@ -53,7 +52,7 @@ class LocalField(Protocol):
 
 
 class InputPoint(Protocol):
-    """The inputs z of a network at one state, with their derivatives by the handle rows."""
+    """The inputs z of coefficients at one state, with their derivatives by the handle rows."""
 
     @property
     def value(self) -> Array:
@@ -75,24 +74,63 @@ class InputPoint(Protocol):
 
 
 class Inputs(Protocol):
-    """The inputs of a network as a function of the handle rows."""
+    """The inputs of coefficients as a function of the handle rows."""
 
     def __call__(self, rows: Array) -> Array: ...
     def at(self, rows: Array) -> InputPoint: ...
 
 
+class MovedCoefficients(Protocol):
+    """The derivatives of coefficients along k directions."""
+
+    @property
+    def slope(self) -> Array:
+        """dc (count, k)."""
+        ...
+
+    def curvature(self, along: Array) -> Array:
+        """d2(a . c) (k, k) between the directions, of a (count,)."""
+        ...
+
+
+class CoefficientsPoint(Protocol):
+    """The coefficients at one input, with their derivatives."""
+
+    @property
+    def value(self) -> Array:
+        """c (count,)."""
+        ...
+
+    def moved(self, directions: Array) -> MovedCoefficients:
+        """Along directions (n_inputs, k)."""
+        ...
+
+    def pulled_back(self, along: Array) -> Array:
+        """d(a . c)/dz (n_inputs,) of a direction a (count,)."""
+        ...
+
+
+class Coefficients(Protocol):
+    """The coefficients of components as a function of the inputs: a `TanhNetwork` or a `QuadraticMap`."""
+
+    def value(self, z: Array) -> Array: ...
+    def at(self, z: Array) -> CoefficientsPoint: ...
+
+
 class ModelField:
     """r of a trained model at some nodes."""
 
-    def __init__(self, network: TanhNetwork, modes: Array, inputs: Inputs, nodes: IntArray | None) -> None:
+    def __init__(
+        self, coefficients: Coefficients, modes: Array, inputs: Inputs, nodes: IntArray | None
+    ) -> None:
         own = modes if nodes is None else modes[:, nodes]
-        self.network, self.inputs, self.shape = network, inputs, own.shape
+        self.coefficients, self.inputs, self.shape = coefficients, inputs, own.shape
         self.modes = np.ascontiguousarray(own.reshape(len(own), -1))
         # Only the Hessian multiplies these: it gives Newton's method a direction, for which single precision is enough.
         self.by_node = np.ascontiguousarray(self.modes.T, dtype=np.float32)
 
     def reading(self, inputs: Inputs) -> ModelField:
-        """The same with other inputs of its network."""
+        """The same with other inputs of its coefficients."""
         other = copy(self)
         other.inputs = inputs
         return other
@@ -107,12 +145,12 @@ class ModelField:
 
     def value(self, rows: Array) -> Array:
         """See `LocalField`."""
-        return np.asarray((self.network.value(self.inputs(rows)) @ self.modes).reshape(self.shape[1:]))
+        return np.asarray((self.coefficients.value(self.inputs(rows)) @ self.modes).reshape(self.shape[1:]))
 
     def at(self, rows: Array) -> ModelPoint:
         """See `LocalField`."""
         of_rows = self.inputs.at(rows)
-        return ModelPoint(self, of_rows, self.network.at(of_rows.value))
+        return ModelPoint(self, of_rows, self.coefficients.at(of_rows.value))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,12 +159,12 @@ class ModelPoint:
 
     field: ModelField
     inputs: InputPoint
-    network: NetworkPoint
+    coefficients: CoefficientsPoint
 
     @lazy
     def value(self) -> Array:
         """See `LocalPoint`."""
-        return np.asarray((self.network.value @ self.field.modes).reshape(self.field.shape[1:]))
+        return np.asarray((self.coefficients.value @ self.field.modes).reshape(self.field.shape[1:]))
 
     @lazy
     def _computed(self) -> list[Moved]:
@@ -139,9 +177,9 @@ class ModelPoint:
             if known.directions is directions:
                 return known
         of_inputs = self.inputs.derivative
-        of_network = self.network.moved(of_inputs if directions is None else of_inputs @ directions)
-        of_r = (self.field.by_node @ of_network.slope.astype(np.float32)).reshape(*self.field.shape[1:], -1)
-        self._computed[:] = [Moved(directions, of_network, of_r)]
+        moved = self.coefficients.moved(of_inputs if directions is None else of_inputs @ directions)
+        of_r = (self.field.by_node @ moved.slope.astype(np.float32)).reshape(*self.field.shape[1:], -1)
+        self._computed[:] = [Moved(directions, moved, of_r)]
         return self._computed[0]
 
     def along(self, directions: Array | None) -> NDArray[np.float32]:
@@ -150,20 +188,21 @@ class ModelPoint:
 
     def pulled_back(self, forces: Array) -> Array:
         """See `LocalPoint`."""
-        return self.inputs.pulled_back(self.network.pulled_back(self.field.modes @ forces.ravel()))
+        return self.inputs.pulled_back(self.coefficients.pulled_back(self.field.modes @ forces.ravel()))
 
     def curvature(self, forces: Array, directions: Array | None) -> Array:
         """See `LocalPoint`."""
         a = self.field.modes @ forces.ravel()
-        of_inputs = self.inputs.curvature(self.network.pulled_back(a))
+        of_inputs = self.inputs.curvature(self.coefficients.pulled_back(a))
         if directions is not None:
             of_inputs = directions.T @ of_inputs @ directions
-        return self._moved(directions).network.curvature(a) + of_inputs
+        return self._moved(directions).coefficients.curvature(a) + of_inputs
 
 
 class Moved(NamedTuple):
-    """A `ModelPoint` along directions (n_rows*dim, k), None for every row and axis: its network, and r (n, dim, k)."""
+    """A `ModelPoint` along directions (n_rows*dim, k), None for every row and axis: its coefficients, and r (n, dim,
+    k)."""
 
     directions: Array | None
-    network: MovedNetwork
+    coefficients: MovedCoefficients
     of_r: NDArray[np.float32]
