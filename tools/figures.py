@@ -458,6 +458,7 @@ FIGURES: Mapping[str, Figure] = {
             "softprint simulate examples/ball_small.toml --model mechanics+quadratic",
             "python -m benchmarks.motions_alone runs/ball_small/motions/bars_"
             "{full,bare,mechanics,mechanics+quadratic}.h5",
+            "softprint bench examples/ball_small.toml --model mechanics --model mechanics+quadratic",
         ),
         ("docs/internal_corrections.md",),
         ("ball_small",),
