@@ -281,7 +281,7 @@ FIGURES: Mapping[str, Figure] = {
         (
             "python -m benchmarks.random_scenes examples/jelly3d_small.toml --steps 57000",
             "softprint body examples/jelly2d_star_small.toml",
-            "python -m benchmarks.random_scenes examples/jelly2d_star_small.toml --steps 610000",
+            "python -m benchmarks.random_scenes examples/jelly2d_star_small.toml --steps 1000000",
         ),
         (CONTACT,),
         ("demo",),
