@@ -41,7 +41,8 @@ def read_internal_data(
     truth: TruthData, body: ReducedBody, condensation: StaticCondensation | None, seed: int = 0
 ) -> InternalData:
     """All states of a truth file. condensation: of all nodes, under the same gravity, for a correction on static
-    condensation. Raises SoftprintError for too few states to hold out some."""
+    condensation. Raises SoftprintError for too few states to hold out some, and for one in which the subspace is turned
+    inside out."""
     given = json.loads(truth.header.made_from.get("dynamics.gravity", "[]"))
     gravity = tuple(map(float, given)) if any(given) else ()
     rows, gradient, encode = (
@@ -54,7 +55,12 @@ def read_internal_data(
         u = truth.internal(state)
         if condensation is not None:
             u = u - condensation.corotated(own).displacement(own)
-        fields.append(unmapped(gradient, own, u))
+        try:
+            fields.append(unmapped(gradient, own, u))
+        except SoftprintError as error:
+            raise SoftprintError(
+                f"{truth.path}: state {state}: {error}; generate states that are moved less far"
+            ) from error
     frames = np.array([f"{s} {f}" for s, f in zip(truth.states["scene"], truth.states["frame"], strict=True)])
     groups, group = np.unique(frames, return_inverse=True)
     chosen = np.random.default_rng(seed).permutation(len(groups))[: round(_HELD_OUT * len(groups))]

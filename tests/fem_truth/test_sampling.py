@@ -22,6 +22,7 @@ from softprint.fem_truth.sampling.rigid_free import RigidFreeDescriptor
 from softprint.fem_truth.sampling.rotations import random_rotation, spread_rotations
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.colliders import Box, Sphere
 from softprint.runtime.colliders.approach import Approach, OutOfReach
 from softprint.runtime.colliders.collider import Collider
@@ -310,6 +311,15 @@ def test_forces_on_one_point_move_mostly_that_point(dim):
     points = np.linalg.norm((rows - body.rest_rows)[:, : body.handles.n_points], axis=2)
     points.sort(axis=1)
     assert (points[:, -1] > 1.5 * points[:, -2]).mean() > 0.1
+
+
+def test_forced_states_do_not_turn_the_subspace_inside_out(body):
+    """However far they are told to move."""
+    rows = forced_states(body, 30, body.mesh.size, False, np.random.default_rng(4))
+    gradient = basis_gradient_at_nodes(body)
+    assert min(np.linalg.det(own.T @ gradient).min() for own in rows) > 0.0
+    most = [np.linalg.norm(body.reduced_positions(own) - body.mesh.points, axis=1).max() for own in rows]
+    assert max(most) > 0.1 * body.mesh.size  # and still move
 
 
 def test_forced_states_under_gravity_lie_every_way(body):
