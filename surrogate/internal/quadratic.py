@@ -20,6 +20,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.internal.model import QuadraticModel, QuadraticOptions
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 from softprint.runtime.truth.truth_file import TruthData
@@ -30,8 +31,9 @@ from softprint.surrogate.learning_task import HeldOutError
 
 # Of the derivatives, all of which are in the sum; and the ridge, as a share of the mean of the diagonal.
 _WEIGHT, _RIDGE = 1.0, 1e-11
-# Directions in which the inputs of no training state change by more than this, relative to the most, are left out.
-_LEAST = 1e-3
+# Directions in which the inputs of no training state change by more than this, relative to the most, are left out. The
+# products of this many take 3 GiB and some minutes.
+_LEAST, _MOST = 1e-3, 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +57,16 @@ def fit_quadratic(
 ) -> FittedQuadratic:
     """Of the training states of `data`, of the same truth. condensation: of all nodes, for a correction that adds to
     it; progress(n): after n more states, `slope_data.evaluations` in all. Raises SoftprintError for more components
-    than there are."""
+    than there are, and for a body with so many handles that their products do not fit into memory."""
     learned = read_slope_data(
         truth, body, data, EquilibriumSlopes(body, condensation), components, seed, progress
     )
-    P = _directions(data, learned, body.dim)
+    P = _directions(data, learned)
+    if P.shape[1] > _MOST:
+        raise SoftprintError(
+            f"the state of {body.name!r} changes in {P.shape[1]} directions, and a quadratic correction has all their "
+            f"products: at most {_MOST}; use a network, or equilibrium = true"
+        )
     fitted = least_squares(data.inputs[data.train] @ P, learned, P, bool(data.gravity))
     options = QuadraticOptions(components, P.shape[1], condensation is not None, data.gravity)
     model = QuadraticModel(options, body.dim, body.n_rows, body.n_nodes)
@@ -79,7 +86,7 @@ def held_out_error(model: QuadraticModel, data: InternalData) -> HeldOutError:
     return HeldOutError.of(*(np.square(part).sum(axis=2) @ data.volumes for part in (missed, exact)))
 
 
-def _directions(data: InternalData, learned: SlopeData, dim: int) -> Array:
+def _directions(data: InternalData, learned: SlopeData) -> Array:
     """P (n_inputs, r): the directions in which inputs change, in units of their size; a direction of gravity has the
     unit 1."""
     z, unit = data.inputs[data.train], np.ones(data.inputs.shape[1])

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from softprint.runtime.body import ReducedBody
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal, save_internal
 from softprint.runtime.learned.internal.model import QuadraticModel
@@ -103,3 +104,11 @@ def test_under_gravity_it_knows_how_the_body_lies(body, tmp_path):
     assert fitted.held_out.rms < 0.1
     at_rest = InternalCorrection(fitted.model, body).bind().displacement(body.rest_rows)
     assert np.abs(at_rest).max() > 1e-5  # m: it sags
+
+
+def test_more_directions_than_fit_into_memory_are_refused(body, truth_path, monkeypatch):
+    monkeypatch.setattr("softprint.surrogate.internal.quadratic._MOST", 3)
+    with load_truth(truth_path, body) as truth:
+        data = read_internal_data(truth, body, None)
+        with pytest.raises(SoftprintError, match="directions, and a quadratic correction has all their products"):
+            fit_quadratic(truth, body, data, None, 4)
