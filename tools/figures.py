@@ -451,8 +451,8 @@ FIGURES: Mapping[str, Figure] = {
     ),
     "ball_quadratic": Figure(
         (
-            "softprint generate examples/ball_forces_small.toml",
-            "softprint train examples/ball_forces_small.toml",
+            "softprint run examples/ball_forces_small.toml",
+            "python -m reproduction.internal_forces examples/ball_forces_small.toml",
             "mkdir -p runs/ball_small/internal",
             "cp runs/ball_forces_small/internal/*.safetensors runs/ball_small/internal",
             "softprint simulate examples/ball_small.toml --model mechanics+quadratic",
