@@ -62,6 +62,10 @@ _KNOWN = (
     ModelStyle("thesis5", "thesis5", "the thesis's network (ch. 5)", "#0072b2", "#56b4e9", _DASHED),
     ModelStyle("thesis6", "thesis6", "the thesis's network (ch. 6)", "#6a3d9a", "#c3a5e8", _DASHED),
     ModelStyle(
+        "quadratic", "Quadratic", "an internal correction, quadratic in the state", "#5b7d1a", "#a9cc63", _SOLID
+    ),
+    ModelStyle("modes", "Modes", "an internal correction, in elastic equilibrium", "#5b7d1a", "#a9cc63", _DASHED),
+    ModelStyle(
         "mechanics",
         "Mechanics",
         "ours before training: linear elasticity",
