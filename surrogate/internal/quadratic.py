@@ -74,10 +74,10 @@ def fit_quadratic(
         ("modes", "directions", "offset", "linear", "quadratic"), (learned.modes, P, *fitted), strict=True
     ):
         setattr(model, name, torch.from_numpy(values).float())
-    return FittedQuadratic(model, held_out_error(model, data), learned.discarded)
+    return FittedQuadratic(model, _held_out_error(model, data), learned.discarded)
 
 
-def held_out_error(model: QuadraticModel, data: InternalData) -> HeldOutError:
+def _held_out_error(model: QuadraticModel, data: InternalData) -> HeldOutError:
     """Error of r over the volume, relative to r itself, in the held-out states."""
     function, modes = model.as_arrays(), model.modes.double().numpy()
     found = np.array([function.value(data.inputs[state]) for state in data.held_out])

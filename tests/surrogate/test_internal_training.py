@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -23,8 +21,6 @@ from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.internal.correction import InternalCorrection, mapped, unmapped
 from softprint.runtime.learned.internal.file import load_internal, save_internal
-from softprint.runtime.mechanics.body_mechanics import compute_mechanics
-from softprint.runtime.mechanics.static_condensation import StaticCondensation
 from softprint.runtime.mesh import box_mesh
 from softprint.runtime.truth.truth_file import load_truth
 from softprint.surrogate.data.components import principal_components
@@ -34,27 +30,9 @@ from softprint.surrogate.internal.entry import train_internal
 from softprint.surrogate.internal.norm import CorrectionNorm
 from softprint.surrogate.internal.slopes import EquilibriumSlopes
 from softprint.surrogate.train import TrainingSettings
-from tests.internal_truth import DISTURBED, FRAMES, made_bar, written_truth
+from tests.internal_truth import DISTURBED, FRAMES, written_truth
 
 SETTINGS = TrainingSettings(steps=400, batch=32, learning_rate=3e-3, weight_decay=1e-4, validations=4, seed=0)
-
-
-@pytest.fixture(scope="module")
-def body() -> ReducedBody:
-    return made_bar()
-
-
-@pytest.fixture(scope="module")
-def condensation(body: ReducedBody) -> StaticCondensation:
-    found = compute_mechanics(body, 20, True).condensation
-    assert found is not None
-    return found
-
-
-@pytest.fixture(scope="module")
-def truth_path(body: ReducedBody, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Internal equilibria of a bar that is stretched, and of disturbed states."""
-    return written_truth(body, tmp_path_factory.mktemp("truth") / "truth.h5", (0.0, 0.0))
 
 
 def test_disturbed_states_follow_their_own(body):

@@ -2,49 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
-from softprint.runtime.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal, save_internal
 from softprint.runtime.learned.internal.model import QuadraticModel
 from softprint.runtime.learned.internal.quadratic_map import QuadraticMap
-from softprint.runtime.mechanics.body_mechanics import compute_mechanics
-from softprint.runtime.mechanics.static_condensation import StaticCondensation
 from softprint.runtime.truth.truth_file import load_truth
 from softprint.surrogate.internal.data import read_internal_data
 from softprint.surrogate.internal.entry import train_internal
 from softprint.surrogate.internal.quadratic import fit_quadratic, least_squares
 from softprint.surrogate.internal.slope_data import SlopeData
 from softprint.surrogate.train import TrainingSettings
-from tests.internal_truth import made_bar, written_truth
+from tests.internal_truth import written_truth
 
 # Of a linear part alone: one step that moves nothing.
 LINEAR = TrainingSettings(steps=1, batch=32, learning_rate=1e-9, weight_decay=0.0, validations=1, seed=0)
-
-
-@pytest.fixture(scope="module")
-def body() -> ReducedBody:
-    return made_bar()
-
-
-@pytest.fixture(scope="module")
-def condensation(body: ReducedBody) -> StaticCondensation:
-    found = compute_mechanics(body, 20, True).condensation
-    assert found is not None
-    return found
-
-
-@pytest.fixture(scope="module")
-def truth_path(body: ReducedBody, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Internal equilibria of a bar that is stretched, and of disturbed states."""
-    return written_truth(body, tmp_path_factory.mktemp("truth") / "truth.h5", (0.0, 0.0))
 
 
 @pytest.mark.parametrize("offset", [False, True])
@@ -57,7 +34,7 @@ def test_least_squares_find_what_is_quadratic(offset):
     d = rng.normal(size=n_out) if offset else np.zeros(n_out)
     true = QuadraticMap(P, d, rng.normal(size=(n_out, r)), Q + Q.transpose(0, 2, 1))
     z, moved = rng.normal(size=(states, n_in)), rng.normal(size=(states, r, n_in))
-    slopes = np.array([dz @ true.at(own).slope.T for own, dz in zip(z, moved, strict=True)])
+    slopes = np.array([true.at(own).moved(dz.T).slope.T for own, dz in zip(z, moved, strict=True)])
     values = np.array([true.value(own) for own in z])
     learned = SlopeData(np.empty(0), 0.0, np.ones(states), values, np.arange(states), moved, slopes)
     assert states < r * (r + 1) // 2

@@ -49,27 +49,18 @@ class QuadraticPoint:
         return np.asarray(self.map.offset + (self.map.linear + 0.5 * self.turned) @ self.reduced)
 
     @lazy
-    def slope(self) -> Array:
-        """dy/dz (n_out, n_in)."""
-        return np.asarray(self._slope @ self.map.directions.T)
-
-    @lazy
-    def _slope(self) -> Array:
+    def reduced_slope(self) -> Array:
         """dy/dw (n_out, r)."""
         return np.asarray(self.map.linear + self.turned)
 
     def moved(self, directions: Array) -> MovedQuadratic:
         """The function along directions (n_in, k)."""
         reduced = self.map.directions.T @ directions
-        return MovedQuadratic(self.map, reduced, self._slope @ reduced)
+        return MovedQuadratic(self.map, reduced, self.reduced_slope @ reduced)
 
     def pulled_back(self, along: Array) -> Array:
         """d(a . y)/dz (n_in,) of a direction a (n_out,)."""
-        return np.asarray(self.map.directions @ (along @ self._slope))
-
-    def curvature(self, along: Array) -> Array:
-        """d2(a . y)/dz2 (n_in, n_in) of a direction a (n_out,)."""
-        return self.moved(np.eye(len(self.map.directions))).curvature(along)
+        return np.asarray(self.map.directions @ (along @ self.reduced_slope))
 
 
 @dataclass(frozen=True, eq=False)
