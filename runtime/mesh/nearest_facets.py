@@ -22,6 +22,8 @@ _GROUP = 32
 _OPPOSITE = 0.5
 # Points of facets whose squared distances differ by less than this share are the same: on a common edge or corner.
 _EQUAL = 1e-9
+# A facet whose angle has a squared sine of no more than this has no area but round-off.
+_FLAT = 1e-12
 
 
 class NearestFacets(NamedTuple):
@@ -120,7 +122,7 @@ def _nearest(
         if end > own + 1 and beyond < math.inf:
             p, distance = middle[k], beyond + around[k]
             begin = _begin(p, group_centre, square_to, starts, centre)
-            if _all_farther(p, square_to, group_radius, starts, centre, radius, distance):
+            if _all_farther(p, x, facets, square_to, group_radius, starts, centre, radius, distance, trial):
                 reach = math.sqrt(_closest(p, x, facets[begin], trial))
                 if _along_normal(p, x, facets[begin], trial) > _OPPOSITE * reach:
                     # All points of the group are on the same side.
@@ -133,7 +135,7 @@ def _nearest(
                 begin = _begin(p, group_centre, square_to, starts, centre)
             else:
                 _squared_distances(p, group_centre, square_to)
-            if _all_farther(p, square_to, group_radius, starts, centre, radius, beyond):
+            if _all_farther(p, x, facets, square_to, group_radius, starts, centre, radius, beyond, trial):
                 reach = math.sqrt(_closest(p, x, facets[begin], weights[i]))
                 if _along_normal(p, x, facets[begin], weights[i]) > _OPPOSITE * reach:
                     found[i], depth[i] = begin, -reach
@@ -234,19 +236,25 @@ def _nearest_place(p: Array, places: Array, first: int, end: int) -> int:
 @compiled
 def _all_farther(
     p: Array,
+    x: Array,
+    facets: IntArray,
     squares: Array,
     group_radius: Array,
     starts: IntArray,
     centre: Array,
     radius: Array,
     distance: float,
+    trial: Array,
 ) -> bool:
-    """Whether p (dim,) is farther than a distance from all facets. squares: its squared distances from the groups."""
+    """Whether p (dim,) is farther than a distance from all facets. squares: its squared distances from the groups;
+    trial: (dim,) for scratch."""
     for g in range(len(squares)):
         if squares[g] > (distance + group_radius[g]) ** 2:
             continue
         for f in range(starts[g], starts[g + 1]):
-            if not _farther(p, centre, f, distance + radius[f]):
+            if _farther(p, centre, f, distance + radius[f]):
+                continue
+            if _closest(p, x, facets[f], trial) <= distance * distance:
                 return False
     return True
 
@@ -270,12 +278,34 @@ def _closest(p: Array, x: Array, facet: IntArray, weights: Array) -> float:
     for a in range(3):
         u, v, r = x[facet[1], a] - x[facet[0], a], x[facet[2], a] - x[facet[0], a], p[a] - x[facet[0], a]
         uu, uv, vv, ur, vr = uu + u * u, uv + u * v, vv + v * v, ur + u * r, vr + v * r
-    area = uu * vv - uv * uv
-    if area > 0.0:
-        s, t = (vv * ur - uv * vr) / area, (uu * vr - uv * ur) / area
-        if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
-            weights[0], weights[1], weights[2] = 1.0 - s - t, s, t
-            return _squared_distance(p, x, facet, weights)
+    if uu * vv - uv * uv <= _FLAT * uu * vv:
+        return _closest_on_edges(p, x, facet, weights)
+    # The region of the plane that p is above: of a corner, an edge or the inside (Ericson 2005, section 5.1.5), by u
+    # and v times the ways from the other two corners.
+    u1, v1, u2, v2 = ur - uu, vr - uv, ur - uv, vr - vv
+    opposite_2, opposite_1, opposite_0 = ur * v1 - u1 * vr, u2 * vr - ur * v2, u1 * v2 - u2 * v1
+    weights[:] = 0.0
+    if ur <= 0.0 and vr <= 0.0:
+        weights[0] = 1.0
+    elif u1 >= 0.0 and v1 <= u1:
+        weights[1] = 1.0
+    elif v2 >= 0.0 and u2 <= v2:
+        weights[2] = 1.0
+    elif opposite_2 <= 0.0 and ur >= 0.0 and u1 <= 0.0:
+        return _closest_on_edge(p, x, facet, 0, 1, weights)
+    elif opposite_1 <= 0.0 and vr >= 0.0 and v2 <= 0.0:
+        return _closest_on_edge(p, x, facet, 0, 2, weights)
+    elif opposite_0 <= 0.0 and v1 >= u1 and u2 >= v2:
+        return _closest_on_edge(p, x, facet, 1, 2, weights)
+    else:
+        area = opposite_0 + opposite_1 + opposite_2
+        weights[0], weights[1], weights[2] = opposite_0 / area, opposite_1 / area, opposite_2 / area
+    return _squared_distance(p, x, facet, weights)
+
+
+@compiled
+def _closest_on_edges(p: Array, x: Array, facet: IntArray, weights: Array) -> float:
+    """`_closest` of a facet without area."""
     # The nearest edge is found first, so that nothing is allocated for its weights.
     nearest, least = 0, math.inf
     for k in range(3):

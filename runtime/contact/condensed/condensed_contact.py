@@ -307,12 +307,13 @@ class CondensedContact:
         converged = solved.solution.converged
         if self.sharp is None or solved.pressed is None or not (converged and solved.is_pressed.any()):
             return None
-        at = points, solved.rows, poses, points.bounded_positions(solved.rows)[0], self._dent(solved)
-        # Where those that bear pressure are still at their places, the others need not be found.
-        bearing = self.sharp.find(*at, among=solved.active[solved.is_pressed])
-        if bearing is None or not self.sharp.apart(solved.pressed, bearing, solved.active):
+        bearing = solved.is_pressed
+        which = np.searchsorted(solved.pressed.index, solved.active[bearing])
+        y = solved.deformed_position[solved.solution.active[bearing]]
+        if not self.sharp.have_slid(solved.pressed, which, y, [poses[name] for name in self.searches]):
             return None
-        return self.sharp.find(*at)
+        x = points.bounded_positions(solved.rows)[0]
+        return self.sharp.find(points, solved.rows, poses, x, self._dent(solved))
 
     def _dent(self, solved: SolvedContact) -> Dent:
         return Dent(*self.drawn_forces(solved), solved.solution.largest_displacement)

@@ -30,6 +30,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import SdfDerivatives
@@ -52,6 +53,9 @@ _TIGHTER = 0.01
 _ITERATIONS = 12
 # A warm start needs two or three iterations. After so many Newton's method is unlikely to converge.
 _NEAR_ITERATIONS = 10
+# Principal directions that change a displacement by less than this fraction are left out of the linear systems. The
+# residual includes all of them, so the solution is not affected.
+_SLIGHT = 0.03
 # Newton's method stops when the residual has grown by this factor, or, after so many iterations, when it is no longer
 # the smallest so far.
 _GROWTH, _SETTLED = 10.0, 4
@@ -104,6 +108,33 @@ class ContactSolution:
         penetration, normal = np.full(len(old), -np.inf), np.zeros((len(old), self.normal.shape[1]))
         penetration[old], normal[old] = self.penetration, self.normal
         return penetration, normal
+
+
+class LinearSystem:
+    """K = L^-1 + V^T G V of the active points, factorised: what (I + G A^T D A) dv = ... takes. It is in the
+    precision of G, usually single: the next iteration corrects the rounding error of this one. Raises
+    numpy.linalg.LinAlgError where a point is about to slide off a tip."""
+
+    def __init__(self, problem: ContactProblem, e: Array, at: SdfDerivatives, pressure: Array) -> None:
+        G, active = problem.compliance, np.flatnonzero(e > 0.0)
+        state = problem.stiffness, e, pressure, at.gradient, at.hessian
+        self._point, stiff, _, v = kernels.stiffness_directions(G, problem.carriers, active, *state, _SLIGHT)
+        self._v = v.astype(G.among_nodes.dtype)
+        if not len(v):
+            return
+        K = kernels.woodbury_matrix(G, self._point, stiff, self._v)
+        factorise, self._solve = get_lapack_funcs(("getrf", "getrs"), (K,))
+        # K is symmetric, and LAPACK's order the other one.
+        self._lu, self._pivots, singular = factorise(K.T, overwrite_a=True)
+        if singular:
+            raise np.linalg.LinAlgError("the linear system of a contact is singular")
+
+    def reaction(self, right: Array) -> Array:
+        """A^T D A dv (m, dim), where (I + G A^T D A) dv = right (m, dim)."""
+        if not len(self._v):
+            return np.zeros_like(right)
+        y = self._solve(self._lu, self._pivots, kernels.along(self._point, self._v, right))[0]
+        return kernels.expanded(self._point, self._v, y, len(right))
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,10 +197,12 @@ class ContactProblem:
             best = min(best, residual)
             if residual <= enough or lost or iteration == at_most:
                 break
+            right = kernels.newton_right_side(G, A, k, e, lag, at.value, at.gradient)
             try:
-                v, e = kernels.newton_step(G, A, k, e, pressure, v, lag, *at)
+                reaction = LinearSystem(self, e, at, pressure).reaction(right)
             except np.linalg.LinAlgError:  # a point is about to slide off a tip
                 break
+            v, e = kernels.newton_step(G, A, e, v, at.value, at.gradient, right, reaction)
         phi = kernels.pulled_back(A, pressure, at.gradient)
         converged = residual <= _TOLERANCE * scale
         return self._solution(e, at, phi, lag, converged, iteration, residual), began
@@ -221,18 +254,11 @@ class ContactProblem:
         (`negative_curvature.py`)."""
         pressure = self._pressure(e)
         try:
-            change, along, slope = kernels.descent_direction(
-                self.compliance,
-                self.carriers,
-                self.stiffness,
-                e,
-                pressure,
-                phi,
-                balanced,
-                lag,
-                at.gradient,
-                at.hessian,
-            )
+            reaction = LinearSystem(self, e, at, pressure).reaction(-lag)
+            change = balanced - phi - reaction
+            # The displacements of exactly this change, whatever its precision.
+            along = -lag - self._apply(reaction)
+            slope = float(((phi - balanced) * along).sum())
             if slope < 0.0:
                 return change, along, slope, True
         except np.linalg.LinAlgError:  # a point is about to slide off a tip

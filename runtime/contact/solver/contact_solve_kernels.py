@@ -27,9 +27,6 @@ from softprint.runtime.mechanics.surface_compliance_kernels import NodalComplian
 
 Floats = NDArray[np.floating[Any]]
 
-# Principal directions that change a displacement by less than this fraction are left out of the linear system of an
-# iteration. The residual includes all of them, so the solution is not affected.
-_SLIGHT = 0.03
 _SWEEPS = 12
 
 
@@ -58,31 +55,65 @@ def product(G: NodalCompliance, phi: Array) -> Array:
 
 
 @summing
-def along_directions(G: NodalCompliance, point: IntArray, v: Floats) -> tuple[Floats, Floats]:
+def displacements_along(G: NodalCompliance, point: IntArray, v: Floats) -> Floats:
     """For the directions V of forces, v (r, dim), each on one of the points (r,): the displacements of the nodes by
-    them (r, k*dim), and the compliance along them, V^T G V (r, r), in the precision of v."""
+    them (r, k*dim), in the precision of v."""
     among_nodes, corners, shares = G
     r, dim = v.shape
-    moved, along = np.zeros((r, len(among_nodes)), v.dtype), np.empty((r, r), v.dtype)
-    own = shares.astype(v.dtype)
+    moved = np.zeros((r, len(among_nodes)), v.dtype)
     for c in range(r):
         row = moved[c]
         for a in range(corners.shape[1]):
-            first = corners[point[c], a] * dim
+            first, share = corners[point[c], a] * dim, v.dtype.type(shares[point[c], a])
             for b in range(dim):
-                column, force = among_nodes[first + b], own[point[c], a] * v[c, b]
+                column, force = among_nodes[first + b], share * v[c, b]
                 for at in range(len(row)):
                     row[at] += force * column[at]
-        for d in range(c + 1):
-            entry = v.dtype.type(0.0)
-            for a in range(corners.shape[1]):
-                first = corners[point[d], a] * dim
-                reached = row[first] * v[d, 0]
-                for b in range(1, dim):
-                    reached += row[first + b] * v[d, b]
-                entry += own[point[d], a] * reached
-            along[c, d] = along[d, c] = entry
-    return moved, along
+    return moved
+
+
+@summing
+def compliance_along(G: NodalCompliance, point: IntArray, v: Floats) -> Floats:
+    """V^T G V (r, r), the compliance along the same directions, in their precision."""
+    among_nodes, corners, shares = G
+    (r, dim), per_point = v.shape, corners.shape[1]
+    # The nodes that they act on, numbered anew: these are fewer.
+    number, nodes, n = np.full(len(among_nodes) // dim, -1), np.empty(len(among_nodes) // dim, np.int64), 0
+    for c in range(r):
+        for node in corners[point[c]]:
+            if number[node] < 0:
+                number[node], nodes[n] = n, node
+                n += 1
+    among = np.empty((n * dim, n * dim), v.dtype)
+    for i in range(n):
+        for a in range(dim):
+            row, into = among_nodes[nodes[i] * dim + a], among[i * dim + a]
+            for j in range(n):
+                for b in range(dim):
+                    into[j * dim + b] = row[nodes[j] * dim + b]
+    # N V of the weights N, as sparse columns: at which rows, and what.
+    rows = np.empty((per_point * dim, r), np.int32)
+    entries = np.empty((per_point * dim, r), v.dtype)
+    for c in range(r):
+        for a in range(per_point):
+            for b in range(dim):
+                rows[a * dim + b, c] = number[corners[point[c], a]] * dim + b
+                entries[a * dim + b, c] = v.dtype.type(shares[point[c], a]) * v[c, b]
+    result, moved = np.zeros((r, r), v.dtype), np.empty(n * dim, v.dtype)
+    for c in range(r):
+        moved[:] = 0.0
+        for part in range(len(rows)):
+            column, force = among[rows[part, c]], entries[part, c]
+            for at in range(n * dim):
+                moved[at] += force * column[at]
+        for part in range(len(rows)):
+            of, along = rows[part], entries[part]
+            for d in range(c + 1):
+                result[c, d] += along[d] * moved[of[d]]
+    for c in range(r):
+        for d in range(c):
+            result[d, c] = result[c, d]
+    return result
 
 
 @summing
@@ -236,90 +267,71 @@ def stiffness_directions(
 
 
 @summing
-def woodbury_system(G: NodalCompliance, point: IntArray, stiff: Array, v: Array) -> tuple[Floats, Floats]:
-    """The displacements of the nodes by V (r, k*dim), and K = L^-1 + V^T G V (r, r), in the precision of v."""
-    displacements, K = along_directions(G, point, v)
+def woodbury_matrix(G: NodalCompliance, point: IntArray, stiff: Array, v: Floats) -> Floats:
+    """K = L^-1 + V^T G V (r, r), in the precision of v."""
+    K = compliance_along(G, point, v)
     for c in range(len(stiff)):
         K[c, c] += 1.0 / stiff[c]
-    return displacements, K
+    return K
 
 
 @summing
-def _woodbury_forces(G: NodalCompliance, point: IntArray, stiff: Array, v: Floats, right: Array) -> Array:
-    """A^T D A dv (m, dim) where (I + G A^T D A) dv = right (m, dim), with D given by its directions `point`, l and v,
-    solved in the precision of v."""
+def along(point: IntArray, v: Floats, vectors: Array) -> Floats:
+    """V^T of vectors (m, dim): (r,), in the precision of v."""
     r, dim = v.shape
-    reaction = np.zeros(right.shape)
-    if r == 0:
-        return reaction
-    K = woodbury_system(G, point, stiff, v)[1]
-    projected = np.zeros(r, v.dtype)
+    result = np.zeros(r, v.dtype)
     for c in range(r):
         for a in range(dim):
-            projected[c] += v[c, a] * right[point[c], a]
-    y = np.linalg.solve(K, projected)
+            result[c] += v[c, a] * vectors[point[c], a]
+    return result
+
+
+@summing
+def expanded(point: IntArray, v: Floats, y: Floats, m: int) -> Array:
+    """V y (m, dim) of y (r,)."""
+    r, dim = v.shape
+    result = np.zeros((m, dim))
     for c in range(r):
         for a in range(dim):
-            reaction[point[c], a] += v[c, a] * y[c]
-    return reaction
+            result[point[c], a] += v[c, a] * y[c]
+    return result
+
+
+@summing
+def newton_right_side(
+    G: NodalCompliance, A: Array, k: Array, e: Array, lag: Array, value: Array, gradient: Array
+) -> Array:
+    """-lag - G S n (e + s) (m, dim), with n = A^T g: the right-hand side of `newton_step`."""
+    pushed = np.zeros(len(k))
+    for j in range(len(k)):
+        if e[j] > 0.0:
+            pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j])
+    return -lag - product(G, pulled_back(A, pushed, gradient))
 
 
 @summing
 def newton_step(
     G: NodalCompliance,
     A: Array,
-    k: Array,
     e: Array,
-    pressure: Array,
     v: Array,
-    lag: Array,
     value: Array,
     gradient: Array,
-    hessian: Array,
+    right: Array,
+    reaction: Array,
 ) -> tuple[Array, Array]:
     """One Newton step: the next v and e. With n = A^T g, linearising in both unknowns gives dv = -lag + G (S n de + p
     A^T H A dv) and de = -(e + s) - n . dv, so
 
         (I + G A^T D A) dv = -lag - G S n (e + s)    at the active points.
 
-    Raises numpy.linalg.LinAlgError where a point is about to slide off a tip.
+    right: the right-hand side (m, dim); reaction: A^T D A dv (m, dim), of its solution.
     """
-    m, dim = v.shape
-    active = np.flatnonzero(e > 0.0)
-    pushed = np.zeros(m)
-    for j in active:
-        pushed[j] = 2.0 * k[j] * e[j] * (e[j] + value[j])
-    right = -lag - product(G, pulled_back(A, pushed, gradient))
-    point, stiff, _, v_c = stiffness_directions(G, A, active, k, e, pressure, gradient, hessian, _SLIGHT)
-    # In the precision of G, usually single: the next iteration corrects the rounding error of this one.
-    dv = right - product(G, _woodbury_forces(G, point, stiff, v_c.astype(G.among_nodes.dtype), right))
+    dv = right - product(G, reaction)
     moved, e = to_world(A, dv), e.copy()
-    for j in active:
-        e[j] = -value[j]
-        for a in range(dim):
-            e[j] -= gradient[j, a] * moved[j, a]
+    for j in range(len(e)):
+        if e[j] > 0.0:
+            e[j] = -value[j]
+            for a in range(len(moved[j])):
+                e[j] -= gradient[j, a] * moved[j, a]
     return v + dv, e
-
-
-@summing
-def descent_direction(
-    G: NodalCompliance,
-    A: Array,
-    k: Array,
-    e: Array,
-    pressure: Array,
-    phi: Array,
-    balanced: Array,
-    lag: Array,
-    gradient: Array,
-    hessian: Array,
-) -> tuple[Array, Array, float]:
-    """Newton's step on E(phi): a change of the forces phi (m, dim), the displacements that it causes (m, dim), and the
-    slope of the energy along it. balanced: (m, dim) the contact forces at the displacements of phi."""
-    active = np.flatnonzero(e > 0.0)
-    point, stiff, _, v = stiffness_directions(G, A, active, k, e, pressure, gradient, hessian, _SLIGHT)
-    reaction = _woodbury_forces(G, point, stiff, v.astype(G.among_nodes.dtype), -lag)
-    change = balanced - phi - reaction
-    # The displacements of exactly this change, whatever its precision.
-    along = -lag - product(G, reaction)
-    return change, along, np.sum((phi - balanced) * along)

@@ -39,6 +39,10 @@ class Planes:
         """The signed distances (k,) [m] of points x (k, dim), each from its plane, in the same coordinates."""
         return np.asarray(((x - self.place) * self.direction).sum(axis=1))
 
+    def along(self, x: Array) -> Array:
+        """The parts along the planes (k, dim) [m] of the ways to points x (k, dim), each from its place."""
+        return np.asarray(x - self.place - self.value(x)[:, None] * self.direction)
+
     def following(self, others: SdfDerivatives, x: Array) -> SdfDerivatives:
         """The distance of n points from something else, followed by that of the last k of points x (n + k, dim)."""
         return SdfDerivatives(*_joined(*others, x, self.place, self.direction))

@@ -24,12 +24,11 @@ from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_poin
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.piercing_kernels import bounds, in_box
 from softprint.runtime.contact.sharp_planes import inward_normals
-from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
 from softprint.runtime.elasticity.invariants import cofactor
-from softprint.runtime.linalg.means import means, numbered
+from softprint.runtime.linalg.means import numbered
 from softprint.runtime.linalg.row_products import deformed_some, placed_some
 from softprint.runtime.mechanics.loaded_points import Gaps
 from softprint.runtime.mechanics.local_compliance import LocalCompliance
@@ -160,20 +159,17 @@ class SharpSearch:
         poses: Poses,
         x: Array,
         dent: Dent | None,
-        among: IntArray | None = None,
     ) -> PressedPoints | None:
         """The points pressed at handle rows (n_rows, dim), and those that soon may be; None where there are none. x:
-        approximate positions (n, dim) [m] of the contact points on the facets; dent: None without a warm start; among:
-        (k,) contact points of the body, ascending, to look only for those of them."""
+        approximate positions (n, dim) [m] of the contact points on the facets; dent: None without a warm start."""
         lower, upper = bounds(x)
         parts = []
         for first, sharp in self._sharp:
             p = poses[sharp.name].apply(sharp.points)
-            inside = in_box(p, lower, upper)
-            which = inside if among is None else inside[are_among(inside, among - first)]
+            which = in_box(p, lower, upper)
             if not len(which):
                 continue
-            own = self._undented(sharp, p[inside], points, rows, poses[sharp.name], x, dent)
+            own = self._undented(sharp, p[which], points, rows, poses[sharp.name], x, dent)
             part = self._pressed_by(sharp, own, which, p[which], poses[sharp.name], dent)
             if part is not None:
                 parts.append((first + part[0], *part[1:]))
@@ -181,16 +177,13 @@ class SharpSearch:
             return None
         return PressedPoints(self._first, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def apart(self, pressed: PressedPoints, other: PressedPoints, bearing: IntArray) -> bool:
-        """Whether a sharp point among the bearing contact points (k,) presses another place of the body in each."""
-        both = np.intersect1d(np.intersect1d(pressed.index, bearing), other.index)
-        one, two = (self._rest(own, np.searchsorted(own.index, both)) for own in (pressed, other))
-        return bool((np.linalg.norm(two - one, axis=1) > _ANOTHER * self._spacing).any())
-
-    def _rest(self, pressed: PressedPoints, which: IntArray) -> Array:
-        """The places at rest (k, dim) [m] of some of the pressed points (k,)."""
-        at = np.searchsorted(self.surface.nodes, pressed.corners[which])
-        return means(self.surface.material.rest, at, pressed.weights[which])
+    def have_slid(
+        self, pressed: PressedPoints, which: IntArray, y: Array, poses: Sequence[RigidPose]
+    ) -> bool:
+        """Whether one of some of the pressed points (k,), displaced to y (k, dim) [m], is no longer what its sharp
+        point presses, since it has slid along the plane through that. poses: of all colliders, by number."""
+        slid = pressed.planes(which).placed(pressed.collider[which], poses).along(y)
+        return bool((np.linalg.norm(slid, axis=1) > _ANOTHER * self._spacing).any())
 
     def _pressed_by(
         self,

@@ -30,7 +30,7 @@ from softprint.runtime.contact.solver.candidates import PointDistance, carried
 from softprint.runtime.contact.solver.contact_point_kernels import places
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, StartingPoint
-from softprint.runtime.contact.solver.contact_solve_kernels import along_directions, pulled_back, to_world
+from softprint.runtime.contact.solver.contact_solve_kernels import compliance_along, pulled_back, to_world
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
 from softprint.runtime.lazy import lazy
@@ -186,7 +186,7 @@ def _start(at: IntArray, earlier: _Earlier, problem: ContactProblem) -> Starting
     entering = np.flatnonzero(gap < 0.0)
     if len(entering):
         n = pulled_back(problem.carriers[entering], np.ones(len(entering)), g[entering])
-        among = along_directions(problem.compliance, entering, n)[1]
+        among = compliance_along(problem.compliance, entering, n)
         e[entering] = np.sqrt(_pushed_out(among, gap[entering]) / problem.stiffness[entering])
     return e, g
 

@@ -47,9 +47,9 @@ class WoodburyFactor:
         self._node, stiff, self._w, v = solve_kernels.stiffness_directions(
             self._compliance, self._A, np.arange(len(active)), *state, *distance, _NEGLIGIBLE
         )
-        self._displacements, K = solve_kernels.woodbury_system(
-            self._compliance, self._node, stiff, v.astype(self.dtype)
-        )
+        directions = self._compliance, self._node, v.astype(self.dtype)
+        self._displacements = solve_kernels.displacements_along(*directions)
+        K = solve_kernels.woodbury_matrix(self._compliance, self._node, stiff, directions[2])
         # Points that barely touch have no significant direction.
         self._factor = lu_factor(K, overwrite_a=True, check_finite=False) if len(K) else None
 

@@ -219,24 +219,42 @@ def test_a_step_presses_where_its_own_dent_is(bodies, dim):
     dent = Dent(*contact.drawn_forces(last), last.solution.largest_displacement)
     by_last = contact.sharp.find(points, rows, moved, points.positions(rows), dent)
     bearing = stayed.solved.active
-    assert contact.sharp.apart(by_last, stayed.solved.pressed, bearing)
-    assert not contact.sharp.apart(jumped.solved.pressed, stayed.solved.pressed, bearing)
+
+    def apart(pressed):
+        """How far the places at rest are, at most, from those of the step that stayed."""
+        other = stayed.solved.pressed
+        both = np.intersect1d(np.intersect1d(pressed.index, bearing), other.index)
+        one, two = (
+            (own.weights[..., None] * body.mesh.points[own.corners]).sum(axis=1)[
+                np.searchsorted(own.index, both)
+            ]
+            for own in (pressed, other)
+        )
+        return np.linalg.norm(two - one, axis=1).max()
+
+    # They are found again from a fifth of the distance between nodes on.
+    assert apart(by_last) > 0.5 * body.mesh.surface_spacing
+    assert apart(jumped.solved.pressed) < 0.25 * body.mesh.surface_spacing
 
 
-def test_some_sharp_points_are_found_where_all_are(bodies, dim):
+def test_pressed_points_slide_along_their_planes_only(bodies, dim):
     body, mechanics = bodies[dim]
-    law, rows, poses = PenaltyContact(STIFFNESS, 2), body.rest_rows, {"plate": upright(dim)}
+    law, rows, pose = PenaltyContact(STIFFNESS, 2), body.rest_rows, upright(dim)
     contact = CondensedContact.of(body, mechanics, {"plate": plate(dim)}, law)
     points = contact.in_frame(rows)
-    at = points, rows, poses, points.positions(rows), None
-    every = contact.sharp.find(*at)
-    some = contact.sharp.find(*at, among=every.index[::2])
-    np.testing.assert_array_equal(some.index, every.index[::2])
-    np.testing.assert_array_equal(some.corners, every.corners[::2])
-    # Round-off of products of other shapes.
-    np.testing.assert_allclose(some.weights, every.weights[::2], atol=1e-12)
-    np.testing.assert_allclose(some.direction, every.direction[::2], atol=1e-12)
-    assert contact.sharp.find(*at, among=np.arange(5)) is None  # of points on the facets
+    pressed = contact.sharp.find(points, rows, {"plate": pose}, points.positions(rows), None)
+    which = np.arange(len(pressed.index))[::2]
+    p, g = pose.apply(pressed.place[which]), pose.rotate(pressed.direction[which])
+    along = np.zeros_like(g)
+    along[:, 0], along[:, -1] = -g[:, -1], g[:, 0]  # square to g
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    spacing = body.mesh.surface_spacing
+    for y, slid in ((p, False), (p + spacing * g, False), (p + 0.1 * spacing * along, False)):
+        assert contact.sharp.have_slid(pressed, which, y, [pose]) is slid
+    # One of them is enough.
+    y = p.copy()
+    y[0] += 0.3 * spacing * along[0] - spacing * g[0]
+    assert contact.sharp.have_slid(pressed, which, y, [pose])
 
 
 def test_how_a_box_bears(dim):

@@ -101,6 +101,30 @@ def test_nearest_point_of_a_surface(dim):
     assert (begun.depth < depth - 1e-6).any()
 
 
+@pytest.mark.parametrize("flat", ["two corners in one place", "all", "corners in a line", "nearly"])
+def test_nearest_point_of_a_facet_without_area(flat):
+    """A facet that a deformation has flattened is its edges."""
+    rng, facet, sides = np.random.default_rng(6), np.arange(3), np.array([[0, 1], [1, 2], [2, 0]])
+    for _ in range(50):
+        x, points = rng.normal(size=(3, 3)), 2.0 * rng.normal(size=(5, 3))
+        one, other, _ = rng.permutation(3)
+        if flat == "two corners in one place":
+            x[one] = x[other]
+        elif flat == "all":
+            x[:] = x[0]
+        elif flat == "corners in a line":
+            x[2] = x[0] + rng.uniform(-1.0, 2.0) * (x[1] - x[0])
+        else:
+            x[one] = x[other] + 1e-9 * rng.normal(size=3)
+        found = nearest_of(points, x, facet[None])
+        foot = found.weights @ x
+        np.testing.assert_allclose(np.linalg.norm(points - foot, axis=1), np.abs(found.depth), atol=1e-12)
+        long = sides[np.linalg.norm(x[sides[:, 1]] - x[sides[:, 0]], axis=1) > 0.0]
+        exact = nearest_by_hand(points, x, long) if len(long) else np.linalg.norm(points - x[0], axis=1)
+        # The last kind is a billionth of its length wide.
+        np.testing.assert_allclose(np.abs(found.depth), exact, atol=1e-8)
+
+
 def test_which_points_are_sharp(dim):
     spacing = 0.003
     # a ball is sharp if its radius is less than the spacing; a plane never
