@@ -32,7 +32,7 @@ SUBSPACES = {
     "linear_blend_skinning": "linear blend skinning, bounded biharmonic weights",
 }
 #: How a state is held, see `ReducedBody.constraint_basis`.
-HOLDS = ("projection", "nodes")
+HOLDS = ("projection", "mass", "nodes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +142,18 @@ class ReducedBody:
         among them. Constraining all of them would forbid every strain along the other affine modes. With the columns of
         point handles alone, U rows + u represents every deformation of the body exactly once.
 
+        With hold = "mass", these columns are weighted by the masses of the nodes, C = M U: what settles, u, then has no
+        momentum along the handles, U^T M u = 0, so that the inertia of u is of second order and the frequencies of the
+        reduced body are those of the body. Nor does it matter where nodes are dense.
+
         With hold = "nodes", C picks the nodes of the point handles (thesis 4.3.2, chapter 4): each is fixed where the
         state has it. The force of a fixed node is a point load, so its displacement depends on the size of the cells.
         """
+        of_points = self.basis[:, : self.handles.n_points]
         if self.hold == "projection":
-            return self.basis[:, : self.handles.n_points]
+            return of_points
+        if self.hold == "mass":
+            return self.node_mass[:, None] / self.node_mass.mean() * of_points
         picked = np.zeros((self.n_nodes, self.handles.n_points))
         picked[self.handles.points, np.arange(self.handles.n_points)] = 1.0
         return picked

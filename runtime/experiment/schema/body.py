@@ -53,10 +53,10 @@ class HandlesSpec(Section):
         description="how handles move the nodes: biharmonic generalised barycentric coordinates, or a mean of the "
         "frames with bounded biharmonic weights, for skeletons without points",
     )
-    hold: Literal["projection", "nodes"] = Field(
+    hold: Literal["projection", "mass", "nodes"] = Field(
         "projection",
         description="how a state is held while the rest settles: the projection onto the points' columns of the basis "
-        "(thesis, chapter 5), or the points' nodes fixed (chapter 4)",
+        "(thesis, chapter 5), the same weighted by the masses of the nodes, or the points' nodes fixed (chapter 4)",
     )
 
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from softprint.runtime.body import assemble_body, build_body, frame_in_box, place_handles
 from softprint.runtime.body.basis import biharmonic_basis
@@ -18,7 +19,7 @@ from softprint.runtime.body.surface_samples import sample_surface
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
 from softprint.runtime.mesh import box_mesh, write_mesh
 
 AFFINE = 1e-10  # libigl's sparse solve reproduces affine maps to about 1e-13 on small meshes
@@ -223,6 +224,64 @@ def test_a_state_is_held_by_fixing_nodes(dim):
     size = np.abs(response).max()
     assert np.abs(response[body.handles.points]).max() < 1e-9 * size  # round-off of the factorisation
     assert np.abs(body.reduced_positions(body.project(body.mesh.points + response)) - body.mesh.points).max() < 1e-9
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_what_settles_has_no_momentum_along_handles_held_by_mass(dim):
+    body = make_body(dim, hold="mass")
+    forces = np.random.default_rng(4).normal(size=(body.n_nodes, dim, 1))
+    u = NullSpaceCompliance(body).solve(forces)[..., 0]
+    points = body.basis[:, : body.handles.n_points]
+    momentum = points.T @ (body.node_mass[:, None] * u)
+    # Round-off of the factorisation.
+    assert np.abs(momentum).max() < 1e-9 * body.node_mass.sum() * np.abs(u).max()
+    rows = body.handles.rigid(
+        body.rest_rows + 0.003 * np.random.default_rng(2).normal(size=body.rest_rows.shape)
+    )
+    np.testing.assert_allclose(body.project(body.reduced_positions(rows) + u), rows, atol=AFFINE)
+    by_projection = make_body(dim)
+    assert np.abs(by_projection.project(body.reduced_positions(rows) + u) - rows).max() > 1e-5
+    assert by_projection.content_hash != body.content_hash
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_body_in_free_fall_held_by_mass_does_not_settle(dim):
+    """Weight moves all of it alike; by the projection it would sag towards where nodes are not dense."""
+    mesh = make_box(dim)
+    settled = {}
+    for hold in ("mass", "projection"):
+        body = assemble_body(
+            mesh,
+            place_handles(mesh, 6, []),
+            make_material("stable_neo_hookean", 2e4, 0.4),
+            1000.0,
+            name="box",
+            hold=hold,
+        )
+        weight = np.zeros((body.n_nodes, dim, 1))
+        weight[:, -1, 0] = -9.81 * body.node_mass
+        settled[hold] = np.abs(NullSpaceCompliance(body).solve(weight)).max()
+    assert settled["mass"] < 1e-6 * settled["projection"]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_frequencies_of_a_body_held_by_mass_are_those_of_the_body(dim):
+    """Of the condensed body with the mass of the subspace alone, U^T M U, beside all of the mesh."""
+    off = {}
+    for hold in ("mass", "projection"):
+        body = make_body(dim, hold=hold)
+        n, points = body.n_nodes, np.kron(body.basis[:, : body.handles.n_points], np.eye(dim))
+        stiffness, mass = rest_stiffness(body), np.repeat(body.node_mass, dim)
+        forces = -(stiffness @ points).reshape(n, dim, -1)
+        moved = points + NullSpaceCompliance(body).solve(forces).reshape(n * dim, -1)
+        condensed = eigh(moved.T @ (stiffness @ moved), points.T @ (mass[:, None] * points), eigvals_only=True)
+        free = np.setdiff1d(np.arange(n), body.handles.frame_nodes)
+        free = (free[:, None] * dim + np.arange(dim)).ravel()
+        whole = eigh(stiffness[free][:, free].toarray(), np.diag(mass[free]), eigvals_only=True)
+        off[hold] = np.abs(np.sqrt(condensed[:3] / whole[:3]) - 1.0).max()
+    # What six points resolve of the three slowest vibrations.
+    assert off["mass"] < 0.02
+    assert off["mass"] < 0.6 * off["projection"]
 
 
 def test_handles_without_nodes_are_refused():
