@@ -22,17 +22,19 @@ GRAVITY = {2: np.array([0.0, -9.81]), 3: np.array([0.0, 0.0, -9.81])}
 TIGHT = FullSpaceSettings(NewtonSettings(60, 1e-9), 1e-14, cg_tolerance_min=1e-8)
 CONTACT = PenaltyContact(1e9, refinement=0)  # at nodes: simple enough to be written out here
 both = pytest.mark.parametrize("dim", [2, 3])
+however_held = pytest.mark.parametrize("hold", ["projection", "mass"])
 
 
 @pytest.fixture(scope="session")
 def problem(block):
     made = {}
 
-    def make(dim, model="stable_neo_hookean"):
-        if (dim, model) not in made:
-            body = block(dim, model)
-            made[dim, model] = ConstrainedProblem(FullSpaceElasticity(body), GRAVITY[dim], CONTACT, body)
-        return made[dim, model]
+    def make(dim, model="stable_neo_hookean", hold="projection"):
+        if (dim, model, hold) not in made:
+            body = replace(block(dim, model), hold=hold)
+            problem = ConstrainedProblem(FullSpaceElasticity(body), GRAVITY[dim], CONTACT, body)
+            made[dim, model, hold] = problem
+        return made[dim, model, hold]
 
     return make
 
@@ -52,8 +54,10 @@ def pressed(body, depth=0.006, radius=0.015):
 
 
 @both
-def test_internal_equilibrium_keeps_the_state_and_is_stationary(problem, dim):
-    problem, rows = problem(dim), moved_rows(problem(dim).body)
+@however_held
+def test_internal_equilibrium_keeps_the_state_and_is_stationary(problem, dim, hold):
+    problem = problem(dim, hold=hold)
+    rows = moved_rows(problem.body)
     solution = problem.internal_equilibrium(rows)
     assert solution.converged, solution.reason
     assert solution.stable
@@ -106,10 +110,11 @@ def test_contact_solution_is_that_of_a_dense_kkt_newton(problem, dim, model):
 
 
 @both
+@however_held
 @pytest.mark.parametrize("frame", [False, True])
-def test_the_handle_force_is_the_derivative_of_the_energy_of_equilibria(problem, dim, frame):
+def test_the_handle_force_is_the_derivative_of_the_energy_of_equilibria(problem, dim, hold, frame):
     """Along a displacement of the point handles, and along a rigid motion of the frame."""
-    problem = problem(dim)
+    problem = problem(dim, hold=hold)
     body, rows = problem.body, moved_rows(problem.body)
     collider, pose = pressed(body)
     x0 = problem.internal_equilibrium(rows).x
