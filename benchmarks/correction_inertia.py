@@ -6,10 +6,11 @@ Corrections follow the handles and the collider at once, without inertia of thei
 the slowest motions outside of the subspace: the lowest frequencies f of the body with its handles held. A step of
 backward Euler of length h brings such a motion, when its load changes, all the way but for 1 / (1 + (2 pi f h)^2),
 which is what corrections without inertia leave out. Then balls thrown at the top of the body, in full space, where
-everything has inertia, and with linear mechanics: the largest force on the ball, and how high it bounces, for steps of
-several lengths. Both models take the same steps, so that what differs more with shorter ones is the inertia.
+everything has inertia, and with linear mechanics, its states held by the projection onto the subspace, and by the same
+weighted by mass: the largest force on the ball, and how high it bounces, for steps of several lengths. All models take
+the same steps, so that what differs more with shorter ones is the inertia.
 
-Needs `softprint body EXPERIMENT`; mechanics are computed where `softprint train` has not left them.
+Needs `softprint body EXPERIMENT`; mechanics are computed, but for those that `softprint train` has left.
 """
 
 from __future__ import annotations
@@ -17,25 +18,28 @@ from __future__ import annotations
 import argparse
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from benchmarks.drop_map import FOLLOWED, Throw, loaded, thrown
+from benchmarks.drop_map import CONTACT_NODES, FOLLOWED, Throw, loaded, thrown
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.fem_truth.elasticity.full_space_elasticity import FullSpaceElasticity
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.dynamics import Simulator
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 
 N_FREQUENCIES = 5
 RATES = (60, 120, 480, 2000)  # 1/s
 THROWS: tuple[Throw, ...] = ((0.04, 0.03, 0.5), (0.04, 0.03, 1.5), (0.04, 0.03, 3.0), (0.02, 0.01, 1.5))
 GRAVITY = 9.81  # m/s^2
+HOLDS = ("projection", "mass")
 
 
 def frequencies(body: ReducedBody) -> Array:
@@ -101,16 +105,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("| step | left out of a change of load by corrections without inertia |\n| --- | --- |")
     for rate in RATES:
         print(f"| 1/{rate} s | {1.0 / (1.0 + (2.0 * np.pi * f[0] / rate) ** 2):.1%} |")
-    elasticity = FullSpaceElasticity(body)
-    print("\n| ball | step | full space | mechanics |\n| --- | --- | --- | --- |")
+    elasticity, reduced = FullSpaceElasticity(body), []
+    for hold in HOLDS:
+        held = replace(body, hold=hold)
+        own = mechanics if hold == body.hold else compute_mechanics(held, CONTACT_NODES, True)
+        reduced.append((held, own))
+    heads = ["ball", "step", "full space", *(f"mechanics, {hold}" for hold in HOLDS)]
+    print(f"\n| {' | '.join(heads)} |\n|{' --- |' * len(heads)}")
     for throw in THROWS:
         touch = float(body.mesh.points[:, 2].max() + 0.5 * throw[0])
         ball = f"{1e3 * throw[0]:g} mm, {1e3 * throw[1]:g} g, {throw[2]:g} m/s"
         for rate in RATES:
             scene = thrown(experiment, body, throw, rate)
-            full = impact_of(FullSpaceSimulator(**scene, elasticity=elasticity), touch)
-            reduced = impact_of(Simulator(**scene, mechanics=mechanics), touch)
-            print(f"| {ball} | 1/{rate} s | {full.cell} | {reduced.cell} |", flush=True)
+            found = [impact_of(FullSpaceSimulator(**scene, elasticity=elasticity), touch)]
+            for held, own in reduced:
+                found.append(impact_of(Simulator(**{**scene, "body": held}, mechanics=own), touch))
+            cells = [ball, f"1/{rate} s", *(impact.cell for impact in found)]
+            print(f"| {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

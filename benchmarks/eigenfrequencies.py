@@ -86,7 +86,9 @@ def _frequencies(square: Array) -> Array:
 def table(name: str, body: ReducedBody) -> str:
     """The lines of one body."""
     if not body.handles.n_points:
-        raise SoftprintError(f"{name}: a body without point handles, on which alone it depends how states are held")
+        raise SoftprintError(
+            f"{name}: a body without point handles, on which alone it depends how states are held"
+        )
     vibration = Vibration(body)
     mesh = vibration.of_mesh()
     rows = [("the mesh, 1/s", mesh), ("the subspace, of that", vibration.bare() / mesh)]
