@@ -472,6 +472,11 @@ FIGURES: Mapping[str, Figure] = {
         ("ball_small",),
     ),
     "finger_small": _whole("finger_small", "read", BODIES),
+    "eigenfrequencies": Figure(
+        ("python -m benchmarks.eigenfrequencies examples/{jelly3d_small,finger_small,ball_small}.toml",),
+        ("docs/method.md",),
+        ("demo", "finger_small", "ball_small"),
+    ),
     "press_over_bone": Figure(
         (
             "python -m benchmarks.press_depth examples/finger_small.toml --shapes bead --place 0.012 0 "
