@@ -49,6 +49,11 @@ _HAND = (
     "examples/hand_small.toml --set sampling.states=4 --set sampling.max_depth=0.004 --out runs/hand_states"
 )
 _HAND_JOINT = "--model mechanics+few --model mechanics+modes --model ours+few --model ours+modes"
+_WHOLE = (
+    "examples/jelly3d_small.toml --set sampling.places=64 --set sampling.rotations=30 "
+    "--set training.thesis5.steps=80000 --set training.thesis5.pools=40 --set training.thesis5.validations=25 "
+    "--out runs/jelly3d_whole"
+)
 _JOINT = "--model mechanics+modes --model mechanics+more --model ours+modes --model ours+more"
 _MODELS = "--model full --model bare --model mechanics --model ours"
 
@@ -472,6 +477,17 @@ FIGURES: Mapping[str, Figure] = {
         ("ball_small",),
     ),
     "finger_small": _whole("finger_small", "read", BODIES),
+    "thesis5_whole": Figure(
+        (
+            f"softprint generate {_WHOLE}",
+            f"softprint train {_WHOLE} --model thesis5",
+            f"softprint simulate {_WHOLE} --model full --model bare --model thesis5",
+            f"softprint report {_WHOLE}",
+            "python -m benchmarks.motions_alone runs/jelly3d_whole/motions/held_out_{full,bare,thesis5}.h5",
+        ),
+        ("docs/thesis_field_model.md",),
+        (),
+    ),
     "eigenfrequencies": Figure(
         ("python -m benchmarks.eigenfrequencies examples/{jelly3d_small,finger_small,ball_small}.toml",),
         ("docs/method.md",),
