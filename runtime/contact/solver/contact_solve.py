@@ -28,9 +28,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
+from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import SdfDerivatives
@@ -42,6 +44,7 @@ from softprint.runtime.mechanics.surface_compliance_kernels import NodalComplian
 
 log = logging.getLogger(__name__)
 
+Floats = NDArray[np.floating[Any]]
 # The starting point of a solve: penetrations e (m,) [m] and normals (m, dim).
 StartingPoint = tuple[Array, Array]
 
@@ -53,9 +56,6 @@ _TIGHTER = 0.01
 _ITERATIONS = 12
 # A warm start needs two or three iterations. After so many Newton's method is unlikely to converge.
 _NEAR_ITERATIONS = 10
-# Principal directions that change a displacement by less than this fraction are left out of the linear systems. The
-# residual includes all of them, so the solution is not affected.
-_SLIGHT = 0.03
 # Newton's method stops when the residual has grown by this factor, or, after so many iterations, when it is no longer
 # the smallest so far.
 _GROWTH, _SETTLED = 10.0, 4
@@ -108,33 +108,6 @@ class ContactSolution:
         penetration, normal = np.full(len(old), -np.inf), np.zeros((len(old), self.normal.shape[1]))
         penetration[old], normal[old] = self.penetration, self.normal
         return penetration, normal
-
-
-class LinearSystem:
-    """K = L^-1 + V^T G V of the active points, factorised: what (I + G A^T D A) dv = ... takes. It is in the
-    precision of G, usually single: the next iteration corrects the rounding error of this one. Raises
-    numpy.linalg.LinAlgError where a point is about to slide off a tip."""
-
-    def __init__(self, problem: ContactProblem, e: Array, at: SdfDerivatives, pressure: Array) -> None:
-        G, active = problem.compliance, np.flatnonzero(e > 0.0)
-        state = problem.stiffness, e, pressure, at.gradient, at.hessian
-        self._point, stiff, _, v = kernels.stiffness_directions(G, problem.carriers, active, *state, _SLIGHT)
-        self._v = v.astype(G.among_nodes.dtype)
-        if not len(v):
-            return
-        K = kernels.woodbury_matrix(G, self._point, stiff, self._v)
-        factorise, self._solve = get_lapack_funcs(("getrf", "getrs"), (K,))
-        # K is symmetric, and LAPACK's order the other one.
-        self._lu, self._pivots, singular = factorise(K.T, overwrite_a=True)
-        if singular:
-            raise np.linalg.LinAlgError("the linear system of a contact is singular")
-
-    def reaction(self, right: Array) -> Array:
-        """A^T D A dv (m, dim), where (I + G A^T D A) dv = right (m, dim)."""
-        if not len(self._v):
-            return np.zeros_like(right)
-        y = self._solve(self._lu, self._pivots, kernels.along(self._point, self._v, right))[0]
-        return kernels.expanded(self._point, self._v, y, len(right))
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,12 +170,12 @@ class ContactProblem:
             best = min(best, residual)
             if residual <= enough or lost or iteration == at_most:
                 break
-            right = kernels.newton_right_side(G, A, k, e, lag, at.value, at.gradient)
+            right, point, directions, K, projected = kernels.newton_system(G, A, k, e, pressure, lag, *at)
             try:
-                reaction = LinearSystem(self, e, at, pressure).reaction(right)
+                y = _solved(K, projected)
             except np.linalg.LinAlgError:  # a point is about to slide off a tip
                 break
-            v, e = kernels.newton_step(G, A, e, v, at.value, at.gradient, right, reaction)
+            v, e = kernels.newton_step(G, A, e, v, at.value, at.gradient, right, point, directions, y)
         phi = kernels.pulled_back(A, pressure, at.gradient)
         converged = residual <= _TOLERANCE * scale
         return self._solution(e, at, phi, lag, converged, iteration, residual), began
@@ -254,7 +227,10 @@ class ContactProblem:
         (`negative_curvature.py`)."""
         pressure = self._pressure(e)
         try:
-            reaction = LinearSystem(self, e, at, pressure).reaction(-lag)
+            G, A, k = self.compliance, self.carriers, self.stiffness
+            system = kernels.linear_system(G, A, k, e, pressure, at.gradient, at.hessian, -lag)
+            point, directions, K, projected = system
+            reaction = kernels.expanded(point, directions, _solved(K, projected), len(lag))
             change = balanced - phi - reaction
             # The displacements of exactly this change, whatever its precision.
             along = -lag - self._apply(reaction)
@@ -315,6 +291,18 @@ class ContactProblem:
     def _apply(self, phi: Array) -> Array:
         """G phi (m, dim)."""
         return kernels.product(self.compliance, phi)
+
+
+def _solved(K: Floats, right: Floats) -> Floats:
+    """K^-1 right (r,). Raises numpy.linalg.LinAlgError for a singular matrix."""
+    if not len(K):
+        return right
+    solve = lapack.sgesv if K.dtype == np.float32 else lapack.dgesv
+    # K is symmetric, and LAPACK's order the other one: so nothing is copied.
+    _, _, y, singular = solve(K.T, right, overwrite_a=True)
+    if singular:
+        raise np.linalg.LinAlgError("the linear system of a contact is singular")
+    return np.asarray(y)
 
 
 def _line_search(

@@ -27,6 +27,9 @@ from softprint.runtime.mechanics.surface_compliance_kernels import NodalComplian
 
 Floats = NDArray[np.floating[Any]]
 
+# Principal directions that change a displacement by less than this fraction are left out of the linear system of an
+# iteration. The residual includes all of them, so the solution is not affected.
+_SLIGHT = 0.03
 _SWEEPS = 12
 
 
@@ -276,14 +279,29 @@ def woodbury_matrix(G: NodalCompliance, point: IntArray, stiff: Array, v: Floats
 
 
 @summing
-def along(point: IntArray, v: Floats, vectors: Array) -> Floats:
-    """V^T of vectors (m, dim): (r,), in the precision of v."""
-    r, dim = v.shape
-    result = np.zeros(r, v.dtype)
-    for c in range(r):
-        for a in range(dim):
-            result[c] += v[c, a] * vectors[point[c], a]
-    return result
+def linear_system(
+    G: NodalCompliance,
+    A: Array,
+    k: Array,
+    e: Array,
+    pressure: Array,
+    gradient: Array,
+    hessian: Array,
+    right: Array,
+) -> tuple[IntArray, Floats, Floats, Floats]:
+    """What (I + G A^T D A) dv = right (m, dim) takes, D of the active points: the directions V, `point` (r,) and v (r,
+    dim), K (r, r) and V^T right (r,). It is in the precision of G, usually single: the next iteration corrects the
+    rounding error of this one."""
+    active = np.flatnonzero(e > 0.0)
+    point, stiff, _, directions = stiffness_directions(
+        G, A, active, k, e, pressure, gradient, hessian, _SLIGHT
+    )
+    v = directions.astype(G.among_nodes.dtype)
+    projected = np.zeros(len(point), v.dtype)
+    for c in range(len(point)):
+        for a in range(v.shape[1]):
+            projected[c] += v[c, a] * right[point[c], a]
+    return point, v, woodbury_matrix(G, point, stiff, v), projected
 
 
 @summing
@@ -298,7 +316,7 @@ def expanded(point: IntArray, v: Floats, y: Floats, m: int) -> Array:
 
 
 @summing
-def newton_right_side(
+def _newton_right_side(
     G: NodalCompliance, A: Array, k: Array, e: Array, lag: Array, value: Array, gradient: Array
 ) -> Array:
     """-lag - G S n (e + s) (m, dim), with n = A^T g: the right-hand side of `newton_step`."""
@@ -310,6 +328,24 @@ def newton_right_side(
 
 
 @summing
+def newton_system(
+    G: NodalCompliance,
+    A: Array,
+    k: Array,
+    e: Array,
+    pressure: Array,
+    lag: Array,
+    value: Array,
+    gradient: Array,
+    hessian: Array,
+) -> tuple[Array, IntArray, Floats, Floats, Floats]:
+    """The right-hand side of `newton_step`, and its `linear_system`."""
+    right = _newton_right_side(G, A, k, e, lag, value, gradient)
+    point, v, K, projected = linear_system(G, A, k, e, pressure, gradient, hessian, right)
+    return right, point, v, K, projected
+
+
+@summing
 def newton_step(
     G: NodalCompliance,
     A: Array,
@@ -318,16 +354,18 @@ def newton_step(
     value: Array,
     gradient: Array,
     right: Array,
-    reaction: Array,
+    point: IntArray,
+    directions: Floats,
+    y: Floats,
 ) -> tuple[Array, Array]:
     """One Newton step: the next v and e. With n = A^T g, linearising in both unknowns gives dv = -lag + G (S n de + p
     A^T H A dv) and de = -(e + s) - n . dv, so
 
         (I + G A^T D A) dv = -lag - G S n (e + s)    at the active points.
 
-    right: the right-hand side (m, dim); reaction: A^T D A dv (m, dim), of its solution.
+    right: the right-hand side (m, dim); A^T D A dv of the solution is V y, with `directions` (r, dim) V and y (r,).
     """
-    dv = right - product(G, reaction)
+    dv = right - product(G, expanded(point, directions, y, len(v)))
     moved, e = to_world(A, dv), e.copy()
     for j in range(len(e)):
         if e[j] > 0.0:

@@ -8,9 +8,8 @@ import pytest
 
 from softprint.runtime.colliders.collider import SdfDerivatives
 from softprint.runtime.contact.solver import contact_point_kernels as point_kernels
-from softprint.runtime.contact.solver import contact_solve
 from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
-from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution, LinearSystem
+from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
 from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
@@ -112,11 +111,10 @@ def test_a_newton_step_solves_the_linearised_balance(pressed, kind):
     e, pressure, v = solution.penetration, solution.pressure, solution.rest_displacement
     at = SdfDerivatives(-e + 1e-4, solution.normal, solution.curvature)
     lag = 1e-4 * np.random.default_rng(2).normal(size=(m, dim))
-    right = solve_kernels.newton_right_side(G, problem.carriers, k, e, lag, at.value, at.gradient)
-    reaction = LinearSystem(problem, e, at, pressure).reaction(right)
-    found, penetration = solve_kernels.newton_step(
-        G, problem.carriers, e, v, at.value, at.gradient, right, reaction
-    )
+    A = problem.carriers
+    right, *directions, K, projected = solve_kernels.newton_system(G, A, k, e, pressure, lag, *at)
+    y = np.linalg.solve(K, projected)
+    found, penetration = solve_kernels.newton_step(G, A, e, v, at.value, at.gradient, right, *directions, y)
     # What is left of dv + lag - G (S n de + p F^T H F dv), n = F^T g, e having changed by de.
     b, dv = solution.active, found - v
     moved = np.einsum("jab,jb->ja", problem.carriers, dv)
@@ -128,7 +126,7 @@ def test_a_newton_step_solves_the_linearised_balance(pressed, kind):
     rest_force = np.einsum("jab,ja->jb", problem.carriers, force)
     missed = dv + lag - (among_points(problem) @ rest_force.ravel()).reshape(m, dim)
     # Directions that change less than that share are left out of the system.
-    assert np.abs(missed).max() < contact_solve._SLIGHT * np.abs(dv).max()
+    assert np.abs(missed).max() < solve_kernels._SLIGHT * np.abs(dv).max()
 
 
 def test_the_linear_system_gives_the_newton_step_of_the_energy(pressed, dim):
@@ -137,15 +135,18 @@ def test_the_linear_system_gives_the_newton_step_of_the_energy(pressed, dim):
     rng, active = np.random.default_rng(4), solution.active
     lag = 1e-4 * rng.normal(size=(M, dim))
     flat = replace(solution, curvature=np.zeros_like(solution.curvature))  # D >= 0, of one direction a node
-    at = SdfDerivatives(-solution.penetration, solution.normal, flat.curvature)
-    found = LinearSystem(problem, solution.penetration, at, solution.pressure).reaction(-lag)
+    state = problem.stiffness, solution.penetration, solution.pressure, solution.normal, flat.curvature
+    *directions, K, projected = solve_kernels.linear_system(
+        problem.compliance, problem.carriers, *state, -lag
+    )
+    found = solve_kernels.expanded(*directions, np.linalg.solve(K, projected), M)
     G, D = dense(problem, flat)
     world = np.einsum("jab,jb->ja", problem.carriers, -lag)[active].ravel()
     force = (D @ np.linalg.solve(np.eye(len(G)) + G @ D, world)).reshape(-1, dim)
     reacting = np.zeros((M, dim))
     reacting[active] = np.einsum("jab,ja->jb", problem.carriers[active], force)
     # Directions that change what they meet by less than that share are left out of the system.
-    np.testing.assert_allclose(found, reacting, atol=contact_solve._SLIGHT * np.abs(reacting).max())
+    np.testing.assert_allclose(found, reacting, atol=solve_kernels._SLIGHT * np.abs(reacting).max())
 
 
 def test_stiffness_directions_make_up_the_contact_stiffness(pressed):
