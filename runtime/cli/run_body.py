@@ -66,6 +66,9 @@ def _difference(context: Context, body: ReducedBody) -> str:
         handles.points, body.handles.points
     ):
         return "set of handles"
+    for key in ("subspace", "hold"):
+        if getattr(spec.handles, key) != getattr(body, key):
+            return key
     material, density = material_of_cells(mesh, spec.material)
     same = material.model == body.material.model and all(
         np.array_equal(a, b)

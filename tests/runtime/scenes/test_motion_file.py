@@ -185,17 +185,21 @@ def test_names_that_do_not_exist_are_refused(context):
         build_model(context.experiment, body, scene, context.out_dir, "theirs")
 
 
-def test_another_body_in_the_run_directory_is_refused(context):
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [("body.material.young=2e5", "material"), ('body.handles.hold="mass"', "hold")],
+)
+def test_another_body_in_the_run_directory_is_refused(context, change, part):
     SIMULATE.run(options(SIMULATE), context)
     other = Context(
         context.experiment_path,
-        ("body.material.young=2e5",),
+        (change,),
         context.out,
         quiet=True,
         rank=0,
         write=lambda text: None,
     )
-    with pytest.raises(SoftprintError, match=r"its material[\s]differs"):
+    with pytest.raises(SoftprintError, match=rf"its {part}[\s]differs"):
         SIMULATE.run(options(SIMULATE), other)
 
 
