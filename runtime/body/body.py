@@ -143,8 +143,8 @@ class ReducedBody:
         point handles alone, U rows + u represents every deformation of the body exactly once.
 
         With hold = "mass", these columns are weighted by the masses of the nodes, C = M U: what settles, u, then has no
-        momentum along the handles, U^T M u = 0, so that the inertia of u is of second order and the frequencies of the
-        reduced body are those of the body. Nor does it matter where nodes are dense.
+        momentum along the handles, U^T M u = 0, so that the inertia of u is of second order and the slowest frequencies
+        of the reduced body are near those of the body. Nor does it matter where nodes are dense.
 
         With hold = "nodes", C picks the nodes of the point handles (thesis 4.3.2, chapter 4): each is fixed where the
         state has it. The force of a fixed node is a point load, so its displacement depends on the size of the cells.
