@@ -3,9 +3,9 @@
     python -m benchmarks.eigenfrequencies examples/{jelly3d_small,ball_small,finger_small}.toml
 
 The lowest frequencies of the mesh at rest with its rigid frames held, or free where it has none, and by what factor
-they are higher in the subspace (bare), and with static condensation for each `hold` of `ReducedBody.constraint_basis`
-by projection. Condensation has the mass of the subspace alone, U^T M U. Last, for comparison, with the inertia of what
-settles too, X^T M X with X = U + du/dq (Guyan 1965).
+they are higher in the subspace (bare), and with static condensation for the holds "projection" and "mass" (see
+`ReducedBody.constraint_basis`). Condensation has the mass of the subspace alone, U^T M U; for comparison also with the
+inertia of what settles, X^T M X with X = U + du/dq (Guyan 1965).
 
 Needs `softprint body EXPERIMENT`. A body whose run is elsewhere is given as EXPERIMENT=DIRECTORY.
 """
@@ -60,12 +60,12 @@ class Vibration:
         """Of the subspace."""
         return self._among(self.subspace, self.subspace)
 
-    def condensed(self, hold: str, inertia: bool = False) -> Array:
-        """With static condensation; inertia: that of what settles too."""
+    def condensed(self, hold: str) -> tuple[Array, Array]:
+        """With static condensation: with the mass of the subspace, and with the inertia of what settles too."""
         body, shape = replace(self.body, hold=hold), self.body.mesh.points.shape
         forces = -(self.stiffness @ self.subspace).reshape(*shape, -1)
         settled = self.subspace + NullSpaceCompliance(body).solve(forces).reshape(len(self.mass), -1)
-        return self._among(settled, settled if inertia else self.subspace)
+        return self._among(settled, self.subspace), self._among(settled, settled)
 
     def _among(self, moved: Array, with_mass: Array) -> Array:
         stiffness = moved.T @ (self.stiffness @ moved)
@@ -92,10 +92,9 @@ def table(name: str, body: ReducedBody) -> str:
     vibration = Vibration(body)
     mesh = vibration.of_mesh()
     rows = [("the mesh, 1/s", mesh), ("the subspace, of that", vibration.bare() / mesh)]
-    rows += [(f"condensed, {hold}", vibration.condensed(hold) / mesh) for hold in HOLDS]
-    rows += [
-        (f"{hold}, inertia of what settles", vibration.condensed(hold, inertia=True) / mesh) for hold in HOLDS
-    ]
+    for hold in HOLDS:
+        alone, whole = vibration.condensed(hold)
+        rows += [(f"condensed, {hold}", alone / mesh), (f"{hold}, inertia of what settles", whole / mesh)]
     lines = [f"| {label} | {' | '.join(f'{value:.3g}' for value in values)} |" for label, values in rows]
     return "\n".join([f"| {name} |{' |' * len(mesh)}", f"| --- |{' --- |' * len(mesh)}", *lines])
 

@@ -97,7 +97,7 @@ mesh = "{contents.mesh}"
 
 [body.handles]
 points = {settings.points}                                       # more: nearer without a correction, and slower
-hold = "mass"                                     # a state holds means by mass, so that vibrations are right
+hold = "mass"                                     # mass-weighted projection: docs/method.md, "What holds a state"
 # Held still in every scene: all nodes in this box, [lower corner, upper corner] in metres.
 frames = [{{ name = "base", box = {_table(settings.hold)} }}]
 

@@ -170,9 +170,7 @@ class CorotatedPoints:
             else:
                 x, reach = self._bounded(rows)
             if self.given is not None:
-                reach = reach + self.given.largest * (
-                    1.0 if self.points.scale is None else self.points.scale.largest
-                )
+                reach = reach + self.given.largest * (1.0 if self.points.scale is None else self.points.scale.largest)
             last = rows, x if internal is None else x + internal.displacement(rows), reach
             self._last[:] = [last]
         return last[1:]

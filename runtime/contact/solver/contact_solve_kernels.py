@@ -80,7 +80,8 @@ def compliance_along(G: NodalCompliance, point: IntArray, v: Floats) -> Floats:
     """V^T G V (r, r), the compliance along the same directions, in their precision."""
     among_nodes, corners, shares = G
     (r, dim), per_point = v.shape, corners.shape[1]
-    # The nodes that they act on, numbered anew: these are fewer.
+    # The compliance among the nodes that they act on, numbered anew: these are fewer. (`submatrix` of
+    # `surface_compliance_kernels.py` does the same for all nodes of some points, but is of another file.)
     number, nodes, n = np.full(len(among_nodes) // dim, -1), np.empty(len(among_nodes) // dim, np.int64), 0
     for c in range(r):
         for node in corners[point[c]]:

@@ -65,13 +65,7 @@ class CorotatedPressedPoints(CorotatedPoints):
             # The same nodes, so that their rotations are known.
             condensation = CorotatedPointCondensation(pressed.condensation, of_facets.condensation.of_nodes)
         own = CorotatedPoints(pressed, of_facets.frame_rows, condensation, of_facets.given)
-        shared = (
-            of_facets.points,
-            of_facets.frame_rows,
-            of_facets.condensation,
-            of_facets.given,
-            of_facets.step,
-        )
+        shared = of_facets.points, of_facets.frame_rows, of_facets.condensation, of_facets.given, of_facets.step
         return cls(*shared, pressed=own, numbers=numbers)
 
     def positions(self, rows: Array, index: IntArray | None = None) -> Array:
