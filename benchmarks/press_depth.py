@@ -1,4 +1,4 @@
-"""Force against depth, pressed until the body gives up: a punch, a ball, a cone, a plate and a bead.
+"""Force against depth, pressed until the body gives up: a punch, a ball, two cones, a plate and a bead.
 
     python -m benchmarks.press_depth examples/jelly3d_small.toml [--out RUN] [--shapes ball ...] [--place X Y]
                                      [--models bare mechanics ours] [--places 7 --processes 2] [--set KEY=VALUE]
@@ -45,6 +45,7 @@ SHAPES: Mapping[str, Callable[[], Collider]] = {
     "punch": lambda: Cylinder(0.01, 0.03, 0.002, "punch"),
     "ball": lambda: Sphere(0.02, 3, "ball"),
     "cone": lambda: Cone([0.0, 0.0, 0.02], [0.0, 0.0, -0.02], 0.015, 0.002, "cone"),
+    "blunt_cone": lambda: Cone([0.0, 0.0, 0.02], [0.0, 0.0, -0.02], 0.015, 0.004, "blunt_cone"),
     "plate": lambda: Box([0.002, 0.015, 0.03], 0.001, "plate"),
     "bead": lambda: Sphere(0.006, 3, "bead"),
 }

@@ -35,9 +35,7 @@ def sharp_points(collider: Collider, spacing: float, radius: float | None = None
     if not len(points):
         return points
     outside = _OUTSIDE * spacing
-    at = collider.sdf_derivatives(points)
-    off = collider.sdf_derivatives(points + outside * _unit(at.gradient))
-    curvature = np.linalg.eigvalsh(off.hessian)
+    curvature = _curvatures(collider, points, outside)
     sharp = curvature[:, -1] > 1.0 / ((spacing if radius is None else radius) + outside)
     # That of a corner is twice that of an edge; that of a saddle may be negative.
     points, curvature = points[sharp], np.maximum(curvature[sharp].sum(axis=1), 1.0 / spacing)
@@ -45,6 +43,21 @@ def sharp_points(collider: Collider, spacing: float, radius: float | None = None
     farther = np.linalg.norm(points - 0.5 * (collider.lower + collider.upper), axis=1)
     order = np.lexsort((-farther, -np.round(_CLASSES * np.log2(curvature))))
     return np.asarray(points[_spread(points, order, _CLOSEST * spacing)])
+
+
+def radii_of_curvature(collider: Collider, points: Array, spacing: float) -> Array:
+    """The smaller radius of curvature (n,) [m] of a collider's surface at sharp points (n, dim) on it, in its own
+    coordinates."""
+    outside = _OUTSIDE * spacing
+    curvature = _curvatures(collider, points, outside)[:, -1]
+    return np.asarray(1.0 / np.maximum(curvature, 1e-12) - outside)
+
+
+def beside(points: Array, others: Array, distance: float) -> Array:
+    """Those of the points (n, dim) that are farther from all the others (m, dim) than that."""
+    if not len(points) or not len(others):
+        return points
+    return np.asarray(points[cKDTree(others).query(points)[0] > distance])
 
 
 def bearing_normals(
@@ -57,6 +70,12 @@ def bearing_normals(
     way = np.reshape(spacing, (-1, 1)) * against
     near, apart = (_unit(collider.sdf_derivatives(z + outside * way).gradient) for outside in (_OUTSIDE, 1.0))
     return apart, (near * against).sum(axis=1) > _FACING
+
+
+def _curvatures(collider: Collider, points: Array, outside: float) -> Array:
+    """The principal curvatures (n, dim) [1/m], ascending, that far outside of points (n, dim) on the surface."""
+    normals = _unit(collider.sdf_derivatives(points).gradient)
+    return np.asarray(np.linalg.eigvalsh(collider.sdf_derivatives(points + outside * normals).hessian))
 
 
 def _unit(vectors: Array) -> Array:

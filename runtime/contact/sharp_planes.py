@@ -35,6 +35,7 @@ from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.colliders.sharp_points import bearing_normals
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.sharp_point_search import SharpPointSearch
+from softprint.runtime.contact.stretched_gaps import BLUNT
 from softprint.runtime.contact.surface_quadrature import FacetPoints
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.mesh.mesh import Mesh, facet_vectors
@@ -49,39 +50,42 @@ _SETTLED = 0.01
 
 @dataclass(frozen=True, eq=False)
 class PlaneTerms:
-    """Contact of m sharp points with the surface. points: of the surface; weight: a k [N/m^2]; depth: d (m,) [m];
+    """Contact of m sharp points with the surface. points: of the surface; weight: a k (m,) [N/m^2]; depth: d (m,) [m];
     normal: g (m, dim)."""
 
     points: FacetPoints
-    weight: float
+    weight: Array
     depth: Array
     normal: Array
 
     @property
     def energy(self) -> float:
         """W [J]."""
-        return float(self.weight / 3.0 * (self.depth**3).sum())
+        return float(self.weight @ self.depth**3 / 3.0)
 
     @property
     def gradient(self) -> Array:
         """By the points of the surface (m, dim) [N]."""
-        return -self.weight * (self.depth**2)[:, None] * self.normal
+        return -(self.weight * self.depth**2)[:, None] * self.normal
 
     @property
     def hessian(self) -> Array:
         """By the points of the surface (m, dim, dim) [N/m]."""
-        return 2.0 * self.weight * self.depth[:, None, None] * self.normal[:, :, None] * self.normal[:, None]
+        return (
+            (2.0 * self.weight * self.depth)[:, None, None] * self.normal[:, :, None] * self.normal[:, None]
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class HeldPlanes:
     """k sharp points with their planes. facet: (k,) of the body's surface; points: c; place: p (k, dim) [m] and
-    direction: g (k, dim), in the collider's coordinates."""
+    direction: g (k, dim), in the collider's coordinates; share: of a (k,) that bears."""
 
     facet: IntArray
     points: FacetPoints
     place: Array
     direction: Array
+    share: Array
 
     def terms(self, weight: float, x: Array, pose: RigidPose) -> PlaneTerms:
         """With the nodes at x (n_nodes, dim) [m], the collider at a pose, and weight a k [N/m^2]."""
@@ -89,14 +93,14 @@ class HeldPlanes:
         depth = (normal * (pose.apply(self.place) - self.points.positions(x))).sum(axis=1)
         bears = np.flatnonzero(depth > 0.0)
         points = FacetPoints(self.points.nodes[bears], self.points.shares[bears])
-        return PlaneTerms(points, weight, depth[bears], normal[bears])
+        return PlaneTerms(points, weight * self.share[bears], depth[bears], normal[bears])
 
     def on_part(self, facets: IntArray) -> HeldPlanes:
         """Those on some of the facets; facets: (f, c) their nodes by the number of the facet, -1 for others."""
         nodes = facets[self.facet]
         own = np.flatnonzero(nodes[:, 0] >= 0)
         points = FacetPoints(nodes[own], self.points.shares[own])
-        return HeldPlanes(self.facet[own], points, self.place[own], self.direction[own])
+        return HeldPlanes(self.facet[own], points, self.place[own], self.direction[own], self.share[own])
 
 
 class SharpSurface:
@@ -105,7 +109,7 @@ class SharpSurface:
     def __init__(self, collider: Collider, law: PenaltyContact, mesh: Mesh) -> None:
         """law: with contact on facets."""
         self._collider, self._margin = collider, mesh.surface_spacing
-        self._search = SharpPointSearch(collider, law, mesh)
+        self._search = SharpPointSearch(collider, law, mesh, BLUNT)
 
     @property
     def weight(self) -> float:
@@ -126,7 +130,7 @@ class SharpSurface:
         direction, bears = bearing_normals(self._collider, met.place, against, self._search.spacing)
         leaning = -_unit(pose.rotate_inverse(facet_vectors(x, corners)))
         g = np.where(bears[:, None], direction, leaning)
-        return HeldPlanes(met.facet, met.points, met.place, g)
+        return HeldPlanes(met.facet, met.points, met.place, g, met.share)
 
 
 class SharpPlanes:

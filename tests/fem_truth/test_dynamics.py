@@ -16,7 +16,7 @@ from softprint.runtime.body.cubature import Cubature
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.body.surface_samples import SurfaceSamples
 from softprint.runtime.colliders import Box, KeyframedPath, Plane, RigidPose, Sphere
-from softprint.runtime.contact import CoulombFriction, PenaltyContact
+from softprint.runtime.contact import CoulombFriction, PenaltyContact, sharp_planes
 from softprint.runtime.dynamics import (
     DynamicsSettings,
     HandleSpring,
@@ -196,8 +196,12 @@ def with_identity(body):
 @both
 @pytest.mark.parametrize("mu", [0.0, 0.3], ids=["smooth", "rough"])
 @pytest.mark.parametrize("refinement", [0, 2], ids=["at nodes", "on facets"])
-def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(block, dim, mu, refinement):
-    """At nodes, and on facets with as many points on each as in full space."""
+def test_reduced_dynamics_with_the_identity_as_basis_is_full_dynamics(
+    block, dim, mu, refinement, monkeypatch
+):
+    """At nodes, and on facets with as many points on each as in full space, which has points on blunt parts of a
+    collider, too; a reduced model without mechanics has none."""
+    monkeypatch.setattr(sharp_planes, "BLUNT", 1.0)
     body = block(dim)
     led = ball(dim, [0.065, 0.064, 0.062, 0.060])
     identity = with_identity(body)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints, PressedPoints
 from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
@@ -12,11 +13,13 @@ from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 @dataclass(frozen=True, eq=False)
 class AllPoints:
-    """All contact points while some are pressed by sharp points of colliders. points: these alone."""
+    """All contact points while some are pressed by sharp points of colliders. stiffness: a k (n,) [N/m^2]; points:
+    those pressed alone."""
 
     pressed: PressedPoints | None
     loaded: LoadedPoints
     compliance: InterpolatedCompliance
+    stiffness: Array
     points: ContactPoints | None
     _last: list[tuple[CorotatedPoints, CorotatedPoints]] = field(default_factory=list, repr=False)
 

@@ -131,7 +131,8 @@ class CondensedContact:
         """The warm start from the solved contact that a state stores. frame: of the step in which it was solved."""
         if solved is None:
             return None
-        return WarmStart(solved, self._with(solved.pressed).compliance, self.stiffness, frame)
+        together = self._with(solved.pressed)
+        return WarmStart(solved, together.compliance, together.stiffness, frame)
 
     def node_forces(self, solved: SolvedContact) -> tuple[IntArray, Array]:
         """The contact nodes (k,), ascending, that bear the forces of a solved contact, and these forces (k, dim) [N],
@@ -157,12 +158,14 @@ class CondensedContact:
     def _with(self, pressed: PressedPoints | None) -> AllPoints:
         """All contact points. The last are kept; this affects the cost and never the result."""
         if pressed is None or self.sharp is None:
-            return AllPoints(None, self.loaded, self.compliance, None)
+            return AllPoints(None, self.loaded, self.compliance, self.stiffness, None)
         last = self._last[0] if self._last else None  # read once, as another thread may replace it
         if last is None or last.pressed is not pressed:
             loaded = self.loaded.followed_by(pressed.index, pressed.nodes, pressed.shares)
             compliance = InterpolatedCompliance(self.of_nodes, loaded)
-            last = AllPoints(pressed, loaded, compliance, self.sharp.surface.pressed(pressed))
+            stiffness = self.stiffness.copy()
+            stiffness[pressed.index] *= pressed.area_share
+            last = AllPoints(pressed, loaded, compliance, stiffness, self.sharp.surface.pressed(pressed))
             self._last[:] = [last]
         return last
 
@@ -220,7 +223,7 @@ class CondensedContact:
         candidates, distance = both
         together = self._with(pressed)
         every = together.in_frame(points)
-        problem = self._problem(every, together.compliance, rows, candidates, distance)
+        problem = self._problem(every, together, rows, candidates, distance)
         if warm_start is None:
             solution, followed = problem.solve(), False
         else:
@@ -241,7 +244,7 @@ class CondensedContact:
             if not pushed.any():
                 break
             before, candidates = candidates.may_be_active, candidates.with_possibly_active(pushed)
-            problem = self._problem(every, together.compliance, rows, candidates, distance)
+            problem = self._problem(every, together, rows, candidates, distance)
             solution = problem.solve(solution.extended(before[candidates.may_be_active]))
             if not solution.converged:
                 break
@@ -376,7 +379,7 @@ class CondensedContact:
     def _problem(
         self,
         points: CorotatedPoints,
-        compliance: InterpolatedCompliance,
+        together: AllPoints,
         rows: Array,
         candidates: Candidates,
         distance: PointDistance,
@@ -385,9 +388,9 @@ class CondensedContact:
         which = candidates.may_be_active
         index = candidates.index[which]
         return ContactProblem(
-            compliance.among(index),
+            together.compliance.among(index),
             points.carriers(rows, index),
-            self.stiffness[index],
+            together.stiffness[index],
             candidates.position[which],
             candidates.depth,
             distance.among(which),

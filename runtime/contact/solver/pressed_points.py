@@ -30,13 +30,15 @@ from softprint.runtime.mechanics.point_condensation import CorotatedPointCondens
 @dataclass(frozen=True, eq=False)
 class PressedPoints:
     """j points of the surface. first: the number of contact points on the facets; index: (j,) ascending, from there on,
-    their numbers among the contact points of the body; collider: (j,) number of the collider that presses each;
+    their numbers among the contact points of the body; collider: (j,) number of the collider that presses each, and
+    area_share: (j,) how much of the area of its sharp point does;
     corners: (j, c) nodes of the mesh, and weights: (j, c); nodes: (j, c) contact nodes, and shares: (j, c), see
     `LoadedPoints`; place: p (j, dim) [m] and direction: g (j, dim), in the collider's coordinates."""
 
     first: int
     index: IntArray
     collider: IntArray
+    area_share: Array
     corners: IntArray
     weights: Array
     nodes: IntArray

@@ -20,13 +20,14 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.rotations import nearest_rotations
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
-from softprint.runtime.colliders.sharp_points import bearing_normals, sharp_points
+from softprint.runtime.colliders.sharp_points import bearing_normals, beside, radii_of_curvature, sharp_points
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.piercing_kernels import bounds, in_box
 from softprint.runtime.contact.sharp_planes import inward_normals
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.pressed_points import PressedPoints, SurfaceNodes
+from softprint.runtime.contact.stretched_gaps import BLUNT, bearing_share, longest_edges
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.linalg.means import numbered
 from softprint.runtime.linalg.row_products import deformed_some, placed_some
@@ -41,8 +42,8 @@ _DISPLACED, _AROUND = 1.1, 1.5
 # A sharp point is pressed, or soon may be, from so many distances between surface nodes above the surface on: on tips
 # and edges, and on parts that fit between contact points, which also touch these.
 _SOON = 1.0, 0.25
-# A dent that stretches the surface to twice its length widens the gaps between contact points by this factor.
-_STRETCH = 2.0
+# Parts of a collider fit between contact points if their radius is less than so many gaps between these.
+_GAPS = 2.0
 # Places of the surface are not the same if they are this many distances between surface nodes apart. On the demo, a
 # quarter of that changes the distance from full space by 0.001 N and 0.002 mm, and costs more.
 _ANOTHER = 0.2
@@ -61,13 +62,14 @@ class Dent(NamedTuple):
 
 class _Undented(NamedTuple):
     """The surface about sharp points of a collider, without the displacement by contact. farthest: how far contact may
-    displace it [m]; nodes: (k,) of the surface, facets: (f, dim) between these, and their groups (f,), in which they
-    are searched; F: (k, dim, dim), positions: (k, dim) [m], and normals: (k, dim), outward, of any length, of these
-    nodes."""
+    displace it [m]; nodes: (k,) of the surface, facets: (f, dim) between these, their longest edges at rest (f,) [m],
+    and their groups (f,), in which they are searched; F: (k, dim, dim), positions: (k, dim) [m], and normals: (k, dim),
+    outward, of any length, of these nodes."""
 
     farthest: float
     nodes: IntArray
     facets: IntArray
+    longest: Array
     group: IntArray
     F: Array
     positions: Array
@@ -78,7 +80,8 @@ class _Undented(NamedTuple):
 class SharpCollider:
     """One of several colliders, with its number and name. points: (m, dim) [m] its sharp points, in its coordinates,
     spacing: (m,) [m] of these, and group: (m,) of neighbours: first the n_edges on tips and edges, then those on parts
-    that fit between the contact points on facets, and are held where these let them through."""
+    that fit, or in a stretched surface may fit, between the contact points on facets, and are held where these let them
+    through. stretch: (m,) of the surface from which on they fit (`stretched_gaps.py`), 0 on tips and edges."""
 
     number: int
     name: str
@@ -86,21 +89,22 @@ class SharpCollider:
     points: Array
     spacing: Array
     group: IntArray
+    stretch: Array
     n_edges: int
 
     @classmethod
     def of(cls, number: int, name: str, collider: Collider, spacing: float, gaps: Gaps) -> SharpCollider:
         """spacing: of the points on tips and edges [m]; gaps: between the contact points on facets."""
+        apart, fits = max(spacing, 0.5 * gaps.spacing), _GAPS * gaps.radius
         edges = sharp_points(collider, spacing)
-        apart = max(spacing, 0.5 * gaps.spacing)
-        others = sharp_points(collider, apart, _STRETCH * gaps.radius)
-        if len(edges) and len(others):
-            others = others[cKDTree(edges).query(others)[0] > 0.5 * apart]
+        others = beside(sharp_points(collider, apart, BLUNT * fits), edges, 0.5 * apart)
         both = np.repeat([spacing, apart], [len(edges), len(others)])
         # Groups are of one kind, and numbered in ascending order.
         (first, of_edges), (second, of_others) = grouped_by_place(edges), grouped_by_place(others)
         points, group = (edges[first], others[second]), (of_edges, len(edges) + of_others)
-        return cls(number, name, collider, np.concatenate(points), both, np.concatenate(group), len(edges))
+        stretch = np.zeros(len(edges)), radii_of_curvature(collider, points[1], apart) / fits
+        columns = (np.concatenate(points), both, np.concatenate(group), np.concatenate(stretch))
+        return cls(number, name, collider, *columns, len(edges))
 
 
 def sharp_colliders(
@@ -144,7 +148,7 @@ class SharpSearch:
         facets = bearing_facets(mesh.facets, owner)
         order, self._group = grouped_by_place(mesh.points[facets].mean(axis=1))
         facets = facets[order]
-        self._facets = np.searchsorted(nodes, facets)
+        self._facets, self._longest = np.searchsorted(nodes, facets), longest_edges(mesh.points[facets])
         # The contact point that is nearest at rest: whether a facet is near is decided by its position.
         self._beside = cKDTree(points.material.rest).query(mesh.points[facets].mean(axis=1))[1]
         self._first = len(points.material)
@@ -198,12 +202,17 @@ class SharpSearch:
         dim) [m]; None where there are none."""
         if not len(own.facets):
             return None
-        y, soon = self._dented(own, dent), self._spacing * np.where(which < sharp.n_edges, *_SOON)
+        y = self._dented(own, dent)
+        stretch = longest_edges(y[own.facets]) / own.longest
+        fits = sharp.stretch[which] < stretch.max()
+        which, p = which[fits], p[fits]
+        soon = self._spacing * np.where(which < sharp.n_edges, *_SOON)
         groups = own.group, sharp.group[which]
-        facet, weights, depth = nearest_of(p, y, own.facets, groups, float(soon.max()))
+        facet, weights, depth = nearest_of(p, y, own.facets, groups, float(soon.max(initial=0.0)))
         of = self._owner[own.nodes[own.facets[facet]]]
         shares = np.where(of >= 0, weights, 0.0)
-        kept = np.flatnonzero((depth > -soon) & (shares.sum(axis=1) > _LEAST_SHARE))
+        share = bearing_share(sharp.stretch[which], stretch[facet])
+        kept = np.flatnonzero((depth > -soon) & (shares.sum(axis=1) > _LEAST_SHARE) & (share > 0.0))
         z, corners = sharp.points[which[kept]], own.facets[facet[kept]]
         against = inward_normals(corners, weights[kept], own.normals, pose)
         direction, bearing = bearing_normals(sharp.collider, z, against, sharp.spacing[which[kept]])
@@ -213,6 +222,7 @@ class SharpSearch:
         return (
             which[kept],
             np.full(len(kept), sharp.number),
+            share[kept],
             self.surface.nodes[own.nodes[corners]],
             weights[kept],
             np.maximum(of[kept], 0),
@@ -248,7 +258,7 @@ class SharpSearch:
         F = deformed_some(self._gradients, rows, nodes)
         normals = (cofactor(F) @ self.surface.material.surface_normal[nodes][..., None])[..., 0]
         positions, group = self._positions(points, rows, nodes, F), self._group[beside]
-        own = _Undented(farthest, nodes, facets, group, F, positions, normals)
+        own = _Undented(farthest, nodes, facets, self._longest[beside], group, F, positions, normals)
         self._last[sharp.number] = key, own
         return own
 

@@ -10,6 +10,7 @@ from softprint.runtime.colliders import Capsule, KeyframedPath, RigidPose, Spher
 from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
+from softprint.runtime.contact.solver import sharp_search
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
 from softprint.runtime.contact.solver.contact_solve import ContactProblem
 from softprint.runtime.contact.solver.warm_start import WarmStart
@@ -28,6 +29,13 @@ FAR = RigidPose(np.eye(2), np.array([0.0, 1.0]))
 def lying(depth):
     """A thin rod pressed flat into the top of the block."""
     return RigidPose(np.eye(2), np.array([0.003, TOP + RADIUS - depth]))
+
+
+@pytest.fixture(autouse=True)
+def contact_points_alone(monkeypatch):
+    """Without sharp points on the rod, which is blunter than tips: these bear as far as the last dent has stretched the
+    surface, so that two ways to a state differ by more than the balance of forces."""
+    monkeypatch.setattr(sharp_search, "BLUNT", 1.0)
 
 
 @pytest.fixture(scope="module")

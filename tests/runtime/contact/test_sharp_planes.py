@@ -186,7 +186,7 @@ def test_ranks_share_the_facets(dim):
 def test_no_sharp_contact_at_nodes_or_with_a_smooth_collider(dim):
     mesh = block(dim)
     assert SharpSurface.of(plate(dim), PenaltyContact(1e10, refinement=0), mesh) is None
-    assert SharpSurface.of(Sphere(0.03, dim), LAW, mesh) is None
+    assert SharpSurface.of(Sphere(0.3, dim), LAW, mesh) is None
     assert SharpSurface.of(plate(dim), LAW, mesh) is not None
 
 
