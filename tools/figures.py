@@ -109,7 +109,12 @@ def _alone(scene: str, shape: str) -> tuple[str, str]:
     )
 
 
-_PRESSED = "--shapes punch ball cone plate --places 5 --processes 2"
+_PRESSED = "--shapes punch ball cone blunt_cone plate --places 5 --processes 2"
+_PLACES = f"{_SMALL} --set sampling.places=42 --out runs/library_42"
+_DEEP = (
+    f"{_SMALL} --set sampling.max_depth=0.016 --set sampling.places=3 --set sampling.test_places=2 "
+    "--out runs/library_deep"
+)
 _FINE_JELLY = (
     """examples/jelly3d.toml --out runs/jelly3d_fine --set 'body.mesh="../runs/jelly3d_fine.vtu"' """
     "--set sampling.places=16 --set sampling.rotations=4"
@@ -308,6 +313,13 @@ FIGURES: Mapping[str, Figure] = {
         ),
         (ANY, RESULTS),
     ),
+    "thesis6_places": Figure(
+        (
+            f"softprint generate {_PLACES}",
+            f"softprint train {_PLACES} --set training.thesis6.steps=30000 --model thesis6",
+        ),
+        (DESCRIPTOR,),
+    ),
     "peers": Figure(
         (
             "python -m pip install --quiet --no-deps -r constraints/peers.txt",
@@ -320,9 +332,10 @@ FIGURES: Mapping[str, Figure] = {
     ),
     "press_depth": Figure(
         (
+            f"softprint generate {_DEEP}",
+            f"softprint train {_DEEP} --model ours",
             f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models bare mechanics ours",
-            f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models mechanics "
-            "--set contact.reduced_refinement=2",
+            f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models mechanics ours --out runs/library_deep",
         ),
         (CONTACT,),
         ("jelly_library_small",),

@@ -37,8 +37,9 @@ def by_linear_response(body, ball, poses):
     solutions = [press.solve(pose, TIGHT) for pose in poses]
     assert all(solution.converged for solution in solutions)
     contact = problem.surface_contact(body.rest_rows, ball, poses[-1])
-    assert contact.sharp is None
-    return solutions[-1].energy, -contact.gradient(solutions[-1].x).sum(axis=0)
+    x = solutions[-1].x
+    assert contact.sharp is None or not len(contact.sharp.terms(x, poses[-1]).depth)
+    return solutions[-1].energy, -contact.gradient(x).sum(axis=0)
 
 
 def by_condensed_contact(body, ball, poses):
@@ -55,7 +56,7 @@ def by_condensed_contact(body, ball, poses):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_ball_is_the_linear_response(block, dim):
-    """Larger than the distance between nodes, so that it has no sharp points."""
+    """Larger than the distance between nodes, and not deep: it has no sharp points that bear."""
     body, ball, poses = block(dim), Sphere(RADIUS, dim, "ball"), way_down(dim)
     energy, force = by_linear_response(body, ball, poses)
     own_energy, own_force = by_condensed_contact(body, ball, poses)
