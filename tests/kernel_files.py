@@ -12,6 +12,7 @@ _FILES = (
     "runtime/contact/learned_energy/dent_strain.py",
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
+    "runtime/contact/stretched_gaps.py",
     "runtime/contact/carriers/compliance_scale.py",
     "runtime/contact/carriers/rotation_kernels.py",
     "runtime/dynamics/terms/cell_group_blocks.py",

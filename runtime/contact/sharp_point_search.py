@@ -68,7 +68,7 @@ class SharpPointSearch:
         fits = _FITS[mesh.dim] * self.spacing
         stretch = radii_of_curvature(collider, others, self.spacing) / fits
         self._stretch = np.concatenate([np.zeros(len(sharp)), stretch])
-        self._facets, self._rest = mesh.facets, longest_edges(mesh.points[mesh.facets])
+        self._facets, self._rest = mesh.facets, longest_edges(mesh.points, mesh.facets)
         self._search = SurfaceSearch(mesh.points, mesh.facets)
         # Where the search began to find points last time; this changes the cost and never the result.
         self._near = np.zeros(len(self._points), dtype=np.int64)
@@ -79,7 +79,7 @@ class SharpPointSearch:
 
     def met(self, x: Array, pose: RigidPose, margin: float) -> Met:
         """Those deeper than -margin [m] under the surface, with nodes at x (n_nodes, dim) [m]."""
-        stretch = longest_edges(x[self._facets]) / self._rest
+        stretch = longest_edges(x, self._facets) / self._rest
         p = pose.apply(self._points)
         lower, upper = bounds(x)
         about = in_box(p, lower - margin, upper + margin)

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import compiled
 
 #: Parts have such points up to so many times the radius that fits at rest.
 BLUNT = 6.0
@@ -31,6 +32,19 @@ def bearing_share(needed: Array, stretch: Array) -> Array:
     return np.clip((stretch / np.maximum(needed, 1e-3) - 1.0) / _WIDER, 0.0, 1.0)
 
 
-def longest_edges(corners: Array) -> Array:
-    """Of facets with corners (f, dim, dim), (f,) [m]: over those at rest, their stretch."""
-    return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
+def _longest(x: Array, facets: IntArray) -> Array:
+    corners = x[facets]
+    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+
+
+@compiled(reference=_longest)
+def longest_edges(x: Array, facets: IntArray) -> Array:
+    """The longest edge (f,) [m] of facets (f, dim) of nodes at x (n, dim) [m]; over that at rest, their stretch."""
+    longest = np.zeros(len(facets))
+    for f in range(len(facets)):
+        for c in range(facets.shape[1]):
+            squared = 0.0
+            for a in range(x.shape[1]):
+                squared += (x[facets[f, c], a] - x[facets[f, c - 1], a]) ** 2
+            longest[f] = max(longest[f], squared)
+    return np.sqrt(longest)

@@ -148,7 +148,7 @@ class SharpSearch:
         facets = bearing_facets(mesh.facets, owner)
         order, self._group = grouped_by_place(mesh.points[facets].mean(axis=1))
         facets = facets[order]
-        self._facets, self._longest = np.searchsorted(nodes, facets), longest_edges(mesh.points[facets])
+        self._facets, self._longest = np.searchsorted(nodes, facets), longest_edges(mesh.points, facets)
         # The contact point that is nearest at rest: whether a facet is near is decided by its position.
         self._beside = cKDTree(points.material.rest).query(mesh.points[facets].mean(axis=1))[1]
         self._first = len(points.material)
@@ -203,7 +203,7 @@ class SharpSearch:
         if not len(own.facets):
             return None
         y = self._dented(own, dent)
-        stretch = longest_edges(y[own.facets]) / own.longest
+        stretch = longest_edges(y, own.facets) / own.longest
         fits = sharp.stretch[which] < stretch.max()
         which, p = which[fits], p[fits]
         soon = self._spacing * np.where(which < sharp.n_edges, *_SOON)

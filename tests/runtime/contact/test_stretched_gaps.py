@@ -26,10 +26,10 @@ def test_share_grows_from_the_stretch_at_which_a_part_fits():
 
 def test_stretch_is_that_of_the_surface(dim):
     rng = np.random.default_rng(dim)
-    corners = rng.normal(size=(20, dim, dim))
-    turn = np.linalg.qr(rng.normal(size=(dim, dim)))[0]
-    np.testing.assert_allclose(longest_edges(corners @ turn.T + rng.normal(size=dim)), longest_edges(corners))
-    np.testing.assert_allclose(longest_edges(2.5 * corners), 2.5 * longest_edges(corners))
+    x, facets = rng.normal(size=(30, dim)), rng.permuted(np.tile(np.arange(30), (20, 1)), axis=1)[:, :dim]
+    turn, longest = np.linalg.qr(rng.normal(size=(dim, dim)))[0], longest_edges(x, facets)
+    np.testing.assert_allclose(longest_edges(x @ turn.T + rng.normal(size=dim), facets), longest)
+    np.testing.assert_allclose(longest_edges(2.5 * x, facets), 2.5 * longest)
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.5, 4.0])

@@ -303,6 +303,9 @@ INPUTS = {
         "in_box": lambda rng, dim: (rng.normal(size=(M, dim)), np.full(dim, -0.8), np.full(dim, 0.9)),
         "farther_from_all": lambda rng, dim: (rng.normal(size=(9, dim)), rng.normal(size=(M, dim)), 0.7),
     },
+    "contact.stretched_gaps": {
+        "longest_edges": lambda rng, dim: (rng.normal(size=(M, dim)), rng.integers(0, M, (9, dim))),
+    },
     "contact.carriers.compliance_scale": {
         "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=3)),
     },
