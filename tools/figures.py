@@ -317,6 +317,8 @@ FIGURES: Mapping[str, Figure] = {
         (
             f"softprint generate {_PLACES}",
             f"softprint train {_PLACES} --set training.thesis6.steps=30000 --model thesis6",
+            f"softprint simulate {_PLACES} --model full",
+            f"softprint report {_PLACES} --set training.thesis6.steps=30000",
         ),
         (DESCRIPTOR,),
     ),
