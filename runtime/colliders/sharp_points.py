@@ -53,7 +53,7 @@ def radii_of_curvature(collider: Collider, points: Array, spacing: float) -> Arr
     return np.asarray(1.0 / np.maximum(curvature, 1e-12) - outside)
 
 
-def beside(points: Array, others: Array, distance: float) -> Array:
+def away_from(points: Array, others: Array, distance: float) -> Array:
     """Those of the points (n, dim) that are farther from all the others (m, dim) than that."""
     if not len(points) or not len(others):
         return points

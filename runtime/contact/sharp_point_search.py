@@ -13,7 +13,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
-from softprint.runtime.colliders.sharp_points import beside, radii_of_curvature, sharp_points
+from softprint.runtime.colliders.sharp_points import away_from, radii_of_curvature, sharp_points
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.piercing_kernels import bounds, in_box
 from softprint.runtime.contact.stretched_gaps import bearing_share, longest_edges
@@ -62,8 +62,10 @@ class SharpPointSearch:
         self.spacing = law.sharp_spacing(mesh)
         self.weight = law.stiffness * self.spacing ** (mesh.dim - 1)
         sharp = sharp_points(collider, self.spacing)
-        others = sharp_points(collider, self.spacing, blunt * self.spacing)
-        others = beside(others, sharp, 0.5 * self.spacing) if blunt > 1.0 else others[:0]
+        others = sharp[:0]
+        if blunt > 1.0:
+            others = sharp_points(collider, self.spacing, blunt * self.spacing)
+            others = away_from(others, sharp, 0.5 * self.spacing)
         self._points = np.concatenate([sharp, others])
         fits = _FITS[mesh.dim] * self.spacing
         stretch = radii_of_curvature(collider, others, self.spacing) / fits

@@ -20,7 +20,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.compiled import compiled
 
-#: Parts have such points up to so many times the radius that fits at rest.
+#: Parts have such points up to so many times the radius of sharp ones (full space), or that fits at rest (condensed).
 BLUNT = 6.0
 # All of the area of a point bears where the stretch is larger than it needs by this factor more.
 _WIDER = 2.0

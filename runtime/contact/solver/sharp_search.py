@@ -20,7 +20,12 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.rotations import nearest_rotations
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
-from softprint.runtime.colliders.sharp_points import bearing_normals, beside, radii_of_curvature, sharp_points
+from softprint.runtime.colliders.sharp_points import (
+    away_from,
+    bearing_normals,
+    radii_of_curvature,
+    sharp_points,
+)
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.piercing_kernels import bounds, in_box
 from softprint.runtime.contact.sharp_planes import inward_normals
@@ -97,7 +102,7 @@ class SharpCollider:
         """spacing: of the points on tips and edges [m]; gaps: between the contact points on facets."""
         apart, fits = max(spacing, 0.5 * gaps.spacing), _GAPS * gaps.radius
         edges = sharp_points(collider, spacing)
-        others = beside(sharp_points(collider, apart, BLUNT * fits), edges, 0.5 * apart)
+        others = away_from(sharp_points(collider, apart, BLUNT * fits), edges, 0.5 * apart)
         both = np.repeat([spacing, apart], [len(edges), len(others)])
         # Groups are of one kind, and numbered in ascending order.
         (first, of_edges), (second, of_others) = grouped_by_place(edges), grouped_by_place(others)
