@@ -97,7 +97,6 @@ mesh = "{contents.mesh}"
 
 [body.handles]
 points = {settings.points}                                       # more: nearer without a correction, and slower
-hold = "mass"                                     # mass-weighted projection: docs/method.md, "What holds a state"
 # Held still in every scene: all nodes in this box, [lower corner, upper corner] in metres.
 frames = [{{ name = "base", box = {_table(settings.hold)} }}]
 

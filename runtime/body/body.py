@@ -56,7 +56,7 @@ class ReducedBody:
     surface: SurfaceSamples
     name: str
     subspace: str = "biharmonic_coordinates"
-    hold: str = "projection"
+    hold: str = "mass"
 
     @property
     def dim(self) -> int:

@@ -103,7 +103,7 @@ def assemble_body(
     name: str = "body",
     basis: Array | None = None,
     subspace: str = "biharmonic_coordinates",
-    hold: str = "projection",
+    hold: str = "mass",
 ) -> ReducedBody:
     """A reduced body from its parts: basis, lumped mass, cubature and surface samples are computed here.
 

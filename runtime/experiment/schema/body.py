@@ -54,9 +54,10 @@ class HandlesSpec(Section):
         "frames with bounded biharmonic weights, for skeletons without points",
     )
     hold: Literal["projection", "mass", "nodes"] = Field(
-        "projection",
-        description="how a state is held while the rest settles: the projection onto the points' columns of the basis "
-        "(thesis, chapter 5), the same weighted by the masses of the nodes, or the points' nodes fixed (chapter 4)",
+        "mass",
+        description="how a state is held while the rest settles: its projection onto the points' columns of the basis "
+        "weighted by the masses of the nodes, the plain projection (thesis, chapter 5), or the points' nodes fixed "
+        "(chapter 4)",
     )
 
 

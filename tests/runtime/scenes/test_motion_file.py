@@ -187,7 +187,7 @@ def test_names_that_do_not_exist_are_refused(context):
 
 @pytest.mark.parametrize(
     ("change", "part"),
-    [("body.material.young=2e5", "material"), ('body.handles.hold="mass"', "hold")],
+    [("body.material.young=2e5", "material"), ('body.handles.hold="projection"', "hold")],
 )
 def test_another_body_in_the_run_directory_is_refused(context, change, part):
     SIMULATE.run(options(SIMULATE), context)
