@@ -10,14 +10,16 @@ the collider. Printed is, of both, for every model and for training, validation 
 
 its square, the median over samples of |h - h_truth| / |h_truth|, and its 95th percentile. Where a collider presses a
 rigid frame, the force on it is as large as the penalty has it, and a few such samples outweigh all others: it is
-printed with these samples and without. N: samples of each side at most, drawn at random; by default all. Samples that
-are not usable are left out, see `softprint inspect TRUTH.h5`.
+printed with these samples and without. Shapes or states never seen are printed by depth as well, in three bands. N:
+samples of each side at most, drawn at random; by default all. Samples that are not usable are left out, see
+`softprint inspect TRUTH.h5`.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,8 @@ from softprint.runtime.scenes.scene import held_frames
 from softprint.runtime.truth.truth_file import TruthData, load_truth
 
 BARE = "bare"
+# Of depth, all of the same width.
+_BANDS = 3
 
 
 def sides(truth: TruthData, experiment: Experiment) -> dict[str, BoolArray]:
@@ -108,6 +112,17 @@ def on_frames(truth: TruthData, body: ReducedBody, experiment: Experiment, sampl
     return found
 
 
+def by_depth(truth: TruthData, samples: IntArray) -> dict[str, BoolArray]:
+    """Masks (n,) of samples by depth, with what they are called; bands without samples are left out."""
+    depth = truth.samples["depth"][samples]
+    ends = np.linspace(0.0, depth.max(initial=0.0), _BANDS + 1)
+    bands = {
+        f"{1e3 * low:.1f} to {1e3 * high:.1f} mm": (depth > low) & (depth <= high)
+        for low, high in pairwise(ends)
+    }
+    return {called: band for called, band in bands.items() if band.any()}
+
+
 def line(model: str, side: str, what: str, found: Array, true: Array) -> str:
     """A line of the table, of forces (n, k) [N]."""
     miss, size = (np.linalg.norm(of, axis=1) for of in (found - true, true))
@@ -158,6 +173,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 print(line(name, side, "collider", *summed), flush=True)
                 if not free[side].all():
                     print(line(name, side, "collider, off frames", *(of[free[side]] for of in summed)))
+                if side.startswith("unseen"):
+                    for depths, of_band in by_depth(truth, samples).items():
+                        print(line(name, depths, "handles", *(of[of_band] for of in along)))
+                        off_frames = of_band & free[side]
+                        print(line(name, depths, "collider, off frames", *(of[off_frames] for of in summed)))
 
 
 if __name__ == "__main__":

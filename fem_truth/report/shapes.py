@@ -14,6 +14,7 @@ from softprint import runtime
 from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.measurements.shape_errors import (
     SampleErrors,
+    depth_rows,
     left_out,
     measure_samples,
     remembered,
@@ -43,8 +44,9 @@ WORST = 5
 
 @dataclass(frozen=True)
 class ShapeSection:
-    """summary: sides (model -> side -> row), shapes (model -> shape -> row), worst (rows of the judged model's worst
-    testing shapes), testing (names), all of them of usable samples; answered (model -> side -> row of all samples to
+    """summary: sides (model -> side -> row), shapes (model -> shape -> row), depths (model -> rows of testing shapes by
+    depth), worst (rows of the judged model's worst testing shapes), testing (names), all of them of usable samples;
+    answered (model -> side -> row of all samples to
     which full space has an answer); left_out (side -> counts); views: pictures of each of the worst."""
 
     summary: dict[str, Any]
@@ -127,6 +129,9 @@ def _summary(
         parts = sides_of(truth, found.sample, training, validation).named()
         return {side: found.take(part).row() for side, part in parts if part.any()}
 
+    def by_depth(found: SampleErrors) -> list[dict[str, float]]:
+        return depth_rows(truth, found.take(sides_of(truth, found.sample, training, validation).testing))
+
     shapes = {name: shape_rows(truth, found) for name, found in usable.items()}
     testing = [shape for shape in shapes[judged] if shape not in training]
     worst = sorted(testing, key=lambda shape: -shapes[judged][shape]["squared"])[:WORST]
@@ -141,6 +146,7 @@ def _summary(
             if part.any()
         },
         "shapes": shapes,
+        "depths": {name: by_depth(found) for name, found in usable.items()},
         "testing": testing,
         "worst": [
             {

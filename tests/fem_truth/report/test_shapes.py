@@ -10,6 +10,7 @@ import pytest
 
 from softprint.fem_truth.report.measurements.shape_errors import (
     SampleErrors,
+    depth_rows,
     left_out,
     measure_samples,
     remembered,
@@ -94,6 +95,18 @@ def test_every_sample_is_usable_left_out_or_failed(truth):
 def errors_of(missed) -> SampleErrors:
     missed = np.asarray(missed, dtype=float)
     return SampleErrors(np.arange(len(missed)), np.ones(len(missed)), missed, np.ones(len(missed)), missed)
+
+
+def test_samples_are_counted_by_depth(truth):
+    """Bands of 1 mm, of which the second has no sample; the deepest sample is in the last."""
+    truth.samples["depth"][:4] = [0.0005, 0.001, 0.0025, 0.003]
+    truth.samples["depth"][4:] = 0.003
+    missed = np.zeros(len(truth.samples["depth"]))
+    missed[:2], missed[2:] = 0.1, 0.4
+    shallow, deep = depth_rows(truth, errors_of(missed))
+    assert (shallow["from"], deep["from"], deep["to"]) == pytest.approx((0.0, 0.002, 0.003))
+    assert (shallow["samples"], deep["samples"]) == (2, len(missed) - 2)
+    assert (shallow["squared"], deep["squared"]) == pytest.approx((0.1, 0.4))
 
 
 def test_the_worst_sample_has_the_largest_error(truth):
