@@ -113,13 +113,15 @@ def on_frames(truth: TruthData, body: ReducedBody, experiment: Experiment, sampl
 
 
 def by_depth(truth: TruthData, samples: IntArray) -> dict[str, BoolArray]:
-    """Masks (n,) of samples by depth, with what they are called; bands without samples are left out."""
+    """Masks (n,) of samples by depth, and of those deeper than three quarters of the collider's thickness, with what
+    they are called; bands without samples are left out."""
     depth = truth.samples["depth"][samples]
     ends = np.linspace(0.0, depth.max(initial=0.0), _BANDS + 1)
     bands = {
         f"{1e3 * low:.1f} to {1e3 * high:.1f} mm": (depth > low) & (depth <= high)
         for low, high in pairwise(ends)
     }
+    bands["all of the thickness"] = truth.deep_in_thin[samples]
     return {called: band for called, band in bands.items() if band.any()}
 
 
@@ -177,7 +179,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     for depths, of_band in by_depth(truth, samples).items():
                         print(line(name, depths, "handles", *(of[of_band] for of in along)))
                         off_frames = of_band & free[side]
-                        print(line(name, depths, "collider, off frames", *(of[off_frames] for of in summed)))
+                        if off_frames.any():
+                            print(line(name, depths, "collider, off frames", *(of[off_frames] for of in summed)))
 
 
 if __name__ == "__main__":

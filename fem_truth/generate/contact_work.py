@@ -65,7 +65,8 @@ class ContactWork:
         unit."""
         contact = self.plan[unit]
         approach = self._approach(contact)
-        deepest = approach.sensible(self.max_depth)
+        thickness = approach.thickness(self.max_depth)
+        deepest = min(self.max_depth, thickness)
         depths = noisy_depths(self.depths, deepest, self.depth_noise, self.plan.rng(DEPTHS_STREAM, contact))
         path = ContactPath(
             self.problem,
@@ -83,7 +84,7 @@ class ContactWork:
         except OutOfReach as error:
             clear = approach.pose(approach.clear_of_surface)
             samples, unreached = [PathSample(depth, clear, None) for depth in depths], str(error)
-        return self._tables(contact, approach, samples, again, unreached)
+        return self._tables(contact, approach, thickness, samples, again, unreached)
 
     def _approach(self, contact: PlannedContact) -> Approach:
         """Aimed at the place on the deformed surface of the internal equilibrium, along its normal there."""
@@ -130,6 +131,7 @@ class ContactWork:
         self,
         contact: PlannedContact,
         approach: Approach,
+        thickness: float,
         samples: list[PathSample],
         again: list[Solution | None],
         unreached: str,
@@ -148,6 +150,7 @@ class ContactWork:
             "rotation_index": [contact.rotation],
             "rotation": [approach.rotation],
             "direction": [-approach.normal],
+            "thickness": [thickness],
             "seconds": [seconds],
         }
         columns = {

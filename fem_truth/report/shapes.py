@@ -44,8 +44,8 @@ WORST = 5
 
 @dataclass(frozen=True)
 class ShapeSection:
-    """summary: sides (model -> side -> row), shapes (model -> shape -> row), depths (model -> rows of testing shapes by
-    depth), worst (rows of the judged model's worst testing shapes), testing (names), all of them of usable samples;
+    """summary: sides (model -> side -> row), shapes (model -> shape -> row), depths (model -> `depth_rows` of testing
+    shapes), worst (rows of the judged model's worst testing shapes), testing (names), all of them of usable samples;
     answered (model -> side -> row of all samples to
     which full space has an answer); left_out (side -> counts); views: pictures of each of the worst."""
 
@@ -129,7 +129,7 @@ def _summary(
         parts = sides_of(truth, found.sample, training, validation).named()
         return {side: found.take(part).row() for side, part in parts if part.any()}
 
-    def by_depth(found: SampleErrors) -> list[dict[str, float]]:
+    def by_depth(found: SampleErrors) -> dict[str, list[dict[str, float]]]:
         return depth_rows(truth, found.take(sides_of(truth, found.sample, training, validation).testing))
 
     shapes = {name: shape_rows(truth, found) for name, found in usable.items()}

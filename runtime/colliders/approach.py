@@ -22,9 +22,9 @@ from softprint.runtime.colliders.pose import RigidPose
 # every depth; the second only bounds how far the march may overstep before the root is bracketed.
 _EXACT = 1e-12
 _SHORTEST_STEP = 1e-3
-# A collider goes in to at most this share of its thickness. The thickness is found in steps relative to the collider's
-# size; the depth has stopped growing if it increases by less than a share of the step.
-_THICKNESS_SHARE, _THICKNESS_STEP, _STILL_GROWING = 0.75, 0.02, 0.2
+# The thickness is found in steps relative to the collider's size; the depth has stopped growing if it increases by less
+# than a share of the step.
+_THICKNESS_STEP, _STILL_GROWING = 0.01, 0.2
 # A node that a corner grazes at less than this share of the requested depth is ignored in measuring the thickness.
 _GRAZE = 0.1
 
@@ -72,22 +72,27 @@ class Approach:
         return poses
 
     def sensible(self, depth: float) -> float:
-        """The depth [m], limited by the collider's thickness where it enters.
+        """The depth [m], limited by the collider's thickness where it enters."""
+        return min(depth, self.thickness(depth))
+
+    def thickness(self, depth: float) -> float:
+        """How deep a point of the surface can be in the collider where it enters [m]; infinite where that is at least
+        `depth` [m].
 
         Nodes nearer to the far side of a wall, a rim or a prong than to the side that met them would be pushed out on
         the far side: their signed distance no longer gives the penetration. On the path inward the depth then stops
-        growing; a share of the depth at which this happens is the limit.
+        growing, and that is the limit.
         """
         step = _THICKNESS_STEP * self._length
         s, reached = self.clear_of_surface, -np.inf
         lowest = s - 4.0 * self._radius
         deepest = self._deepest
-        while _THICKNESS_SHARE * reached < depth and s > lowest:
+        while reached < depth and s > lowest:
             before, s = reached, s - max(-reached if np.isfinite(reached) else 0.0, step)
             reached = deepest.depth(s)
             if before > _GRAZE * depth and reached < before + _STILL_GROWING * step:
-                return min(depth, _THICKNESS_SHARE * before)
-        return depth
+                return before
+        return np.inf
 
     @cached_property
     def _length(self) -> float:

@@ -215,6 +215,7 @@ def _contacts(groups: Grouping, rotation: Array) -> dict[str, Any]:
         "rotation_index": np.full(n, -1),
         "rotation": rotation[first],
         "direction": np.full((n, dim), np.nan),
+        "thickness": np.full(n, np.nan),
         "seconds": np.full(n, np.nan),
     }
 

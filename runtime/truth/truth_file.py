@@ -328,6 +328,13 @@ class TruthData:
         return np.asarray(self.samples["min_det_F"] <= 0.0)
 
     @property
+    def deep_in_thin(self) -> BoolArray:
+        """(n_samples,) which samples are deeper than three quarters of how thick the collider is there: edges, rims and
+        limbs that are pressed in as far as they go."""
+        thickness = self.contacts["thickness"][self.samples["contact"]]
+        return np.asarray(self.samples["depth"] > 0.75 * thickness)
+
+    @property
     def sample_state(self) -> IntArray:
         """(n_samples,) row of states/ of every sample."""
         return self.contacts["state"][self.samples["contact"]]

@@ -17,7 +17,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.optimise.status import Status
 
 KIND = "truth"
-VERSION = 6
+VERSION = 7
 TEXT_BYTES = 1024  # of a text in a table; compression makes unused bytes free
 
 # Status of a sample: how the full-space solve ended (never as only a reduced step can), or 5 if it was skipped because
@@ -91,6 +91,9 @@ CONTACTS: dict[str, Column] = {
     "rotation_index": Column("i8", "index of the collider's rotation"),
     "rotation": Column("f8", "rotation of the collider", "1", ("dim", "dim")),
     "direction": Column("f8", "direction in which the collider advances", "1", ("dim",)),
+    "thickness": Column(
+        "f8", "the most that a point of the surface can be in the collider there; infinite: more than needed", "m"
+    ),
     "seconds": Column("f8", "core-seconds of all solves of the contact, second path included", "s", measured=True),
 }
 

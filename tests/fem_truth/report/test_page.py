@@ -259,7 +259,8 @@ def test_the_worst_shapes_can_be_extracted(summary, tmp_path):
     shapes = {"judged": "ours", "sides": {"ours": {"testing": row}}, "contacts": {"testing": 3}}
     counts = dict.fromkeys(("samples", "failed", "left_out", "after_jump", "pierced", "inverted"), 7)
     shapes |= {"answered": shapes["sides"], "left_out": {"testing": counts}}
-    shapes["depths"] = {"ours": [{"from": 0.0, "to": 0.005, **row}]}
+    by_depth = {"bands": [{"from": 0.0, "to": 0.005, **row}], "deep_in_thin": [row]}
+    shapes["depths"] = {"ours": by_depth}
     shapes["worst"] = [{"shape": "wood_screw", **row}]
     pictures = {
         name: encode(np.full((60, 400, 4), 200, dtype=np.uint8), name)

@@ -98,15 +98,20 @@ def errors_of(missed) -> SampleErrors:
 
 
 def test_samples_are_counted_by_depth(truth):
-    """Bands of 1 mm, of which the second has no sample; the deepest sample is in the last."""
-    truth.samples["depth"][:4] = [0.0005, 0.001, 0.0025, 0.003]
-    truth.samples["depth"][4:] = 0.003
-    missed = np.zeros(len(truth.samples["depth"]))
-    missed[:2], missed[2:] = 0.1, 0.4
-    shallow, deep = depth_rows(truth, errors_of(missed))
+    """Bands of 1 mm, of which the second has no sample; the deepest are in the last, and nearly as deep as the
+    collider is thick."""
+    depth = truth.samples["depth"]
+    depth[:4], depth[4:] = [0.0005, 0.0009, 0.0025, 0.003], 0.003
+    truth.contacts["thickness"][:] = 0.0038  # three quarters are 2.85 mm
+    missed = np.zeros(len(depth))
+    missed[:2], missed[2], missed[3:] = 0.1, 0.4, 0.6
+    found = depth_rows(truth, errors_of(missed))
+    shallow, deep = found["bands"]
     assert (shallow["from"], deep["from"], deep["to"]) == pytest.approx((0.0, 0.002, 0.003))
     assert (shallow["samples"], deep["samples"]) == (2, len(missed) - 2)
-    assert (shallow["squared"], deep["squared"]) == pytest.approx((0.1, 0.4))
+    assert shallow["squared"] == pytest.approx(0.1)
+    (thin,) = found["deep_in_thin"]
+    assert (thin["samples"], thin["squared"]) == pytest.approx((len(missed) - 3, 0.6))
 
 
 def test_the_worst_sample_has_the_largest_error(truth):
