@@ -110,7 +110,7 @@ def _alone(scene: str, shape: str) -> tuple[str, str]:
 
 
 _PRESSED = "--shapes punch ball cone blunt_cone plate --places 5 --processes 2"
-_PLACES = f"{_SMALL} --set sampling.places=42 --out runs/library_42"
+_PLACES = f"{_SMALL} --set sampling.places=42 --set sampling.max_depth=0.0055 --out runs/library_42"
 _DEEP = (
     f"{_SMALL} --set sampling.max_depth=0.016 --set sampling.places=3 --set sampling.test_places=2 "
     "--out runs/library_deep"

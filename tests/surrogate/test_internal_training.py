@@ -261,7 +261,7 @@ def test_the_forces_of_the_system_are_those_of_the_energy(body, truth_path):
 
 @pytest.mark.parametrize("condensed", [False, True])
 def test_corrections_from_exact_targets_are_full_space_equilibria(body, condensation, truth_path, condensed):
-    """Only the handles are held: outside frames, forces are combinations of the columns of U that points have."""
+    """Only the state is held: outside frames, forces are combinations of what holds it."""
     with load_truth(truth_path, body) as truth:
         own = condensation if condensed else None
         data = read_internal_data(truth, body, own)
@@ -271,11 +271,11 @@ def test_corrections_from_exact_targets_are_full_space_equilibria(body, condensa
     if own is not None:
         x += own.corotated(rows).displacement(rows)
     free = np.setdiff1d(np.arange(body.n_nodes), body.handles.frame_nodes)
-    U = body.basis[free, : body.handles.n_points]
+    C = body.constraint_basis[free]
 
     def unbalanced(at: Array) -> float:
         force = elastic_gradient(body.mesh, body.material, at)[free]
-        return float(np.linalg.norm(force - U @ np.linalg.lstsq(U, force, rcond=None)[0]))
+        return float(np.linalg.norm(force - C @ np.linalg.lstsq(C, force, rcond=None)[0]))
 
     # The tolerance of the solve that made the truth.
     assert unbalanced(x) < 1e-5 * unbalanced(bare)

@@ -215,7 +215,7 @@ def test_a_state_is_held_by_fixing_nodes(dim):
     others = np.setdiff1d(np.arange(body.n_nodes), np.append(body.handles.points, body.handles.frame_nodes))
     moved[others] += 0.002 * np.random.default_rng(3).normal(size=(len(others), dim))
     np.testing.assert_allclose(body.project(moved), rows, atol=AFFINE)
-    by_projection = make_body(dim)
+    by_projection = make_body(dim, hold="projection")
     assert np.abs(by_projection.project(moved) - rows).max() > 1e-5
     assert by_projection.content_hash != body.content_hash
     # Forces elsewhere leave the points where they are.
@@ -239,7 +239,7 @@ def test_what_settles_has_no_momentum_along_handles_held_by_mass(dim):
         body.rest_rows + 0.003 * np.random.default_rng(2).normal(size=body.rest_rows.shape)
     )
     np.testing.assert_allclose(body.project(body.reduced_positions(rows) + u), rows, atol=AFFINE)
-    by_projection = make_body(dim)
+    by_projection = make_body(dim, hold="projection")
     assert np.abs(by_projection.project(body.reduced_positions(rows) + u) - rows).max() > 1e-5
     assert by_projection.content_hash != body.content_hash
 

@@ -73,7 +73,8 @@ def test_colliders_near_each_other_are_solved_together(jelly_body, dim, law):
     separately = [
         evaluated(jelly_body, mechanics, [ball], [pose], law) for ball, pose in zip(balls, poses, strict=True)
     ]
-    assert abs(sum(alone.energy for alone in separately) - together.energy) > 0.01 * together.energy
+    # Fifty times as much as it is right to.
+    assert abs(sum(alone.energy for alone in separately) - together.energy) > 5e-4 * together.energy
 
 
 def test_one_collider_is_a_group_of_one(jelly_body, dim, law):
