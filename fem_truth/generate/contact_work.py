@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softprint.fem_truth.generate.shards import Tables
-from softprint.fem_truth.sampling.contact_path import JUMP_SPEED, ContactPath, PathSample, node_speeds
+from softprint.fem_truth.sampling.contact_path import ContactPath, PathSample, node_speeds
 from softprint.fem_truth.sampling.contact_plan import (
     DEPTHS_STREAM,
     SIDEWAYS_STREAM,
@@ -164,7 +164,7 @@ class ContactWork:
             "reason": [
                 unreached if sample.solution is None else sample.solution.reason for sample in samples
             ],
-            "branch_flag": speed > JUMP_SPEED,
+            "branch_flag": [sample.jumped for sample in samples],
             "node_speed": speed,
             "newton_iterations": [sample.work.newton_iterations for sample in samples],
             "cg_iterations": [sample.work.cg_iterations for sample in samples],

@@ -108,7 +108,7 @@ SAMPLES: dict[str, Column] = {
     ),
     "status": Column("i4", "see the attribute `status_codes`"),
     "reason": Column("str", "the solver's sentence"),
-    "branch_flag": Column("?", "jumped to another branch since the depth before"),
+    "branch_flag": Column("?", "jumped to another branch since the depth before (see sampling/contact_path.py)"),
     "node_speed": Column("f8", "fastest node since the depth before, relative to the collider", "1"),
     "residual": Column("f8", "relative residual", "1"),
     "decrement": Column("f8", "relative Newton decrement", "1"),

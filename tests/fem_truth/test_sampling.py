@@ -3,10 +3,13 @@ points."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from softprint.fem_truth.sampling.contact_path import node_speeds
+from softprint.fem_truth.sampling.contact_path import ContactPath, PathSample, node_speeds
 from softprint.fem_truth.sampling.contact_places import (
     candidate_places,
     places_by_state,
@@ -20,6 +23,8 @@ from softprint.fem_truth.sampling.forced_states import forced_states
 from softprint.fem_truth.sampling.recorded_states import spread_states
 from softprint.fem_truth.sampling.rigid_free import RigidFreeDescriptor
 from softprint.fem_truth.sampling.rotations import random_rotation, spread_rotations
+from softprint.fem_truth.statics.newton import FullSpaceSettings
+from softprint.runtime.arrays import Array
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
@@ -273,6 +278,33 @@ def test_node_speeds_distinguish_a_jump_from_smooth_contact() -> None:
     speeds = node_speeds(snapped, depths)
     assert speeds[2] > 4
     assert np.isnan(speeds[3])
+
+
+def _path(displacement: Callable[[float], float], fails: tuple[float, float] = (1.0, 1.0)) -> list[PathSample]:
+    """Of a body of one node that is where `displacement` (m) has it at a depth; no solve converges between the depths
+    `fails` [m]."""
+
+    def solve(depth: float, settings: FullSpaceSettings, x: Array) -> SimpleNamespace:
+        found = {"newton_iterations": 1, "cg_iterations": 1, "seconds": 0.0}
+        x = np.array([[0.0, -displacement(depth)]])
+        return SimpleNamespace(x=x, converged=not fails[0] < depth < fails[1], **found)
+
+    problem = SimpleNamespace(press=lambda *_: SimpleNamespace(solve=solve))
+    approach = SimpleNamespace(poses_at=list)  # a pose is its depth
+    path = ContactPath(problem, None, None, np.zeros((1, 2)), approach, FullSpaceSettings())
+    return path.load(np.array([0.001, 0.002, 0.003]))
+
+
+def test_a_jump_is_what_happens_in_a_part_of_a_step() -> None:
+    """One node, three depths: pushed, three times as fast as the collider, or snapping 3 mm aside on the way."""
+    for smooth in (lambda d: d, lambda d: 3.0 * d, lambda d: 1e3 * d**2):
+        samples = _path(smooth)
+        assert [sample.jumped for sample in samples] == [False] * 3
+    assert samples[2].work.newton_iterations == 1 + 4  # five times as fast as the collider
+    snapped = _path(lambda d: d + 0.003 * (d > 0.0024))
+    assert [sample.jumped for sample in snapped] == [False, False, True]
+    # What cannot be followed in parts is not known to be smooth.
+    assert _path(lambda d: 3.0 * d, fails=(0.0021, 0.0024))[2].jumped
 
 
 @pytest.mark.parametrize("seed", range(20))
