@@ -168,6 +168,9 @@ def test_the_approach_path_of_a_sample_leads_in_from_outside(reference: Path) ->
             steps = np.diff([pose.translation for pose in path], axis=0)
             direction = truth.contacts["direction"][contact]
             np.testing.assert_allclose(steps, np.outer(steps @ direction, direction), atol=1e-15)
+        # The circle is thicker than any sample is deep.
+        assert (truth.contacts["thickness"] == np.inf).all()
+        assert not truth.deep_in_thin.any()
 
 
 def _depth_of_circle(facets: np.ndarray) -> float:
