@@ -111,10 +111,6 @@ def _alone(scene: str, shape: str) -> tuple[str, str]:
 
 _PRESSED = "--shapes punch ball cone blunt_cone plate --places 5 --processes 2"
 _PLACES = f"{_SMALL} --set sampling.places=42 --set sampling.max_depth=0.0055 --out runs/library_42"
-_DEEP = (
-    f"{_SMALL} --set sampling.max_depth=0.016 --set sampling.places=3 --set sampling.test_places=2 "
-    "--out runs/library_deep"
-)
 _FINE_JELLY = (
     """examples/jelly3d.toml --out runs/jelly3d_fine --set 'body.mesh="../runs/jelly3d_fine.vtu"' """
     "--set sampling.places=16 --set sampling.rotations=4"
@@ -333,12 +329,7 @@ FIGURES: Mapping[str, Figure] = {
         ("docs/peers.png",),
     ),
     "press_depth": Figure(
-        (
-            f"softprint generate {_DEEP}",
-            f"softprint train {_DEEP} --model ours",
-            f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models bare mechanics ours",
-            f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models mechanics ours --out runs/library_deep",
-        ),
+        (f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models bare mechanics ours",),
         (CONTACT,),
         ("jelly_library_small",),
     ),
