@@ -73,6 +73,7 @@ def body_summary(body: ReducedBody) -> dict[str, Any]:
         "points": len(body.handles.points),
         "frames": len(body.handles.frames),
         "rows": body.n_rows,
+        "hold": body.hold,
         "dofs": body.n_dofs,
         "cubature": len(body.cubature.cells),
         "contact_points": len(body.surface.nodes),

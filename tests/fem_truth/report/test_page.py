@@ -127,6 +127,7 @@ def summary():
             "frames": 1,
             "rows": 22,
             "dofs": 60,
+            "hold": "mass",
             "cubature": 220,
             "contact_points": 1800,
         },
