@@ -21,6 +21,7 @@ from softprint.runtime.cli.progress import LogHandler
 from softprint.runtime.cli.ranks import end_all_ranks, launched_rank
 from softprint.runtime.cli.verb import Verb
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.linalg.openmp_waiting import wait_briefly
 
 PATIENCE = 2.0  # s that the other ranks wait for the first one to report the error
 DESCRIPTION = "Press things into soft bodies: solve once with finite elements, learn, then run in real time."
@@ -30,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit status."""
     if arguments is None:  # we own the process; mpirun and batch systems stop it with SIGTERM
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+        wait_briefly()
     try:
         status = _main(arguments)
         sys.stdout.flush()

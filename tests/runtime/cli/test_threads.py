@@ -1,4 +1,4 @@
-"""Threads of linear algebra in commands that play scenes: one, unless the environment says otherwise."""
+"""Threads of linear algebra: one in commands that play scenes, unless the environment says otherwise; how they wait."""
 
 import os
 import subprocess
@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from softprint.runtime.linalg.one_thread import VARIABLES
+from softprint.runtime.linalg.openmp_waiting import wait_briefly
 
 SCRIPT = """
 import numpy
@@ -33,3 +34,20 @@ def test_one_by_default():
 def test_the_environment_has_the_last_word(name):
     before, after = threads(**{name: "2"})
     assert after == before
+
+
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [({}, "1000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "ACTIVE"}, None)],
+)
+def test_threads_wait_briefly_unless_the_environment_says_how(monkeypatch, given, found):
+    monkeypatch.setattr(os, "environ", dict(given))
+    wait_briefly()
+    assert os.environ.get("GOMP_SPINCOUNT") == found
+
+
+def test_torch_is_loaded_after_the_command_line_has_said_so():
+    """What OpenMP finds in the environment when it is loaded counts."""
+    script = "import sys, softprint.runtime.cli.main; print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
