@@ -86,7 +86,10 @@ def adopt_body(
         raise SoftprintError(
             f"{source}: W does not reproduce the rest shape of {published.name} from its handles (off by {off:.1e} m)"
         )
-    body = assemble_body(mesh, handles, material, density, name=published.name, basis=basis)
+    # The thesis's states are projections onto U (5.3.3), and the data say nothing of masses.
+    body = assemble_body(
+        mesh, handles, material, density, name=published.name, basis=basis, hold="projection"
+    )
     return AdoptedBody(body, found, nodes)
 
 

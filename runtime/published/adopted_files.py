@@ -57,6 +57,7 @@ def write_experiment(
         *(f"    {point}," for point in points),
         "]",
         f"frames = [{', '.join(frames)}]",
+        f"hold = {_text(body.hold)}",
         "",
         "[body.material]",
         f"model = {_text(material.model)}",
