@@ -19,11 +19,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from softprint.fem_truth.report.measurements.shape_errors import depth_bands
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body import ReducedBody, load_body
 from softprint.runtime.cli.context import Context
@@ -41,8 +41,6 @@ from softprint.runtime.scenes.scene import held_frames
 from softprint.runtime.truth.truth_file import TruthData, load_truth
 
 BARE = "bare"
-# Of depth, all of the same width.
-_BANDS = 3
 
 
 def sides(truth: TruthData, experiment: Experiment) -> dict[str, BoolArray]:
@@ -115,14 +113,9 @@ def on_frames(truth: TruthData, body: ReducedBody, experiment: Experiment, sampl
 def by_depth(truth: TruthData, samples: IntArray) -> dict[str, BoolArray]:
     """Masks (n,) of samples by depth, and of those deeper than three quarters of the collider's thickness, with what
     they are called; bands without samples are left out."""
-    depth = truth.samples["depth"][samples]
-    ends = np.linspace(0.0, depth.max(initial=0.0), _BANDS + 1)
-    bands = {
-        f"{1e3 * low:.1f} to {1e3 * high:.1f} mm": (depth > low) & (depth <= high)
-        for low, high in pairwise(ends)
-    }
-    bands["all of the thickness"] = truth.deep_in_thin[samples]
-    return {called: band for called, band in bands.items() if band.any()}
+    bands = {f"{1e3 * low:.1f} to {1e3 * high:.1f} mm": band for low, high, band in depth_bands(truth, samples)}
+    thin = truth.deep_in_thin[samples]
+    return {**bands, "over 3/4 of the thickness": thin} if thin.any() else bands
 
 
 def line(model: str, side: str, what: str, found: Array, true: Array) -> str:

@@ -145,17 +145,21 @@ def shape_rows(truth: TruthData, errors: SampleErrors) -> dict[str, dict[str, fl
     return {truth.header.colliders[shape]: errors.take(number == shape).row() for shape in np.unique(number)}
 
 
-def depth_rows(truth: TruthData, errors: SampleErrors, bands: int = 3) -> dict[str, list[dict[str, float]]]:
-    """`SampleErrors.row` of samples by their depth. bands: of equal width down to the deepest usable sample, with their
-    lower and upper end [m]; those without samples are left out. deep_in_thin: of samples deeper than three quarters of
-    the collider's thickness, where there are any."""
+def depth_bands(truth: TruthData, sample: IntArray, bands: int = 3) -> list[tuple[float, float, BoolArray]]:
+    """Bands of depth of equal width down to the deepest usable sample: the lower and the upper end [m], and which of some
+    samples (n,) are in it; those without samples are left out."""
     depth = truth.samples["depth"]
     ends = np.linspace(0.0, float(depth[truth.usable].max()), bands + 1)
-    band = np.clip(np.searchsorted(ends, depth[errors.sample]) - 1, 0, bands - 1)
+    band = np.clip(np.searchsorted(ends, depth[sample]) - 1, 0, bands - 1)
+    return [(float(ends[k]), float(ends[k + 1]), band == k) for k in range(bands) if (band == k).any()]
+
+
+def depth_rows(truth: TruthData, errors: SampleErrors) -> dict[str, list[dict[str, float]]]:
+    """`SampleErrors.row` of samples by their depth. bands: of `depth_bands`, with their lower and upper end [m];
+    deep_in_thin: of samples deeper than three quarters of the collider's thickness, where there are any."""
     rows = [
-        {"from": ends[k], "to": ends[k + 1], **errors.take(band == k).row()}
-        for k in range(bands)
-        if (band == k).any()
+        {"from": low, "to": high, **errors.take(band).row()}
+        for low, high, band in depth_bands(truth, errors.sample)
     ]
     thin = truth.deep_in_thin[errors.sample]
     return {"bands": rows, "deep_in_thin": [errors.take(thin).row()] if thin.any() else []}
