@@ -113,7 +113,9 @@ def on_frames(truth: TruthData, body: ReducedBody, experiment: Experiment, sampl
 def by_depth(truth: TruthData, samples: IntArray) -> dict[str, BoolArray]:
     """Masks (n,) of samples by depth, and of those deeper than three quarters of the collider's thickness, with what
     they are called; bands without samples are left out."""
-    bands = {f"{1e3 * low:.1f} to {1e3 * high:.1f} mm": band for low, high, band in depth_bands(truth, samples)}
+    bands = {
+        f"{1e3 * low:.1f} to {1e3 * high:.1f} mm": band for low, high, band in depth_bands(truth, samples)
+    }
     thin = truth.deep_in_thin[samples]
     return {**bands, "over 3/4 of the thickness": thin} if thin.any() else bands
 
@@ -173,7 +175,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                         print(line(name, depths, "handles", *(of[of_band] for of in along)))
                         off_frames = of_band & free[side]
                         if off_frames.any():
-                            print(line(name, depths, "collider, off frames", *(of[off_frames] for of in summed)))
+                            print(
+                                line(name, depths, "collider, off frames", *(of[off_frames] for of in summed))
+                            )
 
 
 if __name__ == "__main__":

@@ -146,8 +146,8 @@ def shape_rows(truth: TruthData, errors: SampleErrors) -> dict[str, dict[str, fl
 
 
 def depth_bands(truth: TruthData, sample: IntArray, bands: int = 3) -> list[tuple[float, float, BoolArray]]:
-    """Bands of depth of equal width down to the deepest usable sample: the lower and the upper end [m], and which of some
-    samples (n,) are in it; those without samples are left out."""
+    """Bands of depth of equal width down to the deepest usable sample: the lower and the upper end [m], and which of
+    some samples (n,) are in it; those without samples are left out."""
     depth = truth.samples["depth"]
     ends = np.linspace(0.0, float(depth[truth.usable].max()), bands + 1)
     band = np.clip(np.searchsorted(ends, depth[sample]) - 1, 0, bands - 1)
