@@ -14,6 +14,7 @@ from typing import Any
 
 import ufl
 
+from softprint.runtime.elasticity.materials.invertible_neo_hookean import CONTINUED
 from softprint.runtime.errors import SoftprintError
 
 Density = Callable[[Any, Any, Any], Any]
@@ -38,6 +39,15 @@ def stable_neo_hookean(F: Any, mu: Any, lam: Any) -> Any:
 def neo_hookean(F: Any, mu: Any, lam: Any) -> Any:
     """psi = mu/2 (I_C - 3) - mu log J + lam/2 (log J)^2; not a number where J <= 0."""
     log_J = ufl.ln(ufl.det(F))
+    return mu / 2.0 * _strain(F) - mu * log_J + lam / 2.0 * log_J**2
+
+
+@_density
+def invertible_neo_hookean(F: Any, mu: Any, lam: Any) -> Any:
+    """psi = mu/2 (I_C - 3) - mu l + lam/2 l^2, with l = log m + d - d^2/2, m = max(J, J_0) and d = min(J - J_0, 0)/J_0."""
+    J = ufl.det(F)
+    d = ufl.min_value(J - CONTINUED, 0.0) / CONTINUED
+    log_J = ufl.ln(ufl.max_value(J, CONTINUED)) + d - 0.5 * d**2
     return mu / 2.0 * _strain(F) - mu * log_J + lam / 2.0 * log_J**2
 
 

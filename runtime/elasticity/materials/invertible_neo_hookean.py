@@ -1,0 +1,73 @@
+"""Neo-Hookean with a logarithmic volume term that is continued where it is compressed strongly: finite, inverted too."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softprint.runtime.arrays import Array
+from softprint.runtime.elasticity.invariants import cofactor, determinant, first_invariant
+from softprint.runtime.elasticity.material import Material
+from softprint.runtime.elasticity.tangent_kernel import isotropic_tangent
+
+#: J_0, the volume ratio below which the logarithm is continued.
+CONTINUED = 0.3
+
+
+class InvertibleNeoHookean(Material):
+    """The law of `neo_hookean` (Bonet and Wood 1997), whose logarithm is continued below J_0 by its Taylor polynomial of
+    second order, as Stomakhin et al. 2012 continue energies by their stretches:
+
+    Psi = mu/2 (F:F - dim) - mu l(J) + lambda/2 l(J)^2,    l = log m + d - d^2/2,    m = max(J, J_0),
+    d = min(J - J_0, 0)/J_0,
+
+    with mu = mu_L and lambda = lambda_L. It has two continuous derivatives and is polyconvex where J < e. A cell that is
+    flattened has a finite energy but a pressure some ten times that of `stable_neo_hookean`, which gives way under
+    edges: there its cells turn inside out, the more of them the finer the mesh is.
+
+    P = mu F + (lambda l - mu) l' dJ/dF,    l' = (1 - d)/m,    l'' = -1/m^2.
+    """
+
+    model = "invertible_neo_hookean"
+    finite_if_inverted = True
+
+    def energy_density(self, F: Array) -> Array:
+        log_J = _logarithm(determinant(F)).value
+        density = self.mu * (0.5 * (first_invariant(F) - 3.0) - log_J) + 0.5 * self.lam * log_J**2
+        return np.asarray(density)
+
+    def first_piola(self, F: Array) -> Array:
+        log_J = _logarithm(determinant(F))
+        pressure = (self.lam * log_J.value - self.mu) * log_J.slope
+        mu = np.broadcast_to(self.mu, len(F))
+        return np.asarray(mu[:, None, None] * F + pressure[:, None, None] * cofactor(F))
+
+    def tangent(self, F: Array) -> Array:
+        log_J = _logarithm(determinant(F))
+        excess = self.lam * log_J.value - self.mu
+        return isotropic_tangent(
+            np.ascontiguousarray(F),
+            cofactor(F),
+            np.broadcast_to(self.mu, len(F)),
+            np.zeros(len(F)),
+            self.lam * log_J.slope**2 + excess * log_J.bend,
+            excess * log_J.slope,
+        )
+
+
+class _Logarithm(NamedTuple):
+    """l, l' and l'' (n,)."""
+
+    value: Array
+    slope: Array
+    bend: Array
+
+
+def _logarithm(J: Array) -> _Logarithm:
+    """Of volume ratios (n,)."""
+    m, d = np.maximum(J, CONTINUED), np.minimum(J - CONTINUED, 0.0) / CONTINUED
+    return _Logarithm(np.log(m) + d - 0.5 * d**2, (1.0 - d) / m, -1.0 / m**2)
+
+
+MATERIAL = InvertibleNeoHookean
