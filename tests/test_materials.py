@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from softprint.runtime.elasticity import MATERIALS, make_material
 from softprint.runtime.elasticity.elastic_energy import elastic_gradient
 from softprint.runtime.elasticity.invariants import cofactor, determinant
+from softprint.runtime.elasticity.materials.invertible_neo_hookean import CONTINUED
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import MaterialSpec
 from softprint.runtime.experiment.describe import described_keys
@@ -214,6 +215,39 @@ def test_parameters_per_cell(model):
     F = np.tile(np.diag([1.1, 1.0]), (2, 1, 1))
     densities = some.energy_density(F)
     assert densities[0] == pytest.approx(3 * densities[1])
+
+
+def test_the_continued_logarithm_is_that_of_neo_hookean_where_the_volume_is_not_small(dim):
+    F = stretches(dim, np.random.default_rng(5))
+    F = F[np.linalg.det(F) > CONTINUED]
+    ours, theirs = (make_material(model, YOUNG, POISSON) for model in ("invertible_neo_hookean", "neo_hookean"))
+    near = {"rtol": 1e-11, "atol": 1e-10 * YOUNG}  # the same sums in another order
+    np.testing.assert_allclose(ours.energy_density(F), theirs.energy_density(F), **near)
+    np.testing.assert_allclose(ours.first_piola(F), theirs.first_piola(F), **near)
+    np.testing.assert_allclose(ours.tangent(F), theirs.tangent(F), **near)
+
+
+def test_the_continued_logarithm_has_two_continuous_derivatives(dim):
+    material, off = make_material("invertible_neo_hookean", YOUNG, POISSON), 1e-9
+    F = np.stack([np.diag([CONTINUED * (1 + side * off), 1.0, 1.0][:dim]) for side in (-1, 1)])
+    for part in (material.energy_density, material.first_piola, material.tangent):
+        below, above = part(F)
+        # The third derivative is some hundred times the tangent.
+        np.testing.assert_allclose(below, above, atol=1e-6 * np.abs(above).max())
+
+
+def test_a_crushed_cell_resists_ever_more_until_it_is_inverted():
+    """With the thickness of a cell that cannot widen, its pressure falls throughout for a continued logarithm; at no
+    thickness it is several times that of a stable neo-Hookean solid."""
+    thickness = np.linspace(1.0, -0.5, 151)
+    F = np.tile(np.eye(3), (len(thickness), 1, 1))
+    F[:, 2, 2] = thickness
+    pressure = -make_material("invertible_neo_hookean", YOUNG, 0.4).first_piola(F)[:, 2, 2]
+    assert (np.diff(pressure) > 0.0).all()
+    flat = F[100:101]
+    assert thickness[100] == pytest.approx(0.0, abs=1e-12)
+    stable = -make_material("stable_neo_hookean", YOUNG, 0.4).first_piola(flat)[0, 2, 2]
+    assert pressure[100] > 8.0 * stable
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def neo_hookean(F: Any, mu: Any, lam: Any) -> Any:
 
 @_density
 def invertible_neo_hookean(F: Any, mu: Any, lam: Any) -> Any:
-    """psi = mu/2 (I_C - 3) - mu l + lam/2 l^2, with l = log m + d - d^2/2, m = max(J, J_0) and d = min(J - J_0, 0)/J_0."""
+    """psi = mu/2 (I_C - 3) - mu l + lam/2 l^2, l = log m + d - d^2/2, m = max(J, J_0), d = min(J - J_0, 0)/J_0."""
     J = ufl.det(F)
     d = ufl.min_value(J - CONTINUED, 0.0) / CONTINUED
     log_J = ufl.ln(ufl.max_value(J, CONTINUED)) + d - 0.5 * d**2

@@ -13,6 +13,7 @@ from softprint.fem_truth.verify.case import Case, CaseResult, Curve, Line, Row
 from softprint.fem_truth.verify.problems.equilibrium import Solid, equilibrium, mean_first_piola
 from softprint.runtime.arrays import Array
 from softprint.runtime.elasticity.materials import Material, make_material
+from softprint.runtime.elasticity.materials.invertible_neo_hookean import CONTINUED
 from softprint.runtime.mesh import box_mesh
 
 YOUNG, POISSON = 1e5, 0.46
@@ -30,6 +31,13 @@ def _stable(stretch: Array) -> Array:
 
 def _logarithmic(stretch: Array) -> Array:
     return MU * (stretch - 1 / stretch) + LAMBDA * np.log(stretch.prod()) / stretch
+
+
+def _continued(stretch: Array) -> Array:
+    J = stretch.prod()
+    d = min(J / CONTINUED - 1.0, 0.0)
+    log_J, slope = np.log(max(J, CONTINUED)) + d - d**2 / 2, (1.0 - d) / max(J, CONTINUED)
+    return MU * stretch + (LAMBDA * log_J - MU) * slope * J / stretch
 
 
 def _isochoric(stretch: Array) -> Array:
@@ -69,6 +77,14 @@ _LAWS = (
         "logarithmic",
         "Bonet and Wood 1997, sec. 6.4.3: P = mu (F - F^-T) + lambda log J F^-T",
         _logarithmic,
+        lambda g: MU * g,
+        lambda g: 0.0,
+    ),
+    Law(
+        "invertible_neo_hookean",
+        "logarithmic, continued",
+        "the same with log J continued below J = 0.3, in the way of Stomakhin et al. 2012",
+        _continued,
         lambda g: MU * g,
         lambda g: 0.0,
     ),

@@ -24,10 +24,10 @@ from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, 
 
 #: The number of values of `LearnedEnergy.values`.
 N_VALUES = N_COEFFICIENTS + 2
-#: The least and the largest b. From the least on W~ grows with the dent: chi grows by at most 4 d|H|/|H|, as a stable
-#: neo-Hookean solid has an energy of the sixth power of H where that is large, and W grows with H^2 at least. At the
+#: The least and the largest b. From the least on W~ grows with the dent: chi grows by at most 10 d|H|/|H|, as no solid
+#: here has an energy of more than the twelfth power of H where that is large, and W grows with H^2 at least. At the
 #: largest nothing relaxes that linear mechanics displaces too much.
-LEAST, MOST = -0.5, 1.0
+LEAST, MOST = -0.2, 1.0
 
 
 class EnergyTerms(NamedTuple):

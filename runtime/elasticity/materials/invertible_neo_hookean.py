@@ -1,4 +1,4 @@
-"""Neo-Hookean with a logarithmic volume term that is continued where it is compressed strongly: finite, inverted too."""
+"""Neo-Hookean with a logarithmic volume term, continued where the volume is small: finite for every deformation."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ CONTINUED = 0.3
 
 
 class InvertibleNeoHookean(Material):
-    """The law of `neo_hookean` (Bonet and Wood 1997), whose logarithm is continued below J_0 by its Taylor polynomial of
-    second order, as Stomakhin et al. 2012 continue energies by their stretches:
+    """The law of `neo_hookean` (Bonet and Wood 1997, eq. 6.28), whose logarithm is continued below J_0 by its Taylor
+    polynomial of second order, as Stomakhin et al. 2012 continue energies by their stretches:
 
-    Psi = mu/2 (F:F - dim) - mu l(J) + lambda/2 l(J)^2,    l = log m + d - d^2/2,    m = max(J, J_0),
-    d = min(J - J_0, 0)/J_0,
+    Psi = mu/2 (F:F - dim) - mu l(J) + lambda/2 l(J)^2,    mu = mu_L, lambda = lambda_L,
+    l = log m + d - d^2/2,    m = max(J, J_0),    d = min(J - J_0, 0)/J_0.
 
-    with mu = mu_L and lambda = lambda_L. It has two continuous derivatives and is polyconvex where J < e. A cell that is
-    flattened has a finite energy but a pressure some ten times that of `stable_neo_hookean`, which gives way under
-    edges: there its cells turn inside out, the more of them the finer the mesh is.
+    It has two continuous derivatives, and is convex in J up to J = e. A flat cell has a finite energy, but it resists
+    with several times the pressure of `stable_neo_hookean`: under edges and tips that law lets cells turn inside out,
+    the more of them the finer the mesh is.
 
     P = mu F + (lambda l - mu) l' dJ/dF,    l' = (1 - d)/m,    l'' = -1/m^2.
     """

@@ -16,7 +16,7 @@ ENERGY = 2e-3  # J
 EXCESSES = np.linspace(-0.9, 5.0, 13)
 
 
-@pytest.fixture(params=[0.7, -0.45, 0.0], ids=["hardening", "softening", "proportional"])
+@pytest.fixture(params=[0.7, -0.18, 0.0], ids=["hardening", "softening", "proportional"])
 def learned(request):
     return LearnedEnergy.of((0.4, -0.9, -0.4, 0.9, request.param))
 
