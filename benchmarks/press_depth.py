@@ -2,13 +2,16 @@
 
     python -m benchmarks.press_depth examples/jelly3d_small.toml [--out RUN] [--shapes ball ...] [--place X Y]
                                      [--models bare mechanics ours] [--places 7 --processes 2] [--set KEY=VALUE]
+    python -m benchmarks.press_depth examples/jelly3d_small.toml --models --set 'body.mesh="FINER.vtu"'
 
 Each shape is led straight down into the top, near the middle of a jelly or at a place, slowly, in full space, with the
 bare subspace, with linear mechanics, and with corrections of the run for any collider. Printed is the force on it at
 some depths below the highest point of the undeformed body, for reduced models relative to full space, with the status
 of the step where it is not CONVERGED. What is as fine as the mesh meets another force where it is between other nodes:
 with several --places, within a distance between surface nodes, the mean force of all is compared, and how much that of
-full space differs (standard deviation) is printed beside it. Needs `softprint mechanics` or `softprint train`.
+full space differs (standard deviation) is printed beside it. Inverted: the share of the elastic energy of full space
+in cells that are inside out, where some are; there full space is no reference. Needs `softprint mechanics` or
+`softprint train`; without a model full space alone is pressed, with the body of the experiment.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import numpy as np
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import load_body
+from softprint.runtime.cli.run_body import body_of_experiment
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Box, Collider, Cone, Cylinder, KeyframedPath, Sphere
 from softprint.runtime.contact import PenaltyContact
@@ -54,10 +58,13 @@ SHAPES: Mapping[str, Callable[[], Collider]] = {
 class Presses:
     """Presses into the body of a run, down to a depth [m]."""
 
-    def __init__(self, experiment: Experiment, run: Path, deepest: float) -> None:
+    def __init__(self, experiment: Experiment, run: Path | None, deepest: float) -> None:
+        """run: None for full space alone."""
         self.experiment, self.deepest, self.run = experiment, deepest, run
-        self.body = load_body(run / "body.h5")
-        self.mechanics = load_mechanics(mechanics_path(run, CONTACT_NODES), self.body)
+        self.body = body_of_experiment(experiment) if run is None else load_body(run / "body.h5")
+        self.mechanics = (
+            None if run is None else load_mechanics(mechanics_path(run, CONTACT_NODES), self.body)
+        )
         self.top = float(self.body.mesh.points[:, 2].max())
 
     def press(self, shape: Collider, place: Array, model: str) -> Pressed:
@@ -66,16 +73,24 @@ class Presses:
         places = [[*place, high + CLEAR], [*place, high - self.deepest]]
         simulator = self._simulator(shape, KeyframedPath([0.0, way / SPEED], places), model)
         state = simulator.rest_state()
-        depths, forces, statuses = [], [], []
+        depths, forces, statuses, inverted = [], [], [], []
         for _ in range(int(way / SPEED / self.experiment.dynamics.time_step)):
             result = simulator.step(state)
             state = result.state
             depths.append(high - float(state.poses[shape.name].translation[2]))
             forces.append(float(result.contacts[shape.name].force[2]))
             statuses.append(result.status.name)
-            if model == "full" and not result.converged:
+            if model != "full":
+                continue
+            inverted.append(self._inverted(simulator.deformation_gradients(state)))
+            if not result.converged:
                 break
-        return Pressed(np.array(depths), np.array(forces), statuses)
+        return Pressed(np.array(depths), np.array(forces), statuses, np.array(inverted))
+
+    def _inverted(self, F: Array) -> float:
+        """The share of the elastic energy in cells with det F < 0."""
+        energy = self.body.material.energy_density(F) * self.body.mesh.cell_volumes
+        return float(energy[np.linalg.det(F) < 0.0].sum() / energy.sum())
 
     def _simulator(self, shape: Collider, path: KeyframedPath, model: str) -> Any:
         own = self.experiment.dynamics
@@ -89,6 +104,8 @@ class Presses:
             return FullSpaceSimulator(self.body, [PlacedCollider(shape.name, shape, path)], **common)
         correction: Correction | None = None
         if model not in MODELS:
+            assert self.run is not None  # there are models
+            assert self.mechanics is not None
             file = self.run / "corrections" / f"{model}.safetensors"
             correction = load_correction(file, self.body, shape, self.mechanics)
         mechanics = None if model == "bare" else self.mechanics
@@ -97,11 +114,17 @@ class Presses:
 
 
 class Pressed(NamedTuple):
-    """The steps of a press: depths [m], forces [N] and statuses."""
+    """The steps of a press: depths [m], forces [N], statuses and, of full space, shares of the energy in inverted
+    cells."""
 
     depths: Array
     forces: Array
     statuses: Sequence[str]
+    inverted: Array
+
+    def inverted_at(self, depth: float) -> float:
+        """The share at a depth [m]."""
+        return float(np.interp(depth, self.depths, self.inverted))
 
     def at(self, depth: float) -> tuple[float, str]:
         """The force at a depth [m], between those of the steps beside it, and the status of the nearest step."""
@@ -131,6 +154,8 @@ def lines(
         cells = [name, f"{1e3 * depth:.1f}", f"{forces.mean():.2f}{_statuses(full)}"]
         if len(found["full"]) > 1:
             cells.append(f"{forces.std() / forces.mean():.0%} of {len(there)}")
+        inverted = np.mean([found["full"][n].inverted_at(depth) for n in there])
+        cells.append(f"{inverted:.0%}" if inverted else "")
         for model in models:
             own = [found[model][n].at(depth) for n in there]
             ratio = np.mean([force for force, _ in own]) / forces.mean()
@@ -163,15 +188,22 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--place", nargs=2, type=float, default=(0.002, 0.003), metavar=("X", "Y"), help="m")
     parser.add_argument("--places", type=int, default=1, help="about that place")
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--models", nargs="+", default=MODELS, metavar="NAME")
+    parser.add_argument("--models", nargs="*", default=MODELS, metavar="NAME")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the experiment")
     options = parser.parse_args(words)
     _quiet()
-    run = options.out or Path("runs") / options.experiment.stem
+    run = (options.out or Path("runs") / options.experiment.stem) if options.models else None
     experiment = load_experiment(options.experiment, options.set)
     presses = Presses(experiment, run, options.deepest)
     places = around(options.place, options.places, presses.body.mesh.surface_spacing)
-    heads = ["shape", "depth, mm", "full space, N", *["differs"] * (len(places) > 1), *options.models]
+    heads = [
+        "shape",
+        "depth, mm",
+        "full space, N",
+        *["differs"] * (len(places) > 1),
+        "inverted",
+        *options.models,
+    ]
     print("| " + " | ".join(heads) + " |")
     print("| --- " * len(heads) + "|", flush=True)
     models = ("full", *options.models)
