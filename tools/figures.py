@@ -45,6 +45,10 @@ VIEW, TACTILE = "docs/view.md", "docs/tactile.md"
 ANY, DESCRIPTOR = "docs/any_collider.md", "docs/thesis_descriptor_model.md"
 _BODIES = "examples/{jelly3d,ball,finger,hand}.toml"
 _SMALL = "examples/jelly_library_small.toml"
+_CRUSHED = (
+    f"python -m benchmarks.press_depth {_SMALL} --shapes punch plate cone --models --printed 5e-3 --deepest 0.025"
+)
+_STABLE = """--set 'body.material.model="stable_neo_hookean"'"""
 _HAND = (
     "examples/hand_small.toml --set sampling.states=4 --set sampling.max_depth=0.004 --out runs/hand_states"
 )
@@ -332,6 +336,16 @@ FIGURES: Mapping[str, Figure] = {
         (f"python -m benchmarks.press_depth {_SMALL} {_PRESSED} --models bare mechanics ours",),
         (CONTACT,),
         ("jelly_library_small",),
+    ),
+    "crushed_cells": Figure(
+        (
+            _CRUSHED,
+            f"{_CRUSHED} {_STABLE}",
+            "python meshes/jelly.py --dim 3 --edge-length 0.0018 --inside 0.0085 --out runs/jelly3d_2mm.vtu",
+            f"""{_CRUSHED} --set 'body.mesh="../runs/jelly3d_2mm.vtu"'""",
+            f"""{_CRUSHED} {_STABLE} --set 'body.mesh="../runs/jelly3d_2mm.vtu"'""",
+        ),
+        (CONTACT,),
     ),
     "energy_labels": Figure(
         (f"python -m reproduction.energy_labels {_SMALL} --seeds 3",), (FORCES,), ("jelly_library_small",)
