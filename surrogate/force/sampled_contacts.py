@@ -1,6 +1,6 @@
 """Solved contacts at samples of a truth, with the derivatives of forces and energy by the parameters of the energy.
 
-Condensed contact with parameters p = (c, log a, b) gives W~ = a W exp eta(chi) (`runtime/contact/learned_energy/`) and
+Condensed contact with parameters p = (c, log a, b) gives W~ = a W exp[b eta(chi)], eta = log(1 + chi), (`runtime/contact/learned_energy/`) and
 
     h~ = W~/W h + W~ eta' dchi/dq.
 
@@ -28,7 +28,7 @@ from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, 
 from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
 from softprint.runtime.contact.learned_energy.hardened_contact import excess_response, measure_slopes
-from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy, hardening
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
@@ -161,17 +161,17 @@ def by_parameters(
 ) -> tuple[Array, Array]:
     """dW~/dp (N_PARAMETERS,) [J] and dh~/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points and its
     excess."""
-    W, h, chi = contact.solved.solution.energy, contact.gradient, excess.value
+    W, h, eta = contact.solved.solution.energy, contact.gradient, hardening(excess.value)
     response = excess_response(contact, excess)
-    terms, r = learned.terms(W, chi), measure_slopes(contact, response)[:, 1].reshape(h.shape)
+    terms, r = learned.terms(W, excess.value), measure_slopes(contact, response)[:, 1].reshape(h.shape)
     energy, force, of_excess = _by_coefficients(contact, learned.scale, response)
     _, rate = terms.slope / terms.value
     found = terms.value * (h / W + rate * r)
     by_excess = terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r
-    by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [1.0, chi]])
+    by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [1.0, eta.value]])
     by_scale = terms.value / W * (force.reshape(*h.shape, -1) + rate * r[..., None] * energy)
     by_scale = by_scale + by_excess[..., None] * of_excess
-    by_growth = chi * found + terms.value * r
+    by_growth = eta.value * found + terms.value * eta.slope * r
     return by_energy, np.concatenate([by_scale, found[..., None], by_growth[..., None]], axis=2)
 
 
