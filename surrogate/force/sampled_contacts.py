@@ -1,8 +1,9 @@
 """Solved contacts at samples of a truth, with the derivatives of forces and energy by the parameters of the energy.
 
-Condensed contact with parameters p = (c, log a, b) gives W~ = a W exp[b eta(chi)], eta = log(1 + chi), (`runtime/contact/learned_energy/`) and
+Condensed contact with parameters p = (c, log a, b) gives W~ = a W exp[b eta(chi)] with eta = log(1 + chi)
+(`runtime/contact/learned_energy/`), and
 
-    h~ = W~/W h + W~ eta' dchi/dq.
+    h~ = W~/W h + W~ b eta' dchi/dq.
 
 Their derivatives follow from one contact solve,
 
