@@ -220,7 +220,9 @@ def test_parameters_per_cell(model):
 def test_the_continued_logarithm_is_that_of_neo_hookean_where_the_volume_is_not_small(dim):
     F = stretches(dim, np.random.default_rng(5))
     F = F[np.linalg.det(F) > CONTINUED]
-    ours, theirs = (make_material(model, YOUNG, POISSON) for model in ("invertible_neo_hookean", "neo_hookean"))
+    ours, theirs = (
+        make_material(model, YOUNG, POISSON) for model in ("invertible_neo_hookean", "neo_hookean")
+    )
     near = {"rtol": 1e-11, "atol": 1e-10 * YOUNG}  # the same sums in another order
     np.testing.assert_allclose(ours.energy_density(F), theirs.energy_density(F), **near)
     np.testing.assert_allclose(ours.first_piola(F), theirs.first_piola(F), **near)

@@ -45,9 +45,8 @@ VIEW, TACTILE = "docs/view.md", "docs/tactile.md"
 ANY, DESCRIPTOR = "docs/any_collider.md", "docs/thesis_descriptor_model.md"
 _BODIES = "examples/{jelly3d,ball,finger,hand}.toml"
 _SMALL = "examples/jelly_library_small.toml"
-_CRUSHED = (
-    f"python -m benchmarks.press_depth {_SMALL} --shapes punch plate cone --models --printed 5e-3 --deepest 0.025"
-)
+_CRUSHED = f"python -m benchmarks.press_depth {_SMALL} --shapes punch plate cone --models"
+_CRUSHED += " --printed 5e-3 --deepest 0.025"
 _STABLE = """--set 'body.material.model="stable_neo_hookean"'"""
 _HAND = (
     "examples/hand_small.toml --set sampling.states=4 --set sampling.max_depth=0.004 --out runs/hand_states"
