@@ -239,8 +239,8 @@ def test_the_continued_logarithm_has_two_continuous_derivatives(dim):
 
 
 def test_a_crushed_cell_resists_ever_more_until_it_is_inverted():
-    """With the thickness of a cell that cannot widen, its pressure falls throughout for a continued logarithm; at no
-    thickness it is several times that of a stable neo-Hookean solid."""
+    """The thinner a cell is that cannot widen, the more it presses; where it is flat several times as much as one of a
+    stable neo-Hookean solid."""
     thickness = np.linspace(1.0, -0.5, 151)
     F = np.tile(np.eye(3), (len(thickness), 1, 1))
     F[:, 2, 2] = thickness
