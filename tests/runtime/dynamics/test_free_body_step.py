@@ -176,7 +176,7 @@ def test_mixed_derivatives(step, dim):
     n, twist = len(at.gradient), dim + dim * (dim - 1) // 2
     body = n - 3 * twist
     blocks = [slice(0, body), *(slice(body + k * twist, body + (k + 1) * twist) for k in range(3))]
-    h = 5e-6
+    h = 2.5e-6
     for one, other in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3)):
         a, b = np.zeros(n), np.zeros(n)
         a[blocks[one]], b[blocks[other]] = rng.normal(size=n)[blocks[one]], rng.normal(size=n)[blocks[other]]
