@@ -187,7 +187,7 @@ def test_mixed_derivatives(step, dim):
         }
         mixed = (e[1, 1] - e[1, -1] - e[-1, 1] + e[-1, -1]) / (4 * h**2)
         found = a @ at.hessian @ b
-        # Of second order in 5e-6 m; against the stiffness of the contact, of which this is a part.
+        # Of second order in 2.5e-6 m; against the stiffness of the contact, of which this is a part.
         stiff = np.sqrt(abs(a @ at.hessian @ a) * abs(b @ at.hessian @ b))
         assert found == pytest.approx(mixed, rel=2e-3, abs=1e-5 * stiff)
         # High does not touch the body; low and beside are coupled through it if contact is condensed.
