@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.contact.learned_energy.continued_logarithm import ContinuedLogarithm
 from softprint.runtime.contact.learned_energy.dent_strain import CELLS, DentStrain
 from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.lazy import lazy
@@ -154,7 +155,7 @@ class DentExcess:
         )
         below = linear + _ROUNDED * self.material.lame_mu
         x = (psi - linear) / below
-        return _Cells(below, 1.0 + x, *_logarithm(x), stress, linear_stress)
+        return _Cells(below, 1.0 + x, *ContinuedLogarithm.of(x), stress, linear_stress)
 
     @lazy
     def _terms(self) -> _Terms:
@@ -200,10 +201,3 @@ class DentExcess:
         by_strain = (terms.weight[:, None] * terms.by_strain).ravel() @ self.strain
         by_weight = 2.0 / terms.scale * terms.excess[:, None] * self.forces
         return np.asarray(by_weight + by_strain.reshape(self.forces.shape))
-
-
-def _logarithm(x: Array) -> tuple[Array, Array, Array]:
-    """L(x), L' and L'' (n,)."""
-    more, less = np.maximum(x, 0.0), np.minimum(x, 0.0)
-    slope = np.where(x > 0.0, 1.0 / (1.0 + more), 1.0 - less)
-    return np.log1p(more) + less - 0.5 * less**2, slope, np.where(x > 0.0, -(slope**2), -1.0)

@@ -8,9 +8,10 @@ excess chi of the dent (`dent_excess.py`) is the measure:
     W~ = a W (1 + chi)^b.
 
 The material and linear mechanics give chi; only how much of it counts is learned, so that it holds for dents much
-deeper than those of training. With exp(b chi) shallow dents would have to be too stiff for deep ones to be right: a was
-1.09 then, and is 1.01. Contacts that lie apart are dents of their own, with energies that add up. Derivatives of
-W~ by W and chi are in closed form, so that forces are exact, whatever the solve depends on (`hardened_contact.py`).
+deeper than those of training. With exp(b chi) shallow dents would be too stiff where deep ones are right
+(docs/method.md, the learned energy). Contacts that lie apart are dents of their own, with energies that add up.
+Derivatives of W~ by W and chi are in closed form, so that forces are exact, whatever the solve depends on
+(`hardened_contact.py`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.learned_energy.continued_logarithm import ContinuedLogarithm
 
 #: The number of values of `LearnedEnergy.values`.
 N_VALUES = N_COEFFICIENTS + 2
@@ -39,20 +41,9 @@ class EnergyTerms(NamedTuple):
     curvature: Array
 
 
-class Hardening(NamedTuple):
-    """eta(chi) and its first and second derivative."""
-
-    value: float
-    slope: float
-    bend: float
-
-
-def hardening(excess: float) -> Hardening:
-    """eta = log(1 + chi), where chi < 0 to second order."""
-    if excess < 0.0:
-        return Hardening(excess - 0.5 * excess**2, 1.0 - excess, -1.0)
-    slope = 1.0 / (1.0 + excess)
-    return Hardening(float(np.log1p(excess)), slope, -(slope**2))
+def hardening(excess: float) -> ContinuedLogarithm:
+    """eta = log(1 + chi) and its derivatives, see `ContinuedLogarithm`."""
+    return ContinuedLogarithm.of(np.asarray(excess))
 
 
 @dataclass(frozen=True)

@@ -33,15 +33,17 @@ class InvertibleNeoHookean(Material):
     finite_if_inverted = True
 
     def energy_density(self, F: Array) -> Array:
-        log_J = _logarithm(determinant(F)).value
-        density = self.mu * (0.5 * (first_invariant(F) - 3.0) - log_J) + 0.5 * self.lam * log_J**2
-        return np.asarray(density)
+        return self.energy_and_stress(F)[0]
 
     def first_piola(self, F: Array) -> Array:
-        log_J = _logarithm(determinant(F))
-        pressure = (self.lam * log_J.value - self.mu) * log_J.slope
-        mu = np.broadcast_to(self.mu, len(F))
-        return np.asarray(mu[:, None, None] * F + pressure[:, None, None] * cofactor(F))
+        return self.energy_and_stress(F)[1]
+
+    def energy_and_stress(self, F: Array) -> tuple[Array, Array]:
+        log_J, mu = _logarithm(determinant(F)), np.broadcast_to(self.mu, len(F))
+        shear = 0.5 * (first_invariant(F) - 3.0) - log_J.value
+        pressure = (self.lam * log_J.value - mu) * log_J.slope
+        stress = mu[:, None, None] * F + pressure[:, None, None] * cofactor(F)
+        return np.asarray(mu * shear + 0.5 * self.lam * log_J.value**2), np.asarray(stress)
 
     def tangent(self, F: Array) -> Array:
         log_J = _logarithm(determinant(F))
