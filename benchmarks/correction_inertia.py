@@ -33,7 +33,7 @@ from softprint.runtime.body import ReducedBody
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.dynamics import Simulator
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 
 N_FREQUENCIES = 5
 RATES = (60, 120, 480, 2000)  # 1/s

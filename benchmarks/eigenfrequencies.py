@@ -27,7 +27,7 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance, rest_stiffness
 
 COUNT = 10
 HOLDS = ("projection", "mass")

@@ -21,7 +21,7 @@ from softprint.runtime.cli.script import run_script
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.learned.internal.model import ModesModel
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.truth.truth_file import load_truth

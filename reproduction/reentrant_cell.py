@@ -25,7 +25,7 @@ from scipy.sparse.linalg import spsolve
 from meshes.auxetic import FULL, Cells, mesh_cell
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.elasticity.materials import make_material
-from softprint.runtime.mechanics.null_space_compliance import elastic_stiffness
+from softprint.runtime.mechanics.compliance.null_space_compliance import elastic_stiffness
 
 POISSON = 0.4
 

@@ -51,7 +51,7 @@ from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.learned.internal_correction import internal_correction
 from softprint.runtime.learned.static_correction import StaticCorrection
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.scenes.corrected_body import CorrectedBody, on_corrected_body
 from softprint.runtime.scenes.model_name import ModelName

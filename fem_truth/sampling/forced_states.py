@@ -19,7 +19,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.cubature import dof_scale
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance, rest_stiffness
 
 # How many handles bear a force, and how often; no more than there are.
 _HANDLES = (1, 2, 3, 5, 10_000)

@@ -57,8 +57,8 @@ class RunMechanics:
 
     def _made(self, contact_nodes: int) -> tuple[MechanicsHeader, BodyMechanics]:
         from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+        from softprint.runtime.mechanics.compliance.surface_compliance import n_columns
         from softprint.runtime.mechanics.mechanics_file import as_saved, save_mechanics
-        from softprint.runtime.mechanics.surface_compliance import n_columns
 
         context, path = self._context, self.path(contact_nodes)
         gravity, total = context.experiment.dynamics.gravity, n_columns(self._body, contact_nodes)

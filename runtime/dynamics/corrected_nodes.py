@@ -23,8 +23,8 @@ from softprint.runtime.learned.correction import (
     FieldCorrection,
 )
 from softprint.runtime.linalg.row_products import placed
+from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
 
 
 class Snapshot(NamedTuple):

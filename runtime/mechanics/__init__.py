@@ -1,1 +1,1 @@
-"""Corotated linear mechanics of a body: null-space compliance, surface compliance, static condensation, corotation."""
+"""Corotated linear mechanics of a body: compliance, static condensation, corotation."""

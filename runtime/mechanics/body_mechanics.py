@@ -8,9 +8,12 @@ from typing import NamedTuple
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance import (
+    SurfaceCompliance,
+    compute_surface_compliance,
+)
 from softprint.runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance, compute_surface_compliance
 
 
 class BodyMechanics(NamedTuple):

@@ -32,7 +32,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.means import means, numbered, shared
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance, outside_frames
+from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance, outside_frames
 from softprint.runtime.mesh.facet_lattice import lattice
 from softprint.runtime.mesh.mesh import Mesh, facet_vectors
 from softprint.runtime.mesh.midpoints import midpoints

@@ -20,8 +20,11 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.io.files import content_hash, provenance
 from softprint.runtime.io.tensor_file import load_with_header, save_arrays
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.mechanics.compliance.surface_compliance_arrays import (
+    surface_compliance_arrays,
+    take_compliance,
+)
 from softprint.runtime.mechanics.static_condensation import condensation_arrays, take_condensation
-from softprint.runtime.mechanics.surface_compliance_arrays import surface_compliance_arrays, take_compliance
 
 KIND, VERSION = "mechanics", 2
 REMEDY = "make it again with `softprint mechanics`"
@@ -58,7 +61,9 @@ def save_mechanics(
     arrays, internal = _arrays(mechanics), mechanics.condensation
     header = MechanicsHeader(
         body_hash=body.content_hash,
-        contact_nodes=len(mechanics.surface_compliance.nodes) if contact_nodes is None else contact_nodes,
+        contact_nodes=len(mechanics.surface_compliance.nodes)
+        if contact_nodes is None
+        else contact_nodes,
         gravity=[] if internal is None else internal.gravity.tolist(),
         static_condensation=internal is not None,
         content_hash=content_hash(arrays),

@@ -7,7 +7,7 @@ from scipy.sparse.linalg import splu
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.elasticity.materials import make_material
-from softprint.runtime.mechanics.null_space_compliance import (
+from softprint.runtime.mechanics.compliance.null_space_compliance import (
     dissection_order,
     elastic_stiffness,
     node_adjacency,

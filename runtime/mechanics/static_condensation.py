@@ -32,8 +32,8 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.handle_sparsity import HandleSparsity
 from softprint.runtime.mechanics import static_condensation_kernels as kernels
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance, rest_stiffness
 from softprint.runtime.mechanics.corotation import Corotation, corotation_gradients
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
 
 _PREFIX = "condensation."
 

@@ -12,7 +12,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import CONDENSED
 from softprint.runtime.learned.correction import ContactCorrection, Correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 
 

@@ -31,7 +31,7 @@ from torch import Tensor
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance
 
 # Rows of Gamma computed together. Only the upper half is computed (diagonal blocks in full), the rest is mirrored.
 _PANEL = 1024

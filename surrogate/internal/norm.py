@@ -16,7 +16,7 @@ from scipy.linalg import eigh
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.mechanics.null_space_compliance import rest_stiffness
+from softprint.runtime.mechanics.compliance.null_space_compliance import rest_stiffness
 
 
 class CorrectionNorm:

@@ -15,7 +15,7 @@ from softprint.runtime.experiment import InternalSpec
 from softprint.runtime.learned.internal.correction import InternalCorrection
 from softprint.runtime.learned.internal.file import InternalHeader, read_internal_header, save_internal
 from softprint.runtime.learned.internal.model import InternalModel, InternalOptions, QuadraticModel
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import StaticCondensation, compute_static_condensation
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.truth.truth_file import TruthData

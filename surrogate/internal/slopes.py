@@ -23,7 +23,10 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.cubature import dof_scale
 from softprint.runtime.body.node_gradients import basis_gradient_at_nodes
 from softprint.runtime.learned.internal.correction import deformation
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance, elastic_stiffness
+from softprint.runtime.mechanics.compliance.null_space_compliance import (
+    NullSpaceCompliance,
+    elastic_stiffness,
+)
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 # Of the central difference, as a share of the unit of every coordinate: between round-off and curvature.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from softprint.runtime.arrays import Array
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
 from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoints, PressedPoints
-from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.interpolated_compliance import InterpolatedCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 

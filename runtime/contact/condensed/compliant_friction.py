@@ -39,7 +39,7 @@ from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.chain_rule import through_jacobian
 from softprint.runtime.linalg.means import blocks_on_nodes, means, shared
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 
 log = logging.getLogger(__name__)
 

@@ -43,9 +43,9 @@ from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedCo
 from softprint.runtime.contact.solver.warm_start import WarmStart
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
-from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
 from softprint.runtime.mechanics.loaded_points import Gaps, LoadedPoints, owners
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
 
 # The dent can push more points into a collider, and these again others: at most so many searches for such points.
 _SEARCHES = 3

@@ -24,8 +24,8 @@ from softprint.runtime.contact.solver.pressed_points import CorotatedPressedPoin
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.warm_start import TOO_FAR, WarmStart
 from softprint.runtime.lazy import lazy
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 
 class CarriedCompliance(NamedTuple):

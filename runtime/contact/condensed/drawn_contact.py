@@ -22,7 +22,7 @@ from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.linalg.row_products import deformed
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance
 
 
 class DrawnContact:

@@ -9,7 +9,7 @@ from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.candidates import Candidates, PointDistance
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
-from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.interpolated_compliance import InterpolatedCompliance
 
 
 def pushed_in(

@@ -1,7 +1,8 @@
 """The strain that contact forces cause in cells at the contact nodes: the displacement gradient of linear mechanics.
 
 Forces phi_j on contact nodes, at rest, displace the nodes of the mesh by u_X = sum_j G_Xj phi_j
-(`runtime/mechanics/surface_compliance.py`). In two cells at each contact node i, the largest that it is a corner of,
+(`runtime/mechanics/compliance/surface_compliance.py`). In two cells at each contact node i, the largest that it is a
+corner of,
 
     H_ic = sum_v u_v (x) grad N_v = sum_j D_icj phi_j.
 
@@ -25,7 +26,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.compiled import compiled
 from softprint.runtime.elasticity.materials import Material, make_material
 from softprint.runtime.lazy import lazy
-from softprint.runtime.mechanics.surface_compliance import CsrParts, SurfaceCompliance, csr_parts
+from softprint.runtime.mechanics.compliance.surface_compliance import CsrParts, SurfaceCompliance, csr_parts
 from softprint.runtime.mesh.mesh import Mesh
 
 #: Cells at each contact node. With two, a cone (tip of 2 mm, nodes 3.6 mm apart) meets a tenth more force where it is

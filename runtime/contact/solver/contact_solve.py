@@ -40,7 +40,7 @@ from softprint.runtime.contact.solver import contact_point_kernels
 from softprint.runtime.contact.solver import contact_solve_kernels as kernels
 from softprint.runtime.contact.solver.negative_curvature import modified_newton_change
 from softprint.runtime.lazy import lazy
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.linalg.means import means, numbered
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
+from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
 
 
 class GivenDisplacement:

@@ -36,8 +36,8 @@ from softprint.runtime.contact.stretched_gaps import BLUNT, bearing_share, longe
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.linalg.means import numbered
 from softprint.runtime.linalg.row_products import deformed_some, placed_some
+from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
 from softprint.runtime.mechanics.loaded_points import Gaps
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
 from softprint.runtime.mesh.mesh import Mesh
 from softprint.runtime.mesh.nearest_facets import grouped_by_place, nearest_of
 

@@ -34,7 +34,7 @@ from softprint.runtime.contact.solver.contact_solve_kernels import compliance_al
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
 from softprint.runtime.lazy import lazy
-from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.interpolated_compliance import InterpolatedCompliance
 
 # Points between nodes hardly move apart: the compliance among them is regularised by this fraction of its diagonal.
 _DAMPED = 0.1

@@ -22,7 +22,7 @@ from softprint.runtime.contact.solver import contact_point_kernels as point_kern
 from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
 from softprint.runtime.contact.solver.contact_solve import ContactSolution
 from softprint.runtime.linalg.means import means, shared
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 
 Floats = NDArray[np.floating[Any]]
 

@@ -27,7 +27,7 @@ from softprint.runtime.body.handle_sparsity import HandleSparsity
 from softprint.runtime.compiled import summing
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
 from softprint.runtime.mechanics.body_regions import BodyRegions
-from softprint.runtime.mechanics.null_space_compliance import rest_stiffness
+from softprint.runtime.mechanics.compliance.null_space_compliance import rest_stiffness
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
 
 Floats = NDArray[np.floating[Any]]

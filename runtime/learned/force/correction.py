@@ -1,5 +1,5 @@
 """The contact correction by learned forces: u_X = R_X sum_j G_Xj phi_j (see `model.py` and
-`runtime/mechanics/surface_compliance.py`).
+`runtime/mechanics/compliance/surface_compliance.py`).
 
 The network is evaluated at the points in contact, some tens; the displacement by their forces is a matrix product. So
 the far field satisfies the constraint of the null space at no extra cost. Dynamics does not use the correction: there
@@ -25,8 +25,8 @@ from softprint.runtime.learned.force.contact_state import ContactMeasurement
 from softprint.runtime.learned.force.evaluation import ForceEvaluation
 from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
 
 
 class ForceCorrection:

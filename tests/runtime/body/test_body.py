@@ -19,7 +19,7 @@ from softprint.runtime.body.surface_samples import sample_surface
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance, rest_stiffness
 from softprint.runtime.mesh import box_mesh, write_mesh
 
 AFFINE = 1e-10  # libigl's sparse solve reproduces affine maps to about 1e-13 on small meshes
@@ -223,7 +223,10 @@ def test_a_state_is_held_by_fixing_nodes(dim):
     response = NullSpaceCompliance(body).solve(forces)[..., 0]
     size = np.abs(response).max()
     assert np.abs(response[body.handles.points]).max() < 1e-9 * size  # round-off of the factorisation
-    assert np.abs(body.reduced_positions(body.project(body.mesh.points + response)) - body.mesh.points).max() < 1e-9
+    assert (
+        np.abs(body.reduced_positions(body.project(body.mesh.points + response)) - body.mesh.points).max()
+        < 1e-9
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -274,7 +277,9 @@ def test_frequencies_of_a_body_held_by_mass_are_those_of_the_body(dim):
         stiffness, mass = rest_stiffness(body), np.repeat(body.node_mass, dim)
         forces = -(stiffness @ points).reshape(n, dim, -1)
         moved = points + NullSpaceCompliance(body).solve(forces).reshape(n * dim, -1)
-        condensed = eigh(moved.T @ (stiffness @ moved), points.T @ (mass[:, None] * points), eigvals_only=True)
+        condensed = eigh(
+            moved.T @ (stiffness @ moved), points.T @ (mass[:, None] * points), eigvals_only=True
+        )
         free = np.setdiff1d(np.arange(n), body.handles.frame_nodes)
         free = (free[:, None] * dim + np.arange(dim)).ravel()
         whole = eigh(stiffness[free][:, free].toarray(), np.diag(mass[free]), eigvals_only=True)

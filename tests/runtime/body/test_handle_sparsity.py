@@ -14,8 +14,8 @@ from softprint.runtime.dynamics.terms.cell_group_blocks import CellGroupBlocks
 from softprint.runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.experiment import load_experiment
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.corotation import local_gradients
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.mesh import box_mesh
 

@@ -9,7 +9,7 @@ from softprint.runtime.colliders import RigidPose
 from softprint.runtime.contact import CoulombFriction
 from softprint.runtime.contact.condensed.compliant_friction import CompliantPoints, settle
 from softprint.runtime.contact.friction import LaggedContact
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 
 K, NODES, TIME_STEP = 5, 4, 0.01
 FORCE = 2.0  # N, on each point

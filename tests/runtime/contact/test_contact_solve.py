@@ -9,7 +9,7 @@ from softprint.runtime.colliders import Box, RigidPose, Sphere
 from softprint.runtime.contact.solver.candidates import PosedCollider
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
 from softprint.runtime.contact.solver.negative_curvature import modified_newton_change
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 
 A, STIFFNESS, RADIUS = 2e-3, 5e5, 0.02
 # Of one node.

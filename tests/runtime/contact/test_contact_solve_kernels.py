@@ -11,7 +11,7 @@ from softprint.runtime.contact.solver import contact_point_kernels as point_kern
 from softprint.runtime.contact.solver import contact_solve_kernels as solve_kernels
 from softprint.runtime.contact.solver.contact_solve import ContactProblem, ContactSolution
 from softprint.runtime.contact.solver.woodbury import WoodburyFactor
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 
 M, NODES = 9, 7
 N_ROWS = 7

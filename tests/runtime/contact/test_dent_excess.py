@@ -8,8 +8,8 @@ from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
 from softprint.runtime.contact.learned_energy.dent_strain import CELLS, DentStrain, largest_cells
 from softprint.runtime.elasticity.materials import make_material
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 
 FORCE = {2: 200.0, 3: 1.0}  # N: strains of some tenths
 

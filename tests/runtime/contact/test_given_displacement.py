@@ -5,9 +5,9 @@ import pytest
 
 from softprint.runtime.contact.solver.given_displacement import GivenDisplacement
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
-from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
 
 
 @pytest.fixture

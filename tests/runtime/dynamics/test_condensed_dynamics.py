@@ -26,8 +26,8 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.force.correction import ForceCorrection
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.corotation import local_gradients, mean_gradients
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.mesh import box_mesh
 

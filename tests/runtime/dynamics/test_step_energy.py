@@ -21,7 +21,7 @@ from softprint.runtime.dynamics.step import held_hardening
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.elasticity.displacement_field import CorrectionField
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.mesh import box_mesh
 

@@ -473,7 +473,7 @@ INPUTS = {
             rng.normal(size=(4, dim)),
         ),
     },
-    "mechanics.surface_compliance_kernels": {
+    "mechanics.compliance.surface_compliance_kernels": {
         "apply": compliance,
         "gathered": lambda rng, dim: (rng.normal(size=(M, M, dim, dim)).astype(np.float32), some(rng)),
         "submatrix": lambda rng, dim: (symmetric_matrix(rng, M * dim), some(rng), dim),

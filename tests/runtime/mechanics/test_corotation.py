@@ -11,8 +11,8 @@ from softprint.runtime.dynamics.corrected_points import CorrectedPoints
 from softprint.runtime.dynamics.terms.condensed_elastic import CondensedElasticEnergy
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.elasticity.elastic_energy import elastic_gradient
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.corotation import Corotation, corotation_gradients, mean_gradients
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.mesh import box_mesh
 from tests.runtime.mechanics.test_static_condensation import internal_equilibrium

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
-from softprint.runtime.mechanics.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.interpolated_compliance import InterpolatedCompliance
+from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 from softprint.runtime.mesh.mesh import facet_vectors
 
 EVERY_NODE = 10_000

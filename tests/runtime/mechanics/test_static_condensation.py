@@ -10,8 +10,8 @@ from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.body.rotations import nearest_rotation, rotation_exponential
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.elasticity.elastic_energy import elastic_gradient, element_hessians
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.corotation import local_gradients, mean_gradients
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.position_bounds import PositionBounds
 from softprint.runtime.mechanics.static_condensation import (
     compute_static_condensation,

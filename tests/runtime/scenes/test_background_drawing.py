@@ -15,7 +15,7 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.force.correction import ForceCorrection
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
+from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
 from softprint.runtime.scenes.background_drawing import BackgroundDrawing
 from softprint.runtime.scenes.playing import ReducedModel
 from softprint.runtime.scenes.speed import measure, speed_table

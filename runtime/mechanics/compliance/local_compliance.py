@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray, same
-from softprint.runtime.mechanics.surface_compliance_kernels import displacement, gathered
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import displacement, gathered
 
 # Nodes whose rows and columns are cached. The cache grows where a single request needs more.
 _ROOM = 768

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-from softprint.runtime.mechanics import surface_compliance as module
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
-from softprint.runtime.mechanics.surface_compliance import compute_surface_compliance, n_columns
-from softprint.runtime.mechanics.surface_compliance_arrays import surface_compliance_arrays, take_compliance
+from softprint.runtime.mechanics.compliance import surface_compliance as module
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance import compute_surface_compliance, n_columns
+from softprint.runtime.mechanics.compliance.surface_compliance_arrays import (
+    surface_compliance_arrays,
+    take_compliance,
+)
 
 
 @pytest.fixture

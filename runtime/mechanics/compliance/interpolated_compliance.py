@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray, same
+from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
-from softprint.runtime.mechanics.surface_compliance_kernels import NodalCompliance
 
 
 class InterpolatedCompliance:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from softprint.runtime.mechanics.surface_compliance import SurfaceCompliance
+from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance
 
 _NAMES = (
     "nodes",

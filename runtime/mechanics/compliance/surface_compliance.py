@@ -34,8 +34,8 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.farthest_points import farthest_points
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.mechanics import surface_compliance_kernels
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance import surface_compliance_kernels
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 
 #: Row starts, columns and entries of a sparse matrix.
 CsrParts = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[Any]]

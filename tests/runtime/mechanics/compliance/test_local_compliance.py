@@ -5,7 +5,7 @@ from multiprocessing.reduction import ForkingPickler
 import numpy as np
 import pytest
 
-from softprint.runtime.mechanics.local_compliance import LocalCompliance
+from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
 
 N_NODES = 600  # more than are kept at once
 

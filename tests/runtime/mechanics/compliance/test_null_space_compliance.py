@@ -6,7 +6,7 @@ import scipy.linalg as sl
 
 from softprint.runtime.body import assemble_body, frame_in_box, place_handles
 from softprint.runtime.elasticity import make_material
-from softprint.runtime.mechanics.null_space_compliance import NullSpaceCompliance, rest_stiffness
+from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance, rest_stiffness
 from softprint.runtime.mesh import box_mesh
 
 
