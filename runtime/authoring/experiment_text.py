@@ -101,7 +101,7 @@ points = {settings.points}                                       # more: nearer 
 frames = [{{ name = "base", box = {_table(settings.hold)} }}]
 
 [body.material]
-model = "stable_neo_hookean"
+model = "invertible_neo_hookean"
 {sag}
 young = {_number(settings.young)}
 poisson = {POISSON}

@@ -9,6 +9,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.compliance.spread_compliance import compute_spread_compliance
 from softprint.runtime.mechanics.compliance.surface_compliance import (
     SurfaceCompliance,
     compute_surface_compliance,
@@ -18,10 +19,13 @@ from softprint.runtime.mechanics.static_condensation import StaticCondensation, 
 
 class BodyMechanics(NamedTuple):
     """compliance: response to forces on the surface, None for penalty contact at the surface samples; condensation:
-    response to the reduced state and gravity, None where the reduced positions are U q alone."""
+    response to the reduced state and gravity, None where the reduced positions are U q alone; spread: response to
+    forces that are spread in the body under its contact nodes, which learned corrections use, None with no
+    compliance."""
 
     compliance: SurfaceCompliance | None
     condensation: StaticCondensation | None
+    spread: SurfaceCompliance | None = None
 
     @property
     def surface_compliance(self) -> SurfaceCompliance:
@@ -31,6 +35,15 @@ class BodyMechanics(NamedTuple):
                 "these mechanics have no surface compliance: make them with `compute_mechanics`"
             )
         return self.compliance
+
+    @property
+    def spread_compliance(self) -> SurfaceCompliance:
+        """The spread compliance. Raises SoftprintError where there is none."""
+        if self.spread is None:
+            raise SoftprintError(
+                "these mechanics have no spread compliance: make them with `compute_mechanics`"
+            )
+        return self.spread
 
     def under(self, gravity: Array) -> BodyMechanics:
         """The same body under another gravity (dim,) [m/s^2]."""
@@ -46,9 +59,12 @@ def compute_mechanics(
     progress: Callable[[int], None] | None = None,
 ) -> BodyMechanics:
     """The mechanics of a body. contact_nodes: the largest number of contact nodes; condensation: whether to compute
-    static condensation; gravity: (dim,) [m/s^2]; progress: see `compute_surface_compliance`."""
+    static condensation; gravity: (dim,) [m/s^2]; progress: called with the number of columns done, of `n_columns` in
+    all."""
     response = NullSpaceCompliance(body)
+    surface = compute_surface_compliance(body, response, contact_nodes, progress)
     return BodyMechanics(
-        compute_surface_compliance(body, response, contact_nodes, progress),
+        surface,
         compute_static_condensation(body, gravity, response) if condensation else None,
+        compute_spread_compliance(body, response, surface, progress),
     )

@@ -26,9 +26,10 @@ from softprint.runtime.mechanics.compliance.surface_compliance_arrays import (
 )
 from softprint.runtime.mechanics.static_condensation import condensation_arrays, take_condensation
 
-KIND, VERSION = "mechanics", 2
+KIND, VERSION = "mechanics", 3
 REMEDY = "make it again with `softprint mechanics`"
 PATTERN = "mechanics_*.safetensors"
+_SURFACE, _SPREAD = "compliance", "spread"
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,7 @@ def save_mechanics(
     arrays, internal = _arrays(mechanics), mechanics.condensation
     header = MechanicsHeader(
         body_hash=body.content_hash,
-        contact_nodes=len(mechanics.surface_compliance.nodes)
-        if contact_nodes is None
-        else contact_nodes,
+        contact_nodes=len(mechanics.surface_compliance.nodes) if contact_nodes is None else contact_nodes,
         gravity=[] if internal is None else internal.gravity.tolist(),
         static_condensation=internal is not None,
         content_hash=content_hash(arrays),
@@ -110,7 +109,8 @@ def as_saved(mechanics: BodyMechanics) -> BodyMechanics:
 
 
 def _arrays(mechanics: BodyMechanics) -> dict[str, NDArray[Any]]:
-    arrays = surface_compliance_arrays(mechanics.surface_compliance)
+    arrays = surface_compliance_arrays(mechanics.surface_compliance, _SURFACE)
+    arrays |= surface_compliance_arrays(mechanics.spread_compliance, _SPREAD)
     if mechanics.condensation is not None:
         arrays |= condensation_arrays(mechanics.condensation)
     return arrays
@@ -118,7 +118,8 @@ def _arrays(mechanics: BodyMechanics) -> dict[str, NDArray[Any]]:
 
 def _mechanics(arrays: Mapping[str, NDArray[Any]]) -> BodyMechanics:
     left = dict(arrays)
-    return BodyMechanics(take_compliance(left), take_condensation(left))
+    surface, spread = (take_compliance(left, prefix) for prefix in (_SURFACE, _SPREAD))
+    return BodyMechanics(surface, take_condensation(left), spread)
 
 
 def _read(path: Path) -> tuple[MechanicsHeader, dict[str, NDArray[Any]]]:

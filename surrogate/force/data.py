@@ -21,6 +21,7 @@ from softprint.runtime.learned.force.model import ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.truth.truth_file import TruthData
 from softprint.surrogate.data.touching import touching_samples
+from softprint.surrogate.force.loads import Loads
 from softprint.surrogate.force.loss import ForceMetric
 
 
@@ -28,9 +29,9 @@ from softprint.surrogate.force.loss import ForceMetric
 class ForceData:
     """s samples, padded to the largest number m of contact points. sample: (s,) their rows of the truth file; local:
     (s, m, n_local); depth: (s,); force: (s, m, dim); lever: (s, m, DIRECTIONS, dim); present: (s, m) 1 at contact
-    points, 0 in the padding; nodes: (s, n) the contact nodes that their forces act on, n_nodes (s,) of them and then
-    padding; corners: (s, m, c) which of these, and shares: (s, m, c), see `LoadedPoints`; h: (s, m, dim) and squared:
-    (s,), the h and c of `loss.py` with the edge term; volume_h, volume_squared: the same without it."""
+    points, 0 in the padding; loads: (s, n), n_loads (s,) of them and then padding, corners and shares: (s, m, c), and
+    anchors and anchor_shares: (s, k, a), see `Loads`; h: (s, m, 2 dim) and squared: (s,), the h and c of `loss.py` with
+    the edge term, of forces on points and spread around them; volume_h, volume_squared: the same without it."""
 
     sample: Tensor
     local: Tensor
@@ -38,10 +39,12 @@ class ForceData:
     force: Tensor
     lever: Tensor
     present: Tensor
-    nodes: Tensor
-    n_nodes: Tensor
+    loads: Tensor
+    n_loads: Tensor
     corners: Tensor
     shares: Tensor
+    anchors: Tensor
+    anchor_shares: Tensor
     h: Tensor
     squared: Tensor
     volume_h: Tensor
@@ -69,23 +72,20 @@ def read_force_data(
     """The given rows of a truth file. Samples in which the reduced body has no contact are dropped; None where no other
     is left. internal: correction of the body, which contact sees."""
     probe = ContactStateProbe(body, collider, mechanics, options.law, options.band, options.learned, internal)
-    loaded = probe.contact.loaded
     gradient = body.node_points().basis_gradient
     state = -1
     columns: list[tuple[Tensor, ...]] = []
     for sample, rows, _pose, contact in touching_samples(truth, samples, probe, progress):
-        if not len(contact.index):  # only sharp points of the collider touch
+        if not len(contact.index):
             continue
         if truth.sample_state[sample] != state:
             state = truth.sample_state[sample]
             to_rest = nearest_rotations(rows.T @ gradient).swapaxes(1, 2)
         u = truth.displacement(sample).astype(np.float64)
         w = (to_rest @ u[..., None])[..., 0]
-        if contact.pressed is not None:  # what is learned is added to this
-            w -= mechanics.surface_compliance.apply(*contact.pressed)
-        nodes, corners, shares = loaded.among(contact.index)
-        at_nodes, squared, volume_at_nodes, volume_squared = metric.of_field(w, nodes)
-        h, volume_h = ((shares[..., None] * at[corners]).sum(axis=1) for at in (at_nodes, volume_at_nodes))
+        loads = Loads.of(contact.loaded, contact.index, mechanics.spread_compliance)
+        at_loads, squared, volume_at_loads, volume_squared = metric.of_field(w, loads.loads)
+        h, volume_h = (loads.to_points(at) for at in (at_loads, volume_at_loads))
         columns.append(
             (
                 torch.tensor(sample),
@@ -94,10 +94,12 @@ def read_force_data(
                 torch.from_numpy(contact.force).float(),
                 torch.from_numpy(contact.lever).float(),
                 torch.ones(len(contact.index)),
-                torch.from_numpy(nodes),
-                torch.tensor(len(nodes)),
-                torch.from_numpy(corners),
-                torch.from_numpy(shares).float(),
+                torch.from_numpy(loads.loads),
+                torch.tensor(len(loads.loads)),
+                torch.from_numpy(loads.corners),
+                torch.from_numpy(loads.shares).float(),
+                torch.from_numpy(loads.anchors),
+                torch.from_numpy(loads.anchor_shares).float(),
                 torch.from_numpy(h).float(),
                 torch.tensor(squared),
                 torch.from_numpy(volume_h).float(),
@@ -107,7 +109,7 @@ def read_force_data(
     if not columns:
         return None
     names = list(ForceData.__dataclass_fields__)
-    whole, numbers = {"sample", "depth", "n_nodes", "squared", "volume_squared"}, {"sample", "n_nodes"}
+    whole, numbers = {"sample", "depth", "n_loads", "squared", "volume_squared"}, {"sample", "n_loads"}
     stacked = (
         torch.stack(column).to(column[0].dtype if name in numbers else torch.float32)
         if name in whole
@@ -118,7 +120,7 @@ def read_force_data(
 
 
 def join_force_data(parts: Sequence[ForceData]) -> ForceData:
-    """Concatenate the samples of all parts, padded to the largest number of contact points and nodes."""
+    """Concatenate the samples of all parts, padded to the largest number of contact points and loads."""
     columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(ForceData)}
     return ForceData(**{name: _joined(column) for name, column in columns.items()})
 

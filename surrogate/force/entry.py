@@ -64,7 +64,7 @@ def metric(data: TrainingData, spec: ModelSpec) -> ForceMetric:
     """The error norm; one for each number of contact nodes."""
     return data.once(
         ("force metric", spec.contact_nodes),
-        lambda: ForceMetric(data.body, mechanics(data, spec).surface_compliance, data.spec.edge_weight),
+        lambda: ForceMetric(data.body, mechanics(data, spec), data.spec.edge_weight),
     )
 
 
@@ -78,7 +78,10 @@ def internal_below(data: TrainingData, spec: ModelSpec) -> InternalField | None:
     """The internal correction that the model is added to, from the run directory; None for none."""
     if not spec.added_to:
         return None
-    path, gravity = internal_path(data.context.out_dir, spec.added_to), data.context.experiment.dynamics.gravity
+    path, gravity = (
+        internal_path(data.context.out_dir, spec.added_to),
+        data.context.experiment.dynamics.gravity,
+    )
     return data.once(
         ("internal", spec.added_to),
         lambda: internal_correction(load_internal(path, data.body), data.body, gravity),

@@ -1,15 +1,17 @@
-"""The loss of learned contact forces: an error over the whole volume, evaluated at the active contact nodes only.
+"""The loss of learned contact forces: an error over the whole volume, evaluated at the loads of the contact alone.
 
 The displacement is linear in the contact forces phi. Pulled back to rest coordinates, with w = F^-1 u of the truth,
 
     |G^T phi - w|_M^2 = phi^T Gamma phi - 2 phi^T h + c,    Gamma = G M G^T,    h = G M w,    c = w^T M w,
 
-with phi the forces on contact nodes: those on contact points act on the nodes of their facets (`on_nodes`). M holds
-both terms of thesis 5.3.1: node volumes, and the graph Laplacian of the surface edges,
+with phi the forces on contact nodes, followed by those that are spread around anchors, and G the columns of both:
+forces on contact points act on the nodes of their facets, and from there on the anchors between which spread forces are
+interpolated (`loads.py`). M holds both terms of thesis 5.3.1: node volumes, and the graph Laplacian of the surface
+edges,
 
     w^T M w = sum_i V_i |w_i|^2 / sum V + edge_weight * sum_edges |w_a - w_b|^2 / n_edges.
 
-Gamma depends on the body only; for each sample, only c and h at its contact nodes are stored. The loss is the mean
+Gamma depends on the body only; for each sample, only c and h at its contact points are stored. The loss is the mean
 over samples of
 
     |G^T phi - w|_M^2 / (c + kappa <c>),
@@ -31,16 +33,16 @@ from torch import Tensor
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 
 # Rows of Gamma computed together. Only the upper half is computed (diagonal blocks in full), the rest is mirrored.
 _PANEL = 1024
 
 
 class ForceMetric:
-    """Gamma of a body, with and without the edge term: (n_contact, n_contact, dim, dim) float32."""
+    """Gamma of a body, with and without the edge term: (n, n, dim, dim) float32, of n = n_contact + n_anchors loads."""
 
-    def __init__(self, body: ReducedBody, compliance: SurfaceCompliance, edge_weight: float) -> None:
+    def __init__(self, body: ReducedBody, mechanics: BodyMechanics, edge_weight: float) -> None:
         mesh = body.mesh
         volume = sp.diags(mesh.node_volumes / mesh.node_volumes.sum())
         edges = mesh.surface_edges
@@ -50,7 +52,8 @@ class ForceMetric:
         )
         laplacian = difference.T @ difference / len(edges)
         self._volume, self._both = volume.tocsr(), (volume + edge_weight * laplacian).tocsr()
-        self._columns = compliance.dense()
+        columns = mechanics.surface_compliance.dense(), mechanics.spread_compliance.operator
+        self._columns = np.concatenate(columns)
         self.volume_gamma = self._gamma(self._volume)
         self.gamma = self._gamma(self._both)
 
@@ -71,26 +74,18 @@ class ForceMetric:
         blocks = gamma.reshape(n_contact, dim, n_contact, dim).transpose(0, 2, 1, 3)
         return torch.from_numpy(np.ascontiguousarray(blocks))
 
-    def of_field(self, field: Array, nodes: IntArray) -> tuple[Array, float, Array, float]:
-        """(h, c, volume_h, volume_c) of a field w (n_nodes, dim): h (m, dim) at contact nodes (m,) and c with the edge
-        term, then both without it."""
-        rows = self._columns[nodes].reshape(len(nodes) * field.shape[1], -1)
+    def of_field(self, field: Array, loads: IntArray) -> tuple[Array, float, Array, float]:
+        """(h, c, volume_h, volume_c) of a field w (n_nodes, dim): h (m, dim) at loads (m,) and c with the edge term,
+        then both without it."""
+        rows = self._columns[loads].reshape(len(loads) * field.shape[1], -1)
         both, volume = self._both @ field, self._volume @ field
         weighted = np.stack([both.ravel(), volume.ravel()], axis=1).astype(np.float32)
-        h, volume_h = (rows @ weighted).T.reshape(2, len(nodes), -1)
+        h, volume_h = (rows @ weighted).T.reshape(2, len(loads), -1)
         return h, float(np.vdot(field, both)), volume_h, float(np.vdot(field, volume))
 
 
-def on_nodes(phi: Tensor, corners: Tensor, shares: Tensor, n: int) -> Tensor:
-    """Forces (b, n, dim) on contact nodes by forces phi (b, m, dim) on contact points; corners, shares: (b, m, c)."""
-    b, _, dim = phi.shape
-    shared = (shares[..., None] * phi[:, :, None]).reshape(b, -1, dim)
-    at = corners.reshape(b, -1, 1).expand(-1, -1, dim)
-    return phi.new_zeros(b, n, dim).scatter_add(1, at, shared)
-
-
 def quadratic_form(blocks: Iterable[Tensor], phi: Tensor) -> Tensor:
-    """phi^T Gamma phi (b,) of samples with forces phi (b, n, dim) on their contact nodes, padded; blocks: of each, see
+    """phi^T Gamma phi (b,) of samples with forces phi (b, n, dim) on their loads, padded; blocks: of each, see
     `sample_blocks.py`.
 
     Computed as 2 phi . p - p . phi' with p = Gamma phi and phi' detached. Its derivative is 2 p, and autograd records

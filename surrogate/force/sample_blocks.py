@@ -5,23 +5,23 @@ from __future__ import annotations
 from torch import Tensor
 
 # Bytes of the blocks that are kept for a set of samples.
-_KEPT = 500_000_000
+_KEPT = 2_000_000_000
 
 
 class SampleBlocks:
-    """Gamma among the contact nodes of each of s samples, (m dim, m dim) in the order of nodes and axes. Training asks
+    """Gamma among the loads of each of s samples, (m dim, m dim) in the order of loads and axes. Training asks
     for the same blocks hundreds of times, and gathering one from Gamma costs ten times what a product with it does: so
-    blocks are kept, as far as they take little memory. nodes: (s, n) contact nodes of each sample, the first `count`
-    (s,) of them."""
+    blocks are kept, as far as they take little memory. loads: (s, n) of each sample, the first `count` (s,) of
+    them."""
 
-    def __init__(self, gamma: Tensor, nodes: Tensor, count: Tensor) -> None:
-        self._gamma, self._nodes, self._count = gamma, nodes, count
+    def __init__(self, gamma: Tensor, loads: Tensor, count: Tensor) -> None:
+        self._gamma, self._loads, self._count = gamma, loads, count
         self._left, self._kept = _KEPT, dict[int, Tensor]()
 
     def _gathered(self, k: int) -> Tensor:
-        nodes = self._nodes[k, : int(self._count[k])]
-        size = len(nodes) * self._gamma.shape[-1]
-        return self._gamma[nodes[:, None], nodes].permute(0, 2, 1, 3).reshape(size, size).contiguous()
+        loads = self._loads[k, : int(self._count[k])]
+        size = len(loads) * self._gamma.shape[-1]
+        return self._gamma[loads[:, None], loads].permute(0, 2, 1, 3).reshape(size, size).contiguous()
 
     def __getitem__(self, k: int) -> Tensor:
         if k in self._kept:

@@ -8,11 +8,13 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from softprint.runtime.learned.force.confidence import contact_measures, squared_ratio
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.surrogate.force.data import ForceData
-from softprint.surrogate.force.loss import ForceMetric, on_nodes, quadratic_form
+from softprint.surrogate.force.loads import on_loads
+from softprint.surrogate.force.loss import ForceMetric, quadratic_form
 from softprint.surrogate.force.sample_blocks import SampleBlocks
 from softprint.surrogate.learning_task import HeldOutError, seeded, some_samples
 
@@ -37,7 +39,7 @@ class Samples:
         """All of them, on their device."""
         device = data.depth.device
         both, volume = (
-            SampleBlocks(gamma.to(device), data.nodes, data.n_nodes)
+            SampleBlocks(gamma.to(device), data.loads, data.n_loads)
             for gamma in (metric.gamma, metric.volume_gamma)
         )
         return cls(data, torch.arange(len(data), device=device), both, volume)
@@ -132,7 +134,7 @@ class ForceTask:
         """The weighted mean squared error in the norm M, relative to the weighted mean square of the displacement. The
         confidence factor is that of training, 1."""
         data, rows = self._learned.data, self._learned.rows[index]
-        phi = _forces(data, rows) + _correction(model, data, rows)
+        phi = _both_ways(_forces(data, rows)) + _correction(model, data, rows)
         error = _squared_error(self._learned, phi, rows, volume_only=False)
         return (error * self._weight[index]).mean()
 
@@ -153,8 +155,9 @@ class ForceTask:
             force, correction = _forces(data, index), _correction(model, data, index)
             z, depth = _normalised(model, data, index)
             correction = model.confidence(z, depth, force, correction) * correction
+            whole = _both_ways(force)
             missed, found = (
-                _squared_error(judged, phi, index, volume_only=True) for phi in (force, force + correction)
+                _squared_error(judged, phi, index, volume_only=True) for phi in (whole, whole + correction)
             )
             square = _quadratic(judged, correction, index, volume_only=True)
             parts.append(Gains(missed, 0.5 * (missed + square - found), square, data.volume_squared[index]))
@@ -193,8 +196,13 @@ def _forces(data: ForceData, index: Tensor) -> Tensor:
     return data.force[index, :m] * data.present[index, :m, None]
 
 
+def _both_ways(force: Tensor) -> Tensor:
+    """Forces (b, m, dim) on points, and none spread around them (b, m, 2 dim)."""
+    return pad(force, (0, force.shape[-1]))
+
+
 def _correction(model: ForceModel, data: ForceData, index: Tensor) -> Tensor:
-    """c (b, m, dim) of some samples, without the confidence factor, zero in the padding."""
+    """c (b, m, 2 dim) of some samples, without the confidence factor, zero in the padding."""
     m = _points(data, index)
     local, force, lever = data.local[index, :m], data.force[index, :m], data.lever[index, :m]
     return model.correction(local, data.depth[index], force, lever) * data.present[index, :m, None]
@@ -218,11 +226,14 @@ def _unfamiliarity(model: ForceModel, samples: Samples) -> tuple[Tensor, Tensor]
 
 
 def _quadratic(samples: Samples, phi: Tensor, index: Tensor, volume_only: bool) -> Tensor:
-    """|G^T phi|^2 (b,) of forces on contact points (b, m, dim)."""
+    """|G^T phi|^2 (b,) of forces on contact points and around them (b, m, 2 dim)."""
     data, m = samples.data, phi.shape[1]
     blocks = samples.volume_blocks if volume_only else samples.blocks
-    n = int(data.n_nodes[index].max())
-    forces = on_nodes(phi, data.corners[index, :m], data.shares[index, :m], n)
+    n = int(data.n_loads[index].max())
+    points, nodes = (index, slice(m)), (index, slice(n))
+    forces = on_loads(
+        phi, data.corners[points], data.shares[points], data.anchors[nodes], data.anchor_shares[nodes], n
+    )
     return quadratic_form((blocks[k] for k in index.tolist()), forces)
 
 

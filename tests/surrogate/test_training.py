@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import pad
 
 from softprint.runtime.body import ReducedBody
 from softprint.runtime.colliders import RigidPose, Sphere
@@ -33,7 +34,8 @@ from softprint.surrogate.data.folds import folds_of
 from softprint.surrogate.data.splits import split_by_state
 from softprint.surrogate.force.crossed import CrossedForceTask
 from softprint.surrogate.force.data import ForceData, read_force_data
-from softprint.surrogate.force.loss import ForceMetric, on_nodes, quadratic_form
+from softprint.surrogate.force.loads import on_loads
+from softprint.surrogate.force.loss import ForceMetric, quadratic_form
 from softprint.surrogate.force.sample_blocks import SampleBlocks
 from softprint.surrogate.force.task import ForceTask
 from softprint.surrogate.learning_task import HeldOutError
@@ -59,13 +61,14 @@ def mechanics(jelly2d_body):
 @pytest.fixture(scope="module")
 def truth_path(jelly2d_body: ReducedBody, mechanics, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A truth file whose field is a smooth function of contact: linear elasticity with contact forces 1.3
-    times too large, and some more to the side. Sample 3 failed, and the last of contact 5 jumped."""
+    times too large, and some more to the side, and with some spread in the body. Sample 3 failed, and the last of
+    contact 5 jumped."""
     body, rng = jelly2d_body, np.random.default_rng(0)
     top = float(body.mesh.points[:, -1].max())
     probe = ContactStateProbe(body, BALL, mechanics, OPTIONS.law, OPTIONS.band)
     correction = ForceCorrection("truth", ForceModel(OPTIONS, 2, body.n_rows), body, BALL, mechanics)
     teacher = correction.model
-    teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0, 0.0])
+    teacher.network.head.bias.data[:] = torch.tensor([0.3, 0.05, 0.0, 0.0, 0.1, 0.02, 0.0, 0.0])
     teacher.traction_scale.fill_(50.0)
     static = StaticCorrection(correction, body)
     states, contacts, samples = [], [], []
@@ -130,7 +133,7 @@ def truth(truth_path: Path, jelly2d_body: ReducedBody):
 
 def force_task(truth: TruthData, body: ReducedBody, mechanics, edge_weight: float = 0.3) -> ForceTask:
     split = split_by_state(truth, "ball", 1)
-    metric = ForceMetric(body, mechanics.compliance, edge_weight)
+    metric = ForceMetric(body, mechanics, edge_weight)
     data = [
         read_force_data(truth, body, BALL, mechanics, OPTIONS, metric, part)
         for part in (split.train, split.validation)
@@ -172,14 +175,17 @@ def test_split_holds_out_states_and_counts_what_is_left_out(truth):
 
 
 def test_force_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
-    """phi^T Gamma phi - 2 phi^T h + c against the fields themselves, at random forces."""
+    """phi^T Gamma phi - 2 phi^T h + c against the fields themselves, at random forces on contact nodes, and around
+    anchors."""
     body, edge_weight = jelly2d_body, 0.7
-    metric = ForceMetric(body, mechanics.compliance, edge_weight)
+    metric = ForceMetric(body, mechanics, edge_weight)
     rng = np.random.default_rng(1)
-    nodes = np.array([3, 7, 8])
-    phi, w = rng.standard_normal((3, 2)), 1e-3 * rng.standard_normal((body.n_nodes, 2))
-    h, c, volume_h, volume_c = metric.of_field(w, nodes)
-    missed = np.einsum("lanb,la->nb", mechanics.compliance.dense()[nodes], phi) - w
+    nodes, anchors = np.array([3, 7, 8]), np.array([1, 4])
+    loads = np.concatenate([nodes, len(mechanics.compliance.nodes) + anchors])
+    phi, w = rng.standard_normal((5, 2)), 1e-3 * rng.standard_normal((body.n_nodes, 2))
+    h, c, volume_h, volume_c = metric.of_field(w, loads)
+    columns = np.concatenate([mechanics.compliance.dense()[nodes], mechanics.spread.operator[anchors]])
+    missed = np.einsum("lanb,la->nb", columns, phi) - w
     volumes, edges = body.mesh.node_volumes, body.mesh.surface_edges
     volume_error = float(volumes @ (missed**2).sum(1) / volumes.sum())
     edge_error = float(((missed[edges[:, 0]] - missed[edges[:, 1]]) ** 2).sum() / len(edges))
@@ -187,23 +193,26 @@ def test_force_metric_is_the_error_of_the_field(truth, jelly2d_body, mechanics):
         (metric.volume_gamma, volume_h, volume_c, volume_error),
         (metric.gamma, h, c, volume_error + edge_weight * edge_error),
     ):
-        block = gamma[nodes][:, nodes].double().numpy()
+        block = gamma[loads][:, loads].double().numpy()
         value = np.einsum("xi,xyij,yj->", phi, block, phi) - 2.0 * (phi * linear).sum() + constant
         assert value == pytest.approx(expected, rel=1e-5)  # Gamma is float32
 
 
 @pytest.mark.parametrize("points", [0, 1, 2], ids=["at nodes", "on facets", "two along a facet"])
 def test_error_of_forces_on_contact_points_is_that_of_their_field(truth, jelly2d_body, mechanics, points):
-    """Of linear mechanics, whose field a correction without training draws."""
+    """Of forces on the points and spread around them, that a network with any weights has."""
     body, options = (
         jelly2d_body,
         replace(OPTIONS, refinement=min(points, 1), reduced_refinement=max(points, 1)),
     )
     samples = split_by_state(truth, "ball", 1).validation
-    metric = ForceMetric(body, mechanics.compliance, 0.3)
+    metric = ForceMetric(body, mechanics, 0.3)
     data = read_force_data(truth, body, BALL, mechanics, options, metric, samples)
     task = ForceTask.of(options, metric, data, data, body.n_rows)
-    model = ForceModel(options, 2, body.n_rows)
+    model = task.fresh_model(0)
+    with torch.no_grad():
+        torch.manual_seed(4)
+        model.network.head.weight.copy_(0.1 * torch.randn_like(model.network.head.weight))
     static = StaticCorrection(ForceCorrection("mechanics", model, body, BALL, mechanics), body)
     missed = whole = 0.0
     for sample in samples:
@@ -214,6 +223,8 @@ def test_error_of_forces_on_contact_points_is_that_of_their_field(truth, jelly2d
         volumes = body.mesh.node_volumes[:, None, None]
         missed += (volumes * (found - expected) ** 2).sum()
         whole += (volumes * expected**2).sum()
+    linear = ForceTask.of(options, metric, data, data, body.n_rows).fresh_model(0)
+    assert abs(task.held_out_error(model).rms - task.held_out_error(linear).rms) > 0.01  # it says something
     # Gamma is float32.
     assert task.held_out_error(model).rms == pytest.approx(np.sqrt(missed / whole), rel=1e-3)
 
@@ -262,7 +273,7 @@ def test_training_sets_the_range_of_confidence(truth, jelly2d_body, mechanics):
     task = force_task(truth, jelly2d_body, mechanics)
     model = train(task, TrainingSettings(60, 8, 3e-3, 0.0, 2, 0)).model
     split = split_by_state(truth, "ball", 1)
-    metric = ForceMetric(jelly2d_body, mechanics.compliance, 0.3)
+    metric = ForceMetric(jelly2d_body, mechanics, 0.3)
     data = read_force_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.validation)
     z, depth = model.normalised(data.local), model.normalised_depth(data.depth)
     with torch.no_grad():
@@ -284,12 +295,12 @@ def test_shallow_contacts_have_weight_in_the_loss_of_force_models(truth, jelly2d
     of the mean squared displacement, where without the weights it would be a tenth."""
     task = force_task(truth, jelly2d_body, mechanics)
     split = split_by_state(truth, "ball", 1)
-    metric = ForceMetric(jelly2d_body, mechanics.compliance, 0.3)
+    metric = ForceMetric(jelly2d_body, mechanics, 0.3)
     data = read_force_data(truth, jelly2d_body, BALL, mechanics, OPTIONS, metric, split.train)
     c = data.squared.double()
     expected = c / (c + 0.1 * c.mean())
 
-    nothing = SimpleNamespace(correction=lambda _local, _depth, force, _lever: -force)
+    nothing = SimpleNamespace(correction=lambda _local, _depth, force, _lever: pad(-force, (0, 2)))
     losses = torch.stack([task.loss(nothing, torch.tensor([k])) for k in range(len(data))]).double()
     # Sums over samples are taken in single precision.
     torch.testing.assert_close(losses, expected / expected.mean(), rtol=1e-5, atol=0.0)
@@ -357,7 +368,7 @@ def test_forces_are_learned(truth, jelly2d_body, mechanics):
 
 def crossed_task(truth, body, mechanics, spoilt: bool = False) -> CrossedForceTask:
     """On all samples; spoilt: with labels of other samples, of which nothing can be learned."""
-    metric = ForceMetric(body, mechanics.compliance, 0.3)
+    metric = ForceMetric(body, mechanics, 0.3)
     samples = split_by_state(truth, "ball", 1).whole
     data = read_force_data(truth, body, BALL, mechanics, OPTIONS, metric, samples)
     if spoilt:
@@ -373,20 +384,26 @@ def with_missed(data: ForceData, metric: ForceMetric, sign: torch.Tensor) -> For
     changed = {}
     for prefix, gamma in (("", metric.gamma), ("volume_", metric.volume_gamma)):
         h, c = getattr(data, f"{prefix}h"), getattr(data, f"{prefix}squared")
-        blocks = SampleBlocks(gamma, data.nodes, data.n_nodes)
-        force = data.force * data.present[..., None]
-        nodes = on_nodes(force, data.corners, data.shares, data.nodes.shape[1])
-        product = torch.zeros_like(nodes)
-        for k, count in enumerate(data.n_nodes.tolist()):
-            product[k, :count] = (blocks[k] @ nodes[k, :count].flatten()).view(count, -1)
-        corner = torch.take_along_dim(product[:, None], data.corners[..., None], 2)
-        a = (data.shares[..., None] * corner).sum(2)
-        own = (nodes * product).sum((1, 2))
+        blocks = SampleBlocks(gamma, data.loads, data.n_loads)
+        force = pad(data.force * data.present[..., None], (0, 2))
+        places = data.corners, data.shares, data.anchors, data.anchor_shares
+        loads = on_loads(force, *places, data.loads.shape[1])
+        product = torch.zeros_like(loads)
+        for k, count in enumerate(data.n_loads.tolist()):
+            product[k, :count] = (blocks[k] @ loads[k, :count].flatten()).view(count, -1)
+        around = shared_by(product, data.anchors, data.anchor_shares)
+        a = torch.cat([shared_by(at, data.corners, data.shares) for at in (product, around)], dim=2)
+        own = (loads * product).sum((1, 2))
         missed = c - 2.0 * (force * h).sum((1, 2)) + own
         cross = (force * (h - a)).sum((1, 2))
         changed[f"{prefix}h"] = (a + sign[:, None, None] * (h - a)) * data.present[..., None]
         changed[f"{prefix}squared"] = own + 2.0 * sign * cross + missed
     return replace(data, **changed)
+
+
+def shared_by(at: torch.Tensor, places: torch.Tensor, shares: torch.Tensor) -> torch.Tensor:
+    """sum_c shares_c at[places_c] (s, m, dim) of values (s, n, dim)."""
+    return (shares[..., None] * torch.take_along_dim(at[:, None], places[..., None], 2)).sum(2)
 
 
 def test_all_is_kept_of_what_was_learned_well(truth, jelly2d_body, mechanics):

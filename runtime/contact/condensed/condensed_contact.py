@@ -131,32 +131,33 @@ class CondensedContact:
         """The warm start from the solved contact that a state stores. frame: of the step in which it was solved."""
         if solved is None:
             return None
-        together = self._with(solved.pressed)
+        together = self.all_points(solved.pressed)
         return WarmStart(solved, together.compliance, together.stiffness, frame)
 
     def node_forces(self, solved: SolvedContact) -> tuple[IntArray, Array]:
         """The contact nodes (k,), ascending, that bear the forces of a solved contact, and these forces (k, dim) [N],
         in rest coordinates."""
-        return self._with(solved.pressed).loaded.to_nodes(solved.active, solved.rest_force)
+        return self.all_points(solved.pressed).loaded.to_nodes(solved.active, solved.rest_force)
 
     def drawn_forces(self, solved: SolvedContact, which: BoolArray | None = None) -> tuple[IntArray, Array]:
         """The same for `SolvedContact.drawn_force`, of some of its active points (m,), all by default."""
         index, force = solved.active, solved.drawn_force
         if which is not None:
             index, force = index[which], force[which]
-        return self._with(solved.pressed).loaded.to_nodes(index, force)
+        return self.all_points(solved.pressed).loaded.to_nodes(index, force)
 
     def moved(self, points: CorotatedPoints, rows: Array, poses: Poses, solved: SolvedContact) -> float:
         """How far [m] at most an active point of a solved contact moves beside its collider from there to handle rows
         (n_rows, dim), with the colliders at poses, without contact displacement."""
         b, names = solved.solution.active, solved.names
-        x = self._with(solved.pressed).in_frame(points).positions(rows, solved.active)
+        x = self.all_points(solved.pressed).in_frame(points).positions(rows, solved.active)
         before, after = ([at[name] for name in names] for at in (solved.poses, poses))
         follows, _ = carried(solved.deformed_position[b], solved.owner[b], before, after)
         return float(np.linalg.norm(x - solved.position[b] - follows, axis=1).max(initial=0.0))
 
-    def _with(self, pressed: PressedPoints | None) -> AllPoints:
-        """All contact points. The last are kept; this affects the cost and never the result."""
+    def all_points(self, pressed: PressedPoints | None) -> AllPoints:
+        """All contact points, while sharp points of colliders press some (`SolvedContact.pressed`). The last are kept;
+        this affects the cost and never the result."""
         if pressed is None or self.sharp is None:
             return AllPoints(None, self.loaded, self.compliance, self.stiffness, None)
         last = self._last[0] if self._last else None  # read once, as another thread may replace it
@@ -190,7 +191,7 @@ class CondensedContact:
         loaded, every, contact = self.loaded, points, None
         start = self.resume(solved, points)
         if solved is not None and start is not None:
-            together = self._with(solved.pressed)
+            together = self.all_points(solved.pressed)
             loaded, every = together.loaded, together.in_frame(points)
             colliders = (
                 PosedCollider(self.searches[name].collider, solved.poses[name]) for name in solved.names
@@ -221,7 +222,7 @@ class CondensedContact:
         if both is None:
             return None
         candidates, distance = both
-        together = self._with(pressed)
+        together = self.all_points(pressed)
         every = together.in_frame(points)
         problem = self._problem(every, together, rows, candidates, distance)
         if warm_start is None:
@@ -333,7 +334,7 @@ class CondensedContact:
         """The candidates on the facets and those pressed by sharp points, and their distance; None where nothing is
         inside. Colliders of which only sharp points touch are added to those near."""
         if pressed is not None:
-            every, names = self._with(pressed).in_frame(points), list(self.searches)
+            every, names = self.all_points(pressed).in_frame(points), list(self.searches)
             x = every.positions(rows, pressed.index)
             at = [poses[name] for name in names]
             distance = pressed.planes(slice(None)).placed(pressed.collider, at).value(x)

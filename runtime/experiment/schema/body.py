@@ -73,7 +73,7 @@ class MaterialRegionSpec(Section):
 class MaterialSpec(Section):
     """`[body.material]`: hyperelastic solid; plane strain in 2D."""
 
-    model: MaterialModel = Field("stable_neo_hookean", description="strain energy density")
+    model: MaterialModel = Field("invertible_neo_hookean", description="strain energy density")
     young: Positive = Field(description="Young's modulus [Pa]")
     poisson: Poisson = Field(description="Poisson's ratio, between -1 and 0.5, exclusive")
     density: Positive = Field(1000.0, description="density [kg/m^3] (kg/m^2 in 2D)")

@@ -90,8 +90,8 @@ class Confidence(nn.Module):
         return ((measures - self.centre) @ self.whitening.T).square().mean(-1).sqrt()
 
     def forward(self, z: Tensor, depth: Tensor, force: Tensor, correction: Tensor) -> Tensor:
-        """t (..., 1, 1) for inputs (..., m, n_local), depths (...), contact forces and their corrections (..., m,
-        dim)."""
+        """t (..., 1, 1) for inputs (..., m, n_local), depths (...), contact forces (..., m, dim) and their
+        corrections (..., m, 2 dim)."""
         far = self.distance(contact_measures(z, depth, force)) / self.farthest.clamp(min=_NOTHING)
         excess = squared_ratio(force, correction) / self.ceiling.square().clamp(min=_NOTHING)
         return (1.0 / (1.0 + far**_OF_DISTANCE) / (1.0 + excess ** (_OF_RATIO // 2)))[..., None, None]
@@ -111,7 +111,8 @@ def contact_measures(z: Tensor, depth: Tensor, force: Tensor) -> Tensor:
 
 
 def squared_ratio(force: Tensor, correction: Tensor) -> Tensor:
-    """rho^2 (...,) of contacts, for arguments (..., m, dim). The square, as rho has no derivative at a zero
+    """rho^2 (...,) of contacts, for forces (..., m, dim) and their corrections (..., m, 2 dim). The square, as rho has
+    no derivative at a zero
     correction."""
     whole = force.square().sum((-1, -2)).clamp(min=_NOTHING)
     return correction.square().sum((-1, -2)) / whole
@@ -126,7 +127,8 @@ class ConfidenceEvaluation:
         self._squared_ceiling = max(float(confidence.ceiling) ** 2, _NOTHING)
 
     def of(self, z: Floats, depth: float, force: Floats, correction: Floats) -> float:
-        """t for inputs (m, n_local), the depth, contact forces and their corrections (m, dim)."""
+        """t for inputs (m, n_local), the depth, contact forces (m, dim) and their
+        corrections (m, 2 dim)."""
         square = (force * force).sum(axis=1)
         size = np.sqrt(square)
         whole = max(float(size.sum()), _NOTHING)

@@ -1,5 +1,5 @@
-"""The contact correction by learned forces: u_X = R_X sum_j G_Xj phi_j (see `model.py` and
-`runtime/mechanics/compliance/surface_compliance.py`).
+"""The contact correction by learned forces: u_X = R_X sum_j (G_Xj phi_j + G~_Xj psi_j) (see `model.py` and
+`runtime/mechanics/compliance/`).
 
 The network is evaluated at the points in contact, some tens; the displacement by their forces is a matrix product. So
 the far field satisfies the constraint of the null space at no extra cost. Dynamics does not use the correction: there
@@ -21,12 +21,11 @@ from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction import require_body
-from softprint.runtime.learned.force.contact_state import ContactMeasurement
+from softprint.runtime.learned.force.contact_state import ContactMeasurement, shear_modulus
 from softprint.runtime.learned.force.evaluation import ForceEvaluation
 from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance
-from softprint.runtime.mechanics.loaded_points import LoadedPoints
 
 
 class ForceCorrection:
@@ -45,7 +44,8 @@ class ForceCorrection:
         self.name, self.collider, self.shape = name, collider.name, collider
         self.model, self.mechanics = model.eval(), mechanics
         self.law, self.band, self.learned = model.options.law, model.options.band, model.options.learned
-        self._compliance, self._body = mechanics.surface_compliance, body
+        self._compliance, self._spread = mechanics.surface_compliance, mechanics.spread_compliance
+        self._body = body
 
     def without_condensation(self) -> ForceCorrection:
         """See `ContactCorrection.without_condensation`."""
@@ -57,26 +57,26 @@ class ForceCorrection:
         distance, nodes = cKDTree(self._body.mesh.points).query(points.rest)
         if len(points) and distance.max() > 0.0:
             raise SoftprintError(f"correction {self.name!r} is evaluated at nodes of the body only")
-        measurement = ContactMeasurement(contact, name, self.shape, self.band)
-        compliance = self._compliance.at(np.asarray(nodes, dtype=np.int64))
+        measurement = ContactMeasurement(contact, name, self.shape, self.band, shear_modulus(self._body))
+        at = np.asarray(nodes, dtype=np.int64)
         return BoundForceCorrection(
-            ForceEvaluation(self.model), measurement, contact.loaded, compliance, points
+            ForceEvaluation(self.model), measurement, self._compliance.at(at), self._spread.at(at), points
         )
 
 
 class BoundForceCorrection:
-    """A force correction at n nodes; compliance: of these nodes."""
+    """A force correction at n nodes; compliance, spread: of these nodes."""
 
     def __init__(
         self,
         model: ForceEvaluation,
         measurement: ContactMeasurement,
-        loaded: LoadedPoints,
         compliance: SurfaceCompliance,
+        spread: SurfaceCompliance,
         points: MaterialPoints,
     ) -> None:
         self._model, self._measurement = model, measurement
-        self._loaded, self._compliance = loaded, compliance
+        self._compliance, self._spread = compliance, spread
         self._shape = points.rest.shape
         # In the precision of the model, as every evaluation reads all of it.
         gradient = points.basis_gradient.transpose(0, 2, 1).astype(model.dtype)
@@ -90,12 +90,15 @@ class BoundForceCorrection:
     def displacement(self, solved: SolvedContact, friction: FrictionForces | None = None) -> Array:
         """See `BoundContactCorrection`; zero where no point is inside the collider, but for friction."""
         state = self._measurement.measure(solved)
-        parts = [] if friction is None else [(friction.nodes, friction.drawn)]
-        if state is not None:
-            parts.append(self._loaded.to_nodes(state.index, self._model.forces(state)))
-            parts += [] if state.pressed is None else [state.pressed]
-        if not parts:
+        if state is None and friction is None:
             return np.zeros(self._shape)
+        parts = [] if friction is None else [(friction.nodes, friction.drawn)]
+        v = np.zeros(self._shape, dtype=self._model.dtype)
+        if state is not None:
+            on_points, around = np.split(self._model.forces(state), 2, axis=1)
+            parts.append(state.loaded.to_nodes(state.index, on_points))
+            nodes, forces = state.loaded.to_nodes(state.index, around)
+            v += self._spread.apply(nodes, forces.astype(v.dtype))
         nodes, forces = map(np.concatenate, zip(*parts, strict=True))
-        v = self._compliance.apply(nodes, forces.astype(self._model.dtype))
+        v += self._compliance.apply(nodes, forces.astype(v.dtype))
         return turned(v, self._gradient, solved.rows)

@@ -45,27 +45,28 @@ class ForceEvaluation:
         return self._mean.dtype
 
     def forces(self, contact: ContactState) -> Floats:
-        """phi (m, dim) [N] as of `ForceModel`, in the precision of the model."""
+        """phi and psi (m, 2 dim) [N] as of `ForceModel`, in the precision of the model."""
         correction, confidence = self._corrected(contact)
-        phi = contact.force + confidence * correction
-        return np.asarray(phi.astype(self.dtype))
+        forces = confidence * correction
+        forces[:, : contact.force.shape[1]] += contact.force
+        return np.asarray(forces.astype(self.dtype))
 
     def confidence(self, contact: ContactState) -> float:
         """The factor in [0, 1] by which the correction of this contact is multiplied (`confidence.py`)."""
         return self._corrected(contact)[1]
 
     def _corrected(self, contact: ContactState) -> tuple[Floats, float]:
-        """c (m, dim) [N] and its confidence."""
+        """(m, 2 dim) [N], of phi and of psi, and its confidence."""
         force, depth = contact.force, contact.depth
         z = (contact.inputs.astype(self.dtype) - self._mean) / self._spread
         D = (depth - self._depth_mean) / self._depth_spread
-        y = self._network(_saturated(z), D)
-        traction = (y[:, None, 1:] @ contact.lever)[:, 0]
-        correction = self._fade.value(depth) * (force * y[:, :1] + self._scale * traction)
+        y = self._network(_saturated(z), D).reshape(len(z), 2, -1)
+        forces = force[:, None] * y[..., :1] + self._scale * (y[..., 1:] @ contact.lever)
+        correction = (self._fade.value(depth) * forces).reshape(len(z), -1)
         return correction, self._confidence.of(z, D, force, correction)
 
     def _network(self, local: Floats, depth: float) -> Floats:
-        """y (m, 1 + DIRECTIONS) of normalised inputs."""
+        """y (m, 2 (1 + DIRECTIONS)) of normalised inputs."""
         (first, bias), *hidden, (head, last) = self._layers
         shared = _saturated(depth) * self._by_depth
         h = self._activation(local @ first + (bias + shared.astype(local.dtype)))

@@ -12,7 +12,8 @@ these over the points around,
 
     <q> = sum_k K w_k q_k / sum_k K w_k,    K = (1 - |x_k - x|^2 / r^2)^2 within r = 2 band,
 
-with w_k the weight of a point, which vanishes smoothly at the edge of the band. Over the points in contact these means
+with w_k the weight of a point, which vanishes smoothly at the edge of the band. Of a point that a sharp point of the
+collider presses, s is the distance from the plane there (`contact_state.py`). Over the points in contact these means
 describe the shape of the collider where it touches the body, at no extra cost. Distances sampled on rings about g
 around every point (the descriptor of the thesis, made invariant) were tested as additional inputs: they fit training
 shapes better, but not other shapes.

@@ -1,14 +1,15 @@
 """The force model: a network that corrects the contact forces of linear mechanics, for any collider.
 
-    phi_j = l_j + t fade(D) [ y_0 l_j + w_j c R_j^T sum_k y_k v_jk ],        u_X = R_X sum_j G_Xj phi_j
+    phi_j = l_j + t fade(D) [ y_0 l_j + w_j c R_j^T sum_k y_k v_jk ],        u_X = R_X sum_j (G_Xj phi_j + G~_Xj psi_j),
+    psi_j =       t fade(D) [ y'_0 l_j + w_j c R_j^T sum_k y'_k v_jk ],
 
-with l_j the contact force in equilibrium with a linearly elastic body (`runtime/contact/solver/contact_solve.py`), w_j
-[m^(dim-1)] an area that fades with distance, D the depth of the contact, t a confidence factor (`confidence.py`), c
-[N/m^(dim-1)] a scale, v_jk directions of the contact itself, and y(a_j, D) a network that is evaluated at the few nodes
-in contact and not at all points of the body. Its inputs a_j are invariants of the contact at the point and around it
+with l_j the contact force in equilibrium with a linearly elastic body (`runtime/contact/solver/contact_solve.py`),
+psi_j spread in the body around the point (`runtime/mechanics/compliance/spread_compliance.py`), w_j [m^(dim-1)] an area
+that fades with distance, D the depth of the contact, t a confidence factor (`confidence.py`), c [N/m^(dim-1)] a scale,
+v_jk directions of the contact itself, and (y, y')(a_j, D) a network that is evaluated at the few points in contact and
+not at all points of the body. Its inputs a_j are invariants of the contact at the point and around it
 (`contact_state.py`): where body and collider are rotated together u rotates with them, and nothing depends on the axes
-of the collider, on its identity, or on the position on it. With y = 0 the field is that of linear elasticity.
-"""
+of the collider, on its identity, or on the position on it. With y = y' = 0 the field is that of linear elasticity."""
 
 from __future__ import annotations
 
@@ -18,6 +19,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import pad
 
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
@@ -68,7 +70,7 @@ class ForceModelOptions(ModelOptions):
 
 
 class ForceModel(LearnedModel):
-    """phi for bodies in dim dimensions with n_rows handle rows. Buffers hold the normalisation."""
+    """phi and psi for bodies in dim dimensions with n_rows handle rows. Buffers hold the normalisation."""
 
     form: ClassVar[str] = "force"
     options: ForceModelOptions
@@ -82,7 +84,7 @@ class ForceModel(LearnedModel):
         super().__init__()
         self.options, self.dim, self.n_rows = options, dim, n_rows
         n_local = n_contact_inputs(dim)
-        self.network = Mlp(n_local, 1, options.widths, 1 + DIRECTIONS, options.activation)
+        self.network = Mlp(n_local, 1, options.widths, 2 * (1 + DIRECTIONS), options.activation)
         # Before training, the field is that of linear elasticity.
         nn.init.zeros_(self.network.head.weight)
         nn.init.zeros_(self.network.head.bias)
@@ -108,18 +110,22 @@ class ForceModel(LearnedModel):
         )
 
     def forward(self, local: Tensor, depth: Tensor, force: Tensor, lever: Tensor) -> Tensor:
-        """phi (..., m, dim) [N] from the columns of `ContactState`: inputs a (..., m, n_local), D (...), forces (...,
+        """phi and psi (..., m, 2 dim) [N] from the columns of `ContactState`: inputs a (..., m, n_local), D (...),
+        forces (...,
         m, dim) and levers (..., m, DIRECTIONS, dim)."""
         correction = self.correction(local, depth, force, lever)
         z = self.normalised(local)
-        return force + self.confidence(z, self.normalised_depth(depth), force, correction) * correction
+        shared = self.confidence(z, self.normalised_depth(depth), force, correction)
+        return pad(force, (0, self.dim)) + shared * correction
 
     def correction(self, local: Tensor, depth: Tensor, force: Tensor, lever: Tensor) -> Tensor:
-        """fade(D) [y_0 l + c sum_k y_k w F^T v_k] (..., m, dim), without the confidence factor."""
+        """fade(D) [y_0 l + c sum_k y_k w R^T v_k] of phi and of psi (..., m, 2 dim), without the confidence factor."""
         shared = saturated(self.normalised_depth(depth))[..., None]
         y = self.network(saturated(self.normalised(local)), shared)
-        traction = torch.einsum("...ki,...k->...i", lever, y[..., 1:])
-        return self.fade.value(depth)[..., None, None] * (force * y[..., :1] + self.traction_scale * traction)
+        y = y.unflatten(-1, (2, 1 + DIRECTIONS))
+        traction = torch.einsum("...ki,...wk->...wi", lever, y[..., 1:])
+        forces = force[..., None, :] * y[..., :1] + self.traction_scale * traction
+        return self.fade.value(depth)[..., None, None] * forces.flatten(-2)
 
     @torch.no_grad()
     def keep(self, part: float) -> None:

@@ -130,40 +130,50 @@ def compute_surface_compliance(
     nodes, areas, spread = _contact_nodes(body, at_most)
     rest = body.mesh.points
     if len(nodes) <= _ANCHORS:
-        operator = np.concatenate(list(_columns(response, spread, progress)))
+        operator = np.concatenate(list(compliance_columns(response, spread, progress)))
         everyone = np.arange(len(nodes))
         nothing = sp.csr_matrix((len(nodes) * body.dim, rest.size), dtype=np.float32)
         return SurfaceCompliance(
             nodes, areas, everyone, operator, sp.identity(len(nodes), format="csr"), nothing
         )
     anchors = np.sort(farthest_points(rest[nodes], _ANCHORS))
-    operator = np.concatenate(list(_columns(response, spread[anchors], progress)))
+    operator = np.concatenate(list(compliance_columns(response, spread[anchors], progress)))
     between, share = _interpolation(rest[nodes], anchors)
     reach = _NEAR * (areas.sum() / len(anchors)) ** (1.0 / (body.dim - 1))
     within = cKDTree(rest).query_ball_point(rest[nodes], reach)
     sample = farthest_points(rest, min(_FIT_NODES, len(rest)))
     near = _Rows(rest.shape)
-    for columns in _columns(response, spread, progress):
+    for columns in compliance_columns(response, spread, progress):
         for column in columns:
             j = near.count
             at, along = np.array(within[j]), operator[between[j]]
             far = np.setdiff1d(sample, at)
             share[j] = _fitted(share[j], along[:, :, far], column[:, far])
             near.add(at, column[:, at] - np.tensordot(share[j].astype(np.float32), along[:, :, at], axes=1))
-    interpolation = sp.csr_matrix(
-        (share.ravel(), (np.repeat(np.arange(len(nodes)), share.shape[1]), between.ravel())),
-        shape=(len(nodes), len(anchors)),
-    )
-    return SurfaceCompliance(nodes, areas, anchors, operator, interpolation, near.matrix())
+    return SurfaceCompliance(nodes, areas, anchors, operator, _shares(between, share, anchors), near.matrix())
+
+
+def surface_interpolation(rest: Array, anchors: IntArray) -> sp.csr_matrix:
+    """Shares (n, n_anchors) of points at rest (n, dim) [m] by moving least squares between some of them."""
+    if len(anchors) == len(rest):
+        return sp.identity(len(rest), format="csr")
+    return _shares(*_interpolation(rest, anchors), anchors)
+
+
+def _shares(between: IntArray, share: Array, anchors: IntArray) -> sp.csr_matrix:
+    """(n, n_anchors) of shares (n, k) of the anchors `between` (n, k)."""
+    row = np.repeat(np.arange(len(share)), share.shape[1])
+    return sp.csr_matrix((share.ravel(), (row, between.ravel())), shape=(len(share), len(anchors)))
 
 
 def n_columns(body: ReducedBody, at_most: int) -> int:
-    """How many columns `compute_surface_compliance` solves for, anchors counted twice."""
+    """How many columns `compute_mechanics` solves for: of all contact nodes, and of anchors of the surface and of the
+    spread compliance."""
     n_contact = min(len(outside_frames(body)[0]), at_most)
-    return n_contact if n_contact <= _ANCHORS else n_contact + _ANCHORS
+    return 2 * n_contact if n_contact <= _ANCHORS else n_contact + 2 * _ANCHORS
 
 
-def _columns(
+def compliance_columns(
     response: NullSpaceCompliance, spread: sp.csr_matrix, progress: Callable[[int], None] | None
 ) -> Iterator[NDArray[np.float32]]:
     """Columns (k, dim, n_nodes, dim), some at a time, of contact nodes whose forces are distributed over the nodes by

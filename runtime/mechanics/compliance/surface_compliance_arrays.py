@@ -29,8 +29,8 @@ _NAMES = (
 )
 
 
-def surface_compliance_arrays(compliance: SurfaceCompliance) -> dict[str, NDArray[Any]]:
-    """The arrays of a compliance, named `compliance.*`."""
+def surface_compliance_arrays(compliance: SurfaceCompliance, prefix: str) -> dict[str, NDArray[Any]]:
+    """The arrays of a compliance, named `prefix.*`."""
     operator, share, near = compliance.operator, compliance.share, compliance.near
     operator_scale = np.abs(operator).max(axis=(1, 2, 3), keepdims=True)
     near_scale = np.array(float(np.abs(near.data).max(initial=0.0)) or 1.0, dtype=np.float32)
@@ -46,13 +46,14 @@ def surface_compliance_arrays(compliance: SurfaceCompliance) -> dict[str, NDArra
         near_scale,
         *_structure(near),
     )
-    return {f"compliance.{name}": value for name, value in zip(_NAMES, values, strict=True)}
+    return {f"{prefix}.{name}": value for name, value in zip(_NAMES, values, strict=True)}
 
 
-def take_compliance(arrays: dict[str, NDArray[Any]]) -> SurfaceCompliance:
-    """Removes the arrays of a compliance from those of a file, and returns the compliance. Raises KeyError or
+def take_compliance(arrays: dict[str, NDArray[Any]], prefix: str) -> SurfaceCompliance:
+    """Removes the arrays of a compliance, named `prefix.*`, from those of a file, and returns the compliance. Raises
+    KeyError or
     ValueError where they are missing or do not fit together."""
-    own = {name: arrays.pop(f"compliance.{name}") for name in _NAMES}
+    own = {name: arrays.pop(f"{prefix}.{name}") for name in _NAMES}
     operator = own["operator"].astype(np.float32)
     operator *= own["operator_scale"]
     n_anchors, dim, n_nodes, _ = operator.shape

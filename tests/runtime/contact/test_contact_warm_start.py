@@ -261,7 +261,7 @@ def test_beside_another_collider_it_is_not_let_go_either(jelly2d_body, rod, mech
     assert [evaluation.energy for evaluation in found] == energies
     # What is drawn of it, too, knows of all nodes that bear pressure.
     solved = found[-1].solved
-    measured = ContactMeasurement(beside, "rod", rod, BAND).measure(solved)
+    measured = ContactMeasurement(beside, "rod", rod, BAND, 1e4).measure(solved)
     assert set(solved.active) <= set(measured.index)
     active = np.isin(measured.index, solved.active)
     np.testing.assert_array_equal(measured.force[active], solved.rest_force)

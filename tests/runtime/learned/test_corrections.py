@@ -63,7 +63,7 @@ def make_correction(
     if form in FORCES:
         if body.name not in mechanics:
             mechanics[body.name] = compute_mechanics(body, 200, condensation=True)
-        compliance, condensation = mechanics[body.name]
+        compliance, condensation, spread = mechanics[body.name]
         if double:
             modes, weight = condensation.modes.astype(np.float64), condensation.weight.astype(np.float64)
             condensation = replace(condensation, modes=modes, weight=weight)
@@ -73,7 +73,7 @@ def make_correction(
         force_model.local_scale.fill_(0.5)
         force_model.traction_scale.fill_(300.0)
         force_model = force_model.double() if double else force_model
-        own = BodyMechanics(compliance, condensation if form == "condensed" else None)
+        own = BodyMechanics(compliance, condensation if form == "condensed" else None, spread)
         return ForceCorrection(form, force_model, body, collider, own)
     if form == "descriptor":
         descriptor_options = DescriptorModelOptions((16, 12), "elu", 0.03, 4, "all", 5e-4)
@@ -163,6 +163,8 @@ def test_fades_out_as_contact_opens(form, jelly_body, mechanics):
         return RigidPose(pose.rotation, pose.translation + height * np.eye(jelly_body.dim)[-1])
 
     def depth(height: float) -> float:
+        if form in FORCES:  # felt between the nodes of the flat top, too
+            return float(surface[:, -1].max() - lifted(height).translation[-1] + 0.02)
         return -float(ball.sdf(lifted(height).apply_inverse(surface)).min())
 
     def size(left: float) -> float:

@@ -66,14 +66,20 @@ def cone(dim):
     return Cone(np.append(np.zeros(dim - 1), -0.03), np.full(dim, 0.02), 0.02, 0.01, "cone")
 
 
+def spike(dim):
+    """So sharp that it is its tip that presses, between the contact points of the facets."""
+    return Cone(np.append(np.zeros(dim - 1), -0.048), np.full(dim, 0.02), 0.002, 0.01, "spike")
+
+
 # Of fields: contact forces are balanced to 1e-6 of the depth by steps in single precision, whose round-off is what
-# differs.
-SINGLE_STEPS = 1e-7
+# differs. Forces of pressed points are inputs, too.
+SINGLE_STEPS = 1e-6
 
 
+@pytest.mark.parametrize("shape", [cone, spike])
 @pytest.mark.parametrize(("kind", "tolerance"), [(torch.float32, 1e-6), (torch.float64, SINGLE_STEPS)])
-def test_the_field_rotates_with_body_and_collider(jelly_body, mechanics_of, dim, kind, tolerance):
-    correction = correction_of(jelly_body, cone(dim), mechanics_of, kind)
+def test_the_field_rotates_with_body_and_collider(jelly_body, mechanics_of, dim, kind, tolerance, shape):
+    correction = correction_of(jelly_body, shape(dim), mechanics_of, kind)
     rows, pose = bumped(jelly_body), RigidPose.from_rotation_vector(tilted(dim), above(jelly_body, 0.012))
     Q = rotation_matrix([2.1] if dim == 2 else [1.1, 0.7, -1.6], dim)
     field = correction.displacement(rows, pose)
@@ -99,7 +105,7 @@ def test_the_order_of_nodes_does_not_matter(jelly_body, mechanics_of, dim):
     contact = measured(jelly_body, mechanics_of, dim)
     order = np.random.default_rng(0).permutation(len(contact.index))
     columns = (contact.index, contact.force, contact.inputs, contact.lever)
-    shuffled = ContactState(*(column[order] for column in columns), contact.depth)
+    shuffled = ContactState(*(column[order] for column in columns), contact.depth, contact.loaded)
     model = ForceEvaluation(any_model(jelly_body))
     # The same numbers, but for the order in which matrix products sum.
     np.testing.assert_allclose(model.forces(shuffled), model.forces(contact)[order], rtol=1e-12, atol=1e-15)
@@ -152,6 +158,21 @@ def test_nodes_enter_and_leave_smoothly(jelly_body, mechanics_of, dim):
     assert len(counts) > 1  # nodes did come and go
     # A jump would stay as large as it is; curvature along the path leaves room for a tenth.
     assert fine < 0.6 * coarse
+
+
+def test_points_that_a_tip_presses_take_part(jelly_body, mechanics_of, dim):
+    """With their forces and, since these are of the same contact, with all of it."""
+    pose = RigidPose.from_rotation_vector(tilted(dim), above(jelly_body, 0.012))
+    probe = ContactStateProbe(jelly_body, spike(dim), mechanics_of(jelly_body), OPTIONS.law, OPTIONS.band)
+    solved = probe.solve(bumped(jelly_body), pose)
+    contact = probe.measure(bumped(jelly_body), pose)
+    pressed = contact.index >= len(probe.contact.loaded)
+    assert pressed.any()
+    assert (np.linalg.norm(contact.force[pressed], axis=1) > 0.0).all()
+    np.testing.assert_allclose(contact.force.sum(axis=0), solved.drawn_force.sum(axis=0), rtol=1e-12)
+    model = ForceEvaluation(any_model(jelly_body))
+    learned = model.forces(contact)[:, :dim] - contact.force
+    assert (np.linalg.norm(learned[pressed], axis=1) > 0.0).all()
 
 
 def measured(body, mechanics_of, dim, aside=0.004):
