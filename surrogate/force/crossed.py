@@ -19,8 +19,10 @@ from softprint.surrogate.force.loss import ForceMetric
 from softprint.surrogate.force.task import SHALLOW, ForceTask, Gains, Samples
 from softprint.surrogate.learning_task import HeldOutError
 
-# By how much the error has to fall for contacts farther from training to be trusted.
-_WORTH = 0.05
+# What M0 may be: beyond a share of the contacts to judge by, and so many times that. By how much the error has to fall
+# for contacts farther from training to be trusted.
+_LIMITS = (NEAR, 1.0), (FAR, 1.0), (FAR, 1.5)
+_WORTH = 0.02
 _NOTHING = 1e-30
 
 
@@ -50,20 +52,30 @@ class CrossedForceTask:
         before = [_sums(fold.gains(own)) for fold, own in zip(self.folds, by_fold, strict=True)]
         if not any(own[2].any() for own in before):  # nothing was learned
             return _error(before, 0.0)
-        near, far = (self._judged(model, by_fold, within) for within in (NEAR, FAR))
-        found = far if far.error.rms < (1.0 - _WORTH) * near.error.rms else self._judged(model, by_fold, NEAR)
+        learned = model.confidence.ceiling.clone()
+        best = self._judged(model, by_fold, *_LIMITS[0]), _LIMITS[0]
+        for limits in _LIMITS[1:]:
+            other = self._judged(model, by_fold, *limits)
+            if other.error.rms < (1.0 - _WORTH) * best[0].error.rms:
+                best = other, limits
+        found = self._judged(model, by_fold, *best[1])
+        # Networks of parts have fewer steps, and smaller corrections.
+        model.confidence.ceiling.copy_(torch.maximum(model.confidence.ceiling, learned))
         model.keep(found.part)
         self.notes["kept"] = {"part": found.part, "best": found.best, "folds": len(self.folds)}
         return found.error
 
-    def _judged(self, model: ForceModel, by_fold: Sequence[ForceModel], within: float) -> _Judged:
-        """With the limits of confidence beyond a share of the contacts to judge by, set for all networks."""
+    def _judged(
+        self, model: ForceModel, by_fold: Sequence[ForceModel], within: float, times: float
+    ) -> _Judged:
+        """With the limits of confidence beyond a share of the contacts to judge by, that of M times a factor, set for
+        all networks."""
         pairs = list(zip(self.folds, by_fold, strict=True))
         seen = [fold.unfamiliarity(own) for fold, own in pairs]
         distance, ratio = (torch.cat(column) for column in zip(*seen, strict=True))
         for own in (*by_fold, model):
             if len(ratio):
-                own.confidence.limit(distance, ratio, within)
+                own.confidence.limit(distance, ratio, within, times)
         gains = [_sums(fold.gains(own)) for fold, own in pairs]
         cross, square = _relative(gains)
         part = kept_part(cross, square)

@@ -14,10 +14,10 @@ that of Mahalanobis, of a few measures of the contact as a whole,
 mean and spread of the normalised inputs z_j with the weights s_j, D the depth, the resultant of the forces over their
 sum (small where they surround the body), and the number of points that bear. Ranges of single inputs are not enough:
 each input of a contact that wraps a ring occurs in contacts from one side, too. M0 and rho0 are from contacts that the
-network was not trained on (`surrogate/force/crossed.py`): M0 is the M that 95 of 100 stay below, or 99 of 100 where
-that lowers the error on them, and rho0 1.5 times the rho that 99 of 100 stay below. Both factors fall off smoothly, and
-what remains is linear mechanics; so it does where only sharp points of the collider bear, and all l_j are zero.
-"""
+network was not trained on (`surrogate/force/crossed.py`): M0 is the M that 95 of 100 stay below, or 99 of 100, or 1.5
+times that, where that lowers the error on them, and rho0 1.5 times the rho that 99 of 100 stay below, here or in
+training. Both factors fall off smoothly, and what remains is linear mechanics; so it does where only sharp points of
+the collider bear, and all l_j are zero. """
 
 from __future__ import annotations
 
@@ -79,10 +79,10 @@ class Confidence(nn.Module):
         self.whitening.copy_(root.T / spread)
 
     @torch.no_grad()
-    def limit(self, distance: Tensor, ratio: Tensor, within: float = NEAR) -> None:
+    def limit(self, distance: Tensor, ratio: Tensor, within: float = NEAR, times: float = 1.0) -> None:
         """Set M0 and rho0 from M (s,) and rho (s,) of contacts with contact forces; within: the share of them that M0
-        is to be beyond."""
-        self.farthest.copy_(torch.quantile(distance, within))
+        is to be beyond, or so many times what they stay below."""
+        self.farthest.copy_(times * torch.quantile(distance, within))
         self.ceiling.copy_(_CEILING * torch.quantile(ratio, _LARGEST))
 
     def distance(self, measures: Tensor) -> Tensor:

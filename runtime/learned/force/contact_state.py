@@ -86,36 +86,37 @@ class ContactMeasurement:
         if solved is None or name not in solved.near:
             return None
         pose, all_points = solved.near[name].pose, self._contact.all_points(solved.pressed)
-        points = self._near(solved)
-        m, k = len(points.index), len(points.planes.place)
-        F = pose.rotation.T @ points.F
-        own = solved.owned_by(name)
+        points, own = self._near(solved), solved.owned_by(name)
+        m, F = len(points.index), pose.rotation.T @ points.F
         force = np.zeros_like(points.position)
         force[np.searchsorted(points.index, solved.active[own])] = solved.drawn_force[own]
         v = all_points.compliance.displacement(points.index, *self._contact.node_forces(solved))
-        R = nearest_rotations(F)
+        R, normal = nearest_rotations(F), _deformed_normals(F, points.normal)
         moved = kernels.to_world(R, v)
         if self._contact.points.scale is not None:
             moved *= self._contact.points.scale.scale(F, points.normal)[:, None]
         z = pose.apply_inverse(points.position)
         distance, slope, curvature = self._distances(points, z, z + moved)
-        normal = (cofactor(F) @ points.normal[..., None])[..., 0]
-        length = np.sqrt((normal * normal).sum(axis=1, keepdims=True))
-        normal /= np.maximum(length, SHORTEST)
-        bearing = np.sqrt((force[m - k :] ** 2).sum(axis=1)) / self._modulus
-        areas = self._areas[points.index[: m - k]]
-        x = np.maximum(1.0 - distance[: m - k] / self._band, 0.0) ** 2
-        weight = np.concatenate([areas * x / (1.0 + x), bearing])
+        areas, nearness = self._areas_and_nearness(points, force, distance[:m])
+        weight = areas * nearness
         inputs = (
             contact_inputs(distance, slope, curvature, moved, F, normal, points.normal),
             inputs_around(z, weight, distance, slope, moved, normal, RANGE * self._band),
             points.rest,
         )
         directions = np.stack([slope[:m], normal, moved / self._band], axis=1)
-        lever = weight[:, None, None] * (directions @ R)
-        depth = patch_depth(np.concatenate([areas, bearing]), distance[:m])
-        inputs_of_all = np.concatenate(inputs, axis=1)
-        return ContactState(points.index, force, inputs_of_all, lever, depth, all_points.loaded)
+        lever, depth = weight[:, None, None] * (directions @ R), patch_depth(areas, distance[:m])
+        return ContactState(
+            points.index, force, np.concatenate(inputs, axis=1), lever, depth, all_points.loaded
+        )
+
+    def _areas_and_nearness(self, points: _Near, force: Array, distance: Array) -> tuple[Array, Array]:
+        """The areas that the points stand for (m,) [m^(dim-1)], and x^2 / (1 + x^2) (m,), one for pressed points."""
+        first = len(distance) - len(points.planes.place)
+        pressed = np.sqrt((force[first:] ** 2).sum(axis=1)) / self._modulus
+        x = np.maximum(1.0 - distance[:first] / self._band, 0.0) ** 2
+        areas = np.concatenate([self._areas[points.index[:first]], pressed])
+        return areas, np.concatenate([x / (1.0 + x), np.ones(len(pressed))])
 
     def _near(self, solved: SolvedContact) -> _Near:
         """The points on facets in the band, and the pressed points that bear."""
@@ -152,6 +153,12 @@ class ContactMeasurement:
             for part, x in ((slice(None, first), before), (slice(first, None), after))
         )
         return SdfDerivatives(*map(np.concatenate, zip(*both, strict=True)))
+
+
+def _deformed_normals(F: Array, normal: Array) -> Array:
+    """N (m, dim) of the surface, with normals at rest (m, dim), deformed by F (m, dim, dim)."""
+    found = (cofactor(F) @ normal[..., None])[..., 0]
+    return np.asarray(found / np.maximum(np.sqrt((found * found).sum(axis=1, keepdims=True)), SHORTEST))
 
 
 def shear_modulus(body: ReducedBody) -> float:
