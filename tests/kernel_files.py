@@ -21,7 +21,7 @@ _FILES = (
     "runtime/touch/raster_kernels.py",
     *(
         str(path.relative_to(REPOSITORY))
-        for path in sorted((REPOSITORY / "runtime/mechanics").glob("*_kernels.py"))
+        for path in sorted((REPOSITORY / "runtime/mechanics").rglob("*_kernels.py"))
     ),
 )
 _COLLIDERS = "softprint.runtime.colliders."
