@@ -58,7 +58,7 @@ class Samples:
 
     @property
     def bearing(self) -> Tensor:
-        """(s,) which of them have contact forces: in others only sharp points of the collider bear."""
+        """(s,) which of them have contact forces: in others no point bears."""
         forces = self.data.force[self.rows] * self.data.present[self.rows][..., None]
         return forces.square().sum((1, 2)) > 0.0
 

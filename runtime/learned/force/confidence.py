@@ -16,8 +16,9 @@ sum (small where they surround the body), and the number of points that bear. Ra
 each input of a contact that wraps a ring occurs in contacts from one side, too. M0 and rho0 are from contacts that the
 network was not trained on (`surrogate/force/crossed.py`): M0 is the M that 95 of 100 stay below, or 99 of 100, or 1.5
 times that, where that lowers the error on them, and rho0 1.5 times the rho that 99 of 100 stay below, here or in
-training. Both factors fall off smoothly, and what remains is linear mechanics; so it does where only sharp points of
-the collider bear, and all l_j are zero. """
+training. Both factors fall off smoothly, and what remains is linear mechanics; so it does where no point bears, and all
+l_j are zero.
+"""
 
 from __future__ import annotations
 
@@ -112,8 +113,7 @@ def contact_measures(z: Tensor, depth: Tensor, force: Tensor) -> Tensor:
 
 def squared_ratio(force: Tensor, correction: Tensor) -> Tensor:
     """rho^2 (...,) of contacts, for forces (..., m, dim) and their corrections (..., m, 2 dim). The square, as rho has
-    no derivative at a zero
-    correction."""
+    no derivative at a zero correction."""
     whole = force.square().sum((-1, -2)).clamp(min=_NOTHING)
     return correction.square().sum((-1, -2)) / whole
 
@@ -127,8 +127,7 @@ class ConfidenceEvaluation:
         self._squared_ceiling = max(float(confidence.ceiling) ** 2, _NOTHING)
 
     def of(self, z: Floats, depth: float, force: Floats, correction: Floats) -> float:
-        """t for inputs (m, n_local), the depth, contact forces (m, dim) and their
-        corrections (m, 2 dim)."""
+        """t for inputs (m, n_local), the depth, contact forces (m, dim) and their corrections (m, 2 dim)."""
         square = (force * force).sum(axis=1)
         size = np.sqrt(square)
         whole = max(float(size.sum()), _NOTHING)

@@ -9,7 +9,8 @@ that fades with distance, D the depth of the contact, t a confidence factor (`co
 v_jk directions of the contact itself, and (y, y')(a_j, D) a network that is evaluated at the few points in contact and
 not at all points of the body. Its inputs a_j are invariants of the contact at the point and around it
 (`contact_state.py`): where body and collider are rotated together u rotates with them, and nothing depends on the axes
-of the collider, on its identity, or on the position on it. With y = y' = 0 the field is that of linear elasticity."""
+of the collider, on its identity, or on the position on it. With y = y' = 0 the field is that of linear elasticity.
+"""
 
 from __future__ import annotations
 
@@ -111,8 +112,7 @@ class ForceModel(LearnedModel):
 
     def forward(self, local: Tensor, depth: Tensor, force: Tensor, lever: Tensor) -> Tensor:
         """phi and psi (..., m, 2 dim) [N] from the columns of `ContactState`: inputs a (..., m, n_local), D (...),
-        forces (...,
-        m, dim) and levers (..., m, DIRECTIONS, dim)."""
+        forces (..., m, dim) and levers (..., m, DIRECTIONS, dim)."""
         correction = self.correction(local, depth, force, lever)
         z = self.normalised(local)
         shared = self.confidence(z, self.normalised_depth(depth), force, correction)

@@ -51,8 +51,7 @@ def surface_compliance_arrays(compliance: SurfaceCompliance, prefix: str) -> dic
 
 def take_compliance(arrays: dict[str, NDArray[Any]], prefix: str) -> SurfaceCompliance:
     """Removes the arrays of a compliance, named `prefix.*`, from those of a file, and returns the compliance. Raises
-    KeyError or
-    ValueError where they are missing or do not fit together."""
+    KeyError or ValueError where they are missing or do not fit together."""
     own = {name: arrays.pop(f"{prefix}.{name}") for name in _NAMES}
     operator = own["operator"].astype(np.float32)
     operator *= own["operator_scale"]
