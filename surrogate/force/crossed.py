@@ -52,31 +52,26 @@ class CrossedForceTask:
         before = [_sums(fold.gains(own)) for fold, own in zip(self.folds, by_fold, strict=True)]
         if not any(own[2].any() for own in before):  # nothing was learned
             return _error(before, 0.0)
+        seen = [fold.unfamiliarity(own) for fold, own in zip(self.folds, by_fold, strict=True)]
+        distance, ratio = (torch.cat(column) for column in zip(*seen, strict=True))
+        found, chosen = None, _LIMITS[0]
+        for limits in _LIMITS if len(ratio) else _LIMITS[:1]:
+            _limit(by_fold, distance, ratio, limits)
+            judged = self._judged(by_fold)
+            if found is None or judged.error.rms < (1.0 - _WORTH) * found.error.rms:
+                found, chosen = judged, limits
+        assert found is not None
         learned = model.confidence.ceiling.clone()
-        best = self._judged(model, by_fold, *_LIMITS[0]), _LIMITS[0]
-        for limits in _LIMITS[1:]:
-            other = self._judged(model, by_fold, *limits)
-            if other.error.rms < (1.0 - _WORTH) * best[0].error.rms:
-                best = other, limits
-        found = self._judged(model, by_fold, *best[1])
+        _limit([model], distance, ratio, chosen)
         # Networks of parts have fewer steps, and smaller corrections.
         model.confidence.ceiling.copy_(torch.maximum(model.confidence.ceiling, learned))
         model.keep(found.part)
         self.notes["kept"] = {"part": found.part, "best": found.best, "folds": len(self.folds)}
         return found.error
 
-    def _judged(
-        self, model: ForceModel, by_fold: Sequence[ForceModel], within: float, times: float
-    ) -> _Judged:
-        """With the limits of confidence beyond a share of the contacts to judge by, that of M times a factor, set for
-        all networks."""
-        pairs = list(zip(self.folds, by_fold, strict=True))
-        seen = [fold.unfamiliarity(own) for fold, own in pairs]
-        distance, ratio = (torch.cat(column) for column in zip(*seen, strict=True))
-        for own in (*by_fold, model):
-            if len(ratio):
-                own.confidence.limit(distance, ratio, within, times)
-        gains = [_sums(fold.gains(own)) for fold, own in pairs]
+    def _judged(self, by_fold: Sequence[ForceModel]) -> _Judged:
+        """With the limits of confidence that the networks of the folds have."""
+        gains = [_sums(fold.gains(own)) for fold, own in zip(self.folds, by_fold, strict=True)]
         cross, square = _relative(gains)
         part = kept_part(cross, square)
         return _Judged(part, float(cross.sum() / max(square.sum(), _NOTHING)), _error(gains, part))
@@ -88,6 +83,14 @@ class _Judged(NamedTuple):
     part: float
     best: float
     error: HeldOutError
+
+
+def _limit(
+    models: Sequence[ForceModel], distance: Tensor, ratio: Tensor, limits: tuple[float, float]
+) -> None:
+    """Set the limits of confidence of some networks from M (s,) and rho (s,) of contacts to judge by, if any."""
+    for model in models if len(ratio) else ():
+        model.confidence.limit(distance, ratio, *limits)
 
 
 def _sums(gains: Gains) -> tuple[Array, ...]:

@@ -95,10 +95,10 @@ class BoundForceCorrection:
         parts = [] if friction is None else [(friction.nodes, friction.drawn)]
         v = np.zeros(self._shape, dtype=self._model.dtype)
         if state is not None:
-            on_points, around = np.split(self._model.forces(state), 2, axis=1)
-            parts.append(state.loaded.to_nodes(state.index, on_points))
-            nodes, forces = state.loaded.to_nodes(state.index, around)
-            v += self._spread.apply(nodes, forces.astype(v.dtype))
+            nodes, both = state.loaded.to_nodes(state.index, self._model.forces(state))
+            on_nodes, around = np.split(both, 2, axis=1)
+            parts.append((nodes, on_nodes))
+            v += self._spread.apply(nodes, around.astype(v.dtype))
         nodes, forces = map(np.concatenate, zip(*parts, strict=True))
         v += self._compliance.apply(nodes, forces.astype(v.dtype))
         return turned(v, self._gradient, solved.rows)

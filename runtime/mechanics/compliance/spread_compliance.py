@@ -1,15 +1,19 @@
 """Spread compliance: the displacement of the body, at rest, by forces that are spread in it under its surface.
 
-Where a dent is deep the body stiffens, and passes on to its surroundings more than linear mechanics has it: the dent is
-wider than that of any forces on the surface. To first order, what is missing is the displacement by forces *in* the
-body, as far around the dent as it is strained. They are built from forces on balls of material around contact nodes a,
+In equilibrium with forces f on its surface, f_int(u) = f, a body is displaced as linear mechanics has it by others,
+
+    u = G (f + K u - f_int(u)),
+
+with the null-space compliance G (`null_space_compliance.py`): by forces *in* the body as well, where linear mechanics
+misses its stress. That is around a dent, as far as it is strained. They are built from forces on balls of material
+around contact nodes a,
 
     G~_Xj = sum_a P_ja sum_Y b_aY G_XY,    b_aY ~ V_Y (1 - |Y - X_a|^2 / r^2)^2 within r,    sum_Y b_aY = 1,
 
-with the null-space compliance G (`null_space_compliance.py`), volumes V_Y of the nodes outside rigid frames, and shares
-P of the anchors a of the surface compliance, of which G~ is one as well, without a near part. r is half the distance of
-handles, which is as wide as what the subspace lacks. On the small Jelly that is 13 mm; with 14 and 20 mm learned
-corrections are equally good, with 7 and 28 mm worse, and with forces that are spread along the surface alone, too.
+with volumes V_Y of the nodes outside rigid frames, and shares P of the anchors a of the surface compliance, of which G~
+is one as well, without a near part. r is half the distance of handles, which is as wide as what the subspace lacks. On
+the small Jelly that is 13 mm; with 14 and 20 mm learned corrections are equally good, with 7 and 28 mm worse, and with
+forces that are spread along the surface alone, too.
 """
 
 from __future__ import annotations
