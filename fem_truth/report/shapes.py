@@ -15,6 +15,7 @@ from softprint.fem_truth.report.drawing.renderings import make_renderer
 from softprint.fem_truth.report.measurements.shape_errors import (
     SampleErrors,
     depth_rows,
+    heaviest_place,
     left_out,
     measure_samples,
     remembered,
@@ -24,6 +25,7 @@ from softprint.fem_truth.report.measurements.shape_errors import (
 )
 from softprint.fem_truth.report.page import ShapeView
 from softprint.fem_truth.report.run_files import RunFiles
+from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.collider import Collider
@@ -45,9 +47,9 @@ WORST = 5
 @dataclass(frozen=True)
 class ShapeSection:
     """summary: sides (model -> side -> row), shapes (model -> shape -> row), depths (model -> `depth_rows` of testing
-    shapes), worst (rows of the judged model's worst testing shapes), testing (names), all of them of usable samples;
-    answered (model -> side -> row of all samples to
-    which full space has an answer); left_out (side -> counts); views: pictures of each of the worst."""
+    shapes), heaviest (`heaviest_place` of these, None without any), worst (rows of the judged model's worst testing
+    shapes), testing (names), all of them of usable samples; answered (model -> side -> row of all samples to which full
+    space has an answer); left_out (side -> counts); views: pictures of each of the worst."""
 
     summary: dict[str, Any]
     views: list[ShapeView]
@@ -84,7 +86,7 @@ def judge_shapes(
         for name, model in models.items()
     }
     chosen = judged if judged in models else next(iter(models))
-    summary = _summary(truth, errors, chosen, context.experiment.library_roles)
+    summary = _summary(truth, errors, chosen, context.experiment.library_roles, body.mesh.points)
     views = []
     if pictures:
         with context.progress(len(summary["worst"]), "shape", "drawing the worst shapes") as bar:
@@ -119,7 +121,11 @@ def _measured(
 
 
 def _summary(
-    truth: TruthData, errors: dict[str, SampleErrors], judged: str, roles: Mapping[str, Role]
+    truth: TruthData,
+    errors: dict[str, SampleErrors],
+    judged: str,
+    roles: Mapping[str, Role],
+    points: Array,
 ) -> dict[str, Any]:
     training = {name for name, role in roles.items() if role != "test"}
     validation = {name for name, role in roles.items() if role == "validation"}
@@ -129,8 +135,8 @@ def _summary(
         parts = sides_of(truth, found.sample, training, validation).named()
         return {side: found.take(part).row() for side, part in parts if part.any()}
 
-    def by_depth(found: SampleErrors) -> dict[str, list[dict[str, float]]]:
-        return depth_rows(truth, found.take(sides_of(truth, found.sample, training, validation).testing))
+    def never_seen(found: SampleErrors) -> SampleErrors:
+        return found.take(sides_of(truth, found.sample, training, validation).testing)
 
     shapes = {name: shape_rows(truth, found) for name, found in usable.items()}
     testing = [shape for shape in shapes[judged] if shape not in training]
@@ -146,7 +152,10 @@ def _summary(
             if part.any()
         },
         "shapes": shapes,
-        "depths": {name: by_depth(found) for name, found in usable.items()},
+        "depths": {name: depth_rows(truth, never_seen(found)) for name, found in usable.items()},
+        "heaviest": heaviest_place(truth, {name: never_seen(found) for name, found in usable.items()}, points)
+        if testing
+        else None,
         "testing": testing,
         "worst": [
             {

@@ -15,6 +15,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -163,6 +164,26 @@ def depth_rows(truth: TruthData, errors: SampleErrors) -> dict[str, list[dict[st
     ]
     thin = truth.deep_in_thin[errors.sample]
     return {"bands": rows, "deep_in_thin": [errors.take(thin).row()] if thin.any() else []}
+
+
+def heaviest_place(truth: TruthData, errors: Mapping[str, SampleErrors], points: Array) -> dict[str, Any]:
+    """Of the places on the body where colliders are pressed, that with the most squared contact displacement: where it
+    is at rest [m], its share of that displacement, the number of places, and the squared error of every model at the
+    others, where there are any. errors: of models at the same samples; points: of the mesh (n_nodes, dim) [m]."""
+    first = next(iter(errors.values()))
+    place = truth.contacts["place"][truth.samples["contact"][first.sample]]
+    places, number = np.unique(place, return_inverse=True)
+    there = np.bincount(number, weights=first.contact)
+    heaviest = int(np.argmax(there))
+    others = number != heaviest
+    return {
+        "at": points[places[heaviest]].tolist(),
+        "share": float(there[heaviest] / there.sum()),
+        "places": len(places),
+        "elsewhere": {name: found.take(others).row() for name, found in errors.items()}
+        if others.any()
+        else {},
+    }
 
 
 def worst_sample(truth: TruthData, errors: SampleErrors, shape: str) -> int:

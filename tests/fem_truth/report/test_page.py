@@ -262,6 +262,7 @@ def test_the_worst_shapes_can_be_extracted(summary, tmp_path):
     shapes |= {"answered": shapes["sides"], "left_out": {"testing": counts}}
     by_depth = {"bands": [{"from": 0.0, "to": 0.005, **row}], "deep_in_thin": [row]}
     shapes["depths"] = {"ours": by_depth}
+    shapes["heaviest"] = {"at": [0.0, 0.01], "share": 0.73, "places": 6, "elsewhere": {"ours": row}}
     shapes["worst"] = [{"shape": "wood_screw", **row}]
     pictures = {
         name: encode(np.full((60, 400, 4), 200, dtype=np.uint8), name)
@@ -283,6 +284,7 @@ def test_the_worst_shapes_can_be_extracted(summary, tmp_path):
         (name, 340, 51) for name in ("it", "full", "ours")
     ]
     assert worst_pictures(tmp_path / "absent.html") == []
+    assert "73.0\u202f%" in page.read_text(encoding="utf-8")
 
 
 def test_the_conditions_of_a_benchmark_are_shown(summary):

@@ -11,6 +11,7 @@ import pytest
 from softprint.fem_truth.report.measurements.shape_errors import (
     SampleErrors,
     depth_rows,
+    heaviest_place,
     left_out,
     measure_samples,
     remembered,
@@ -112,6 +113,24 @@ def test_samples_are_counted_by_depth(truth):
     assert shallow["squared"] == pytest.approx(0.1)
     (thin,) = found["deep_in_thin"]
     assert (thin["samples"], thin["squared"]) == pytest.approx((len(missed) - 3, 0.6))
+
+
+def test_the_place_with_most_of_the_displacement_is_named(truth):
+    """Two places, and at one of them nine tenths of the squared displacement, of which a model misses a half."""
+    place, contact = truth.contacts["place"], truth.samples["contact"]
+    contact[:] = np.arange(len(contact)) % 2
+    place[0], place[1] = 3, 8
+    heavy = contact[:] == 1
+    displacement = np.where(heavy, 9.0 / heavy.sum(), 1.0 / (~heavy).sum())
+    missed = displacement * np.where(heavy, 0.5, 0.1)
+    errors = SampleErrors(np.arange(len(missed)), displacement, missed, displacement, missed)
+    points = np.arange(20.0).reshape(10, 2)
+    found = heaviest_place(truth, {"ours": errors}, points)
+    assert (found["at"], found["places"]) == ([16.0, 17.0], 2)
+    assert found["share"] == pytest.approx(0.9)
+    assert found["elsewhere"]["ours"]["squared"] == pytest.approx(0.1)
+    place[0] = 8
+    assert heaviest_place(truth, {"ours": errors}, points)["elsewhere"] == {}
 
 
 def test_the_worst_sample_has_the_largest_error(truth):
