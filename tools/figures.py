@@ -495,6 +495,13 @@ FIGURES: Mapping[str, Figure] = {
         (BODIES,),
         ("ball_small",),
     ),
+    "contacts_to_learn_from": Figure(
+        (
+            "softprint run examples/finger_small.toml --set sampling.places=4 --out runs/finger_4",
+            "softprint run examples/ball_small.toml --set sampling.places=20 --out runs/ball_20",
+        ),
+        (BODIES,),
+    ),
     "finger_small": _whole("finger_small", "read", BODIES),
     "thesis5_whole": Figure(
         (
