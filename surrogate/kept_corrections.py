@@ -32,11 +32,11 @@ def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str, out: Pat
         "contact_points": [experiment.contact.refinement, experiment.contact.reduced_refinement],
         "gravity": list(experiment.dynamics.gravity),
         "settings": {**training, "seed": experiment.seed},
-        **_internal_below(spec, out),
+        **internal_recipe(spec, out),
     }
 
 
-def _internal_below(spec: ModelSpec, out: Path) -> dict[str, str]:
+def internal_recipe(spec: ModelSpec, out: Path) -> dict[str, str]:
     """The hash of the internal correction that a model is added to, if there is one. Raises SoftprintError where it is
     not trained yet."""
     if not spec.added_to or spec.added_to == CONDENSED:

@@ -20,11 +20,13 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.verbs.inspect_verb import VERB
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS
 from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.dynamics.state_file import save_state
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.inspect import kind
 from softprint.runtime.inspect.mesh_quality import cell_angles, mean_ratio, mesh_facts
+from softprint.runtime.io.kept_json import keep
 from softprint.runtime.learned.correction_file import save_correction
 from softprint.runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
@@ -187,6 +189,22 @@ def test_a_correction_and_a_checkpoint_are_described(tmp_path, jelly2d_body) -> 
     told = facts(half)
     assert (told["checkpoint"]["steps done"], told["checkpoint"]["weights"]) == (40, 12)
     assert told["latest"]["loss"] == 0.5
+
+
+def test_a_learned_energy_is_described(tmp_path) -> None:
+    errors = {"mechanics": {"handles": 0.2}, "learned": {"handles": 0.1}, "samples": 40, "part": 0.75}
+    path = tmp_path / "energy_300.json"
+    values = [*[0.1] * N_COEFFICIENTS, 1.25, 0.5]
+    keep(path, {"truth": "abc"}, {"energy": values, "errors": errors})
+    told = facts(path)
+    assert (told["energy"]["growth b"], told["energy"]["kept"]) == (0.5, 0.75)
+    assert told["RMS errors on held-out samples"]["handles, learned"] == 0.1
+    assert told["made of"] == {"truth": "abc"}
+    keep(path, {"truth": "abc"}, {"energy": None, "errors": errors})  # that of mechanics
+    assert facts(path)["energy"]["growth b"] == 0.0
+    keep(path, {"truth": "abc"}, {"energy": values[1:], "errors": errors})
+    with pytest.raises(SoftprintError, match="energy is incomplete"):
+        inspect(path)
 
 
 def test_mechanics_are_told(tmp_path, jelly2d_body) -> None:

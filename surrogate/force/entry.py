@@ -24,7 +24,8 @@ from softprint.surrogate.data.folds import folds_of
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.crossed import CrossedForceTask
 from softprint.surrogate.force.data import ForceData, join_force_data, read_force_data
-from softprint.surrogate.force.energy import ContactMaker, EnergyErrors, energy_of
+from softprint.surrogate.force.energy import ContactMaker, energy_of
+from softprint.surrogate.force.kept_energy import Learned, kept_energy
 from softprint.surrogate.force.loss import ForceMetric
 from softprint.surrogate.force.task import ForceTask
 from softprint.surrogate.form import TrainingForm
@@ -120,12 +121,14 @@ def contact_maker(data: TrainingData, spec: ModelSpec, options: ForceModelOption
     return contact_of
 
 
-def _energy(
-    data: TrainingData, spec: ModelSpec, options: ForceModelOptions
-) -> tuple[LearnedEnergy | None, EnergyErrors] | None:
+def _energy(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) -> Learned:
     """The energy of contact, learned once for all networks on the same mechanics."""
     key = ("energy", spec.contact_nodes, spec.static_condensation, spec.added_to, options.band, options.law)
-    return data.once(key, lambda: energy_of(data, contact_maker(data, spec, options)))
+
+    def learn() -> Learned:
+        return energy_of(data, contact_maker(data, spec, options))
+
+    return data.once(key, lambda: kept_energy(data, spec, options, learn))
 
 
 def _read(

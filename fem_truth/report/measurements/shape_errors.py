@@ -11,7 +11,6 @@ contact alone.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.io.files import atomic_path
+from softprint.runtime.io.kept_json import keep, read_kept
 from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.learned.worst_error import worst_relative_error
 from softprint.runtime.truth.truth_file import TruthData
@@ -89,20 +88,17 @@ def measure_samples(
 
 def remembered(path: Path, made_of: Mapping[str, str], measure: Callable[[], SampleErrors]) -> SampleErrors:
     """The measurement of an earlier run with the same inputs, or a new one, which is saved."""
-    if path.is_file():
-        try:
-            kept = json.loads(path.read_text())
-            if kept.pop("made_of") == dict(made_of):
-                return SampleErrors(
-                    np.array(kept.pop("sample"), dtype=np.int64),
-                    **{name: np.array(column, dtype=float) for name, column in kept.items()},
-                )
-        except (ValueError, TypeError, KeyError, AttributeError):
-            pass  # damaged: it is measured again
+    kept = read_kept(path, made_of)
+    try:
+        if kept is not None:
+            return SampleErrors(
+                np.array(kept.pop("sample"), dtype=np.int64),
+                **{name: np.array(column, dtype=float) for name, column in kept.items()},
+            )
+    except (ValueError, TypeError, KeyError):
+        pass  # damaged: it is measured again
     errors = measure()
-    columns = {name: getattr(errors, name).tolist() for name in SampleErrors.__dataclass_fields__}
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps({"made_of": dict(made_of), **columns}))
+    keep(path, made_of, {name: getattr(errors, name).tolist() for name in SampleErrors.__dataclass_fields__})
     return errors
 
 
