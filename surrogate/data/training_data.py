@@ -71,6 +71,11 @@ class TrainingData:
         for collider in np.unique(number):
             yield self.build(self.truth.header.colliders[collider]), samples[number == collider]
 
+    def build_colliders(self, samples: IntArray) -> None:
+        """Build the colliders of samples (n,), for workers that are forked afterwards."""
+        for _ in self.by_collider(samples):
+            pass
+
     def build(self, name: str) -> Collider:
         """The collider with that name, built once."""
         if name not in self._colliders:

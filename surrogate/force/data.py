@@ -57,6 +57,10 @@ class ForceData:
         """The same data on a device."""
         return ForceData(*(getattr(self, name).to(device) for name in ForceData.__dataclass_fields__))
 
+    def take(self, which: Tensor) -> ForceData:
+        """Some of the samples."""
+        return ForceData(*(getattr(self, name)[which] for name in ForceData.__dataclass_fields__))
+
 
 def read_force_data(
     truth: TruthData,

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -32,8 +32,10 @@ from softprint.runtime.contact.learned_energy.learned_energy import LEAST, MOST,
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames
+from softprint.runtime.truth.shared_samples import workers_for
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled, SampledContacts
+from softprint.surrogate.force.shared_contacts import SharedContacts
 
 ITERATIONS = 3
 # kappa, as of `task.py`.
@@ -63,8 +65,16 @@ class EnergyErrors(NamedTuple):
     part: float
 
 
+class Contacts(Protocol):
+    """Contacts of samples: `SampledContacts`, or shared out among the cores."""
+
+    def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled: ...
+
+    def n_states(self, samples: IntArray) -> int: ...
+
+
 def learn_energy(
-    contacts: SampledContacts,
+    contacts: Contacts,
     train: IntArray,
     held_out: IntArray,
     progress: Callable[[int], None],
@@ -132,8 +142,13 @@ def energy_of(
         return None
     contacts = contacts_of(data, contact_of)
     total = (1 + ITERATIONS) * len(train) + (1 + len(_PARTS)) * len(held_out)
-    with data.context.progress(total, "sample", "learning the energy of contact") as bar:
-        learned, errors = learn_energy(contacts, train, held_out, bar.update)
+    both = np.union1d(train, held_out)
+    data.build_colliders(both)
+    with (
+        data.context.progress(total, "sample", "learning the energy of contact") as bar,
+        SharedContacts(contacts, data.truth, workers_for(data.truth, both)) as shared,
+    ):
+        learned, errors = learn_energy(shared, train, held_out, bar.update)
     told = (f"{kind} {errors.mechanics[kind]:.1%} -> {errors.learned[kind]:.1%}" for kind in LABELS)
     what = "that of linear mechanics"
     if learned is not None:

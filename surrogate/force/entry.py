@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import torch
+
 from softprint.runtime.arrays import IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
@@ -13,6 +15,7 @@ from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.schema.training import ModelSpec
+from softprint.runtime.forked_workers import ForkedWorkers
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModelOptions
@@ -20,6 +23,7 @@ from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.learned.internal_correction import internal_correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.scenes.corrected_body import internal_path
+from softprint.runtime.truth.shared_samples import in_order, shares_of, workers_for
 from softprint.surrogate.data.folds import folds_of
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.crossed import CrossedForceTask
@@ -98,17 +102,43 @@ def force_data(
 ) -> ForceData:
     """Some rows of the truth file, with any mix of colliders. Raises SoftprintError if none of them touches the reduced
     body."""
+
+    def work(share: IntArray, progress: Callable[[int], None]) -> list[ForceData]:
+        return _touching(data, spec, options, share, progress)
+
+    # Before workers are forked, which share them.
+    metric(data, spec)
+    data.build_colliders(samples)
+    count = workers_for(data.truth, samples)
+    with ForkedWorkers(work, count) as workers:
+        found = workers.map(shares_of(data.truth, samples, count), progress or _ignore)
+    touching = [part for parts in found for part in parts]
+    if not touching:
+        raise SoftprintError(
+            f"{data.truth.path}: in none of the {len(samples)} requested samples does a collider touch the reduced body"
+        )
+    joined = join_force_data(touching)
+    return joined.take(torch.from_numpy(in_order(data.truth, joined.sample.numpy())))
+
+
+def _ignore(samples: int) -> None:
+    """No progress is shown."""
+
+
+def _touching(
+    data: TrainingData,
+    spec: ModelSpec,
+    options: ForceModelOptions,
+    samples: IntArray,
+    progress: Callable[[int], None],
+) -> list[ForceData]:
+    """Collider by collider, of those that touch the reduced body."""
     own, measured_in, internal = mechanics(data, spec), metric(data, spec), internal_below(data, spec)
     parts = [
         read_force_data(data.truth, data.body, collider, own, options, measured_in, part, progress, internal)
         for collider, part in data.by_collider(samples)
     ]
-    touching = [part for part in parts if part is not None]
-    if not touching:
-        raise SoftprintError(
-            f"{data.truth.path}: in none of the {len(samples)} requested samples does a collider touch the reduced body"
-        )
-    return join_force_data(touching)
+    return [part for part in parts if part is not None]
 
 
 def contact_maker(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) -> ContactMaker:

@@ -18,8 +18,9 @@ that dchi/dq changes with c, too, is left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,15 @@ LABELS = ("handles", "collider", "energy")
 N_PARAMETERS = N_COEFFICIENTS + 2
 
 
+class TouchingSample(NamedTuple):
+    """A row of the truth file, what is true and found there and its derivatives, see `Sampled`, and whether the
+    collider presses a rigid frame."""
+
+    sample: int
+    columns: Mapping[str, tuple[Array, Array, Array]]
+    on_frame: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
@@ -52,6 +62,19 @@ class Sampled:
     found: Mapping[str, Array]
     slopes: Mapping[str, Array]
     on_frames: BoolArray
+
+    @classmethod
+    def of(cls, touching: Sequence[TouchingSample], truth: TruthData, asked: int) -> Sampled:
+        """From single samples of `asked` ones. Raises SoftprintError where there is none."""
+        if not touching:
+            raise SoftprintError(
+                f"{truth.path}: in none of {asked} samples does the reduced body touch the collider"
+            )
+        of_truth, of_contact, slopes = (
+            {kind: np.stack([one.columns[kind][k] for one in touching]) for kind in LABELS} for k in range(3)
+        )
+        samples = np.array([one.sample for one in touching])
+        return cls(samples, of_truth, of_contact, slopes, np.array([one.on_frame for one in touching]))
 
     def errors(self, samples: IntArray) -> dict[str, float]:
         """See `EnergyErrors`, over some of the samples; 0 over none."""
@@ -94,8 +117,13 @@ class SampledContacts:
 
     def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled:
         """Those of the samples in which the reduced body touches the collider."""
-        truth, columns = self._truth, list[dict[str, tuple[Array, Array, Array]]]()
-        taken, on_frames = list[int](), list[bool]()
+        return Sampled.of(self.touching(samples, learned, progress), self._truth, len(samples))
+
+    def touching(
+        self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]
+    ) -> list[TouchingSample]:
+        """The same one by one, collider by collider."""
+        truth, touching = self._truth, list[TouchingSample]()
         for collider, part in self._by_collider(samples):
             probe = self._contact_of(collider, learned)
             for sample in map(int, part):
@@ -110,28 +138,19 @@ class SampledContacts:
                 assert own is not None
                 by_energy, by_force = by_parameters(contact, learned, own)
                 h, true = found.gradient, truth.contact_handle_force(sample)
-                columns.append(
-                    {
-                        "handles": self._compared(rows, true, h, by_force),
-                        "collider": self._summed(true, h, by_force),
-                        "energy": (
-                            np.array([truth.contact_energy(sample)]),
-                            np.array([found.energy]),
-                            by_energy[None],
-                        ),
-                    }
-                )
-                taken.append(sample)
+                columns = {
+                    "handles": self._compared(rows, true, h, by_force),
+                    "collider": self._summed(true, h, by_force),
+                    "energy": (
+                        np.array([truth.contact_energy(sample)]),
+                        np.array([found.energy]),
+                        by_energy[None],
+                    ),
+                }
                 at = rows, collider, truth.approach_path(sample)[-1]
-                on_frames.append(self._frames is not None and self._frames.any_inside(*at))
-        if not columns:
-            raise SoftprintError(
-                f"{truth.path}: in none of {len(samples)} samples does the reduced body touch the collider"
-            )
-        of_truth, of_contact, slopes = (
-            {kind: np.stack([one[kind][k] for one in columns]) for kind in LABELS} for k in range(3)
-        )
-        return Sampled(np.array(taken), of_truth, of_contact, slopes, np.array(on_frames))
+                on_frame = self._frames is not None and self._frames.any_inside(*at)
+                touching.append(TouchingSample(sample, columns, on_frame))
+        return touching
 
     def n_states(self, samples: IntArray) -> int:
         """How many states samples (n,) are of."""

@@ -7,20 +7,34 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from softprint.runtime.errors import SoftprintError
 from softprint.surrogate.force import data as force_module
 from softprint.surrogate.force import entry
 
 
+class _Joined:
+    """Data of the names that are its parts, a sample each."""
+
+    def __init__(self, parts):
+        self.parts, self.sample = parts, torch.arange(len(parts))
+
+    def take(self, which):
+        return [self.parts[k] for k in which]
+
+
 @pytest.fixture
 def data(monkeypatch):
     for name in ("mechanics", "metric", "internal_below"):
         monkeypatch.setattr(entry, name, lambda *_: None)
-    monkeypatch.setattr(entry, "join_force_data", lambda parts: parts)
+    monkeypatch.setattr(entry, "join_force_data", _Joined)
     parts = [("needle", np.array([0, 1])), ("ball", np.array([2]))]
-    truth = SimpleNamespace(path=Path("truth.h5"))
-    return SimpleNamespace(truth=truth, body=None, by_collider=lambda samples: parts)
+    tables = {"contacts": {"collider": np.array([0, 1])}, "samples": {"contact": np.array([0, 0, 1])}}
+    truth = SimpleNamespace(path=Path("truth.h5"), **tables)
+    return SimpleNamespace(
+        truth=truth, body=None, by_collider=lambda samples: parts, build_colliders=lambda samples: None
+    )
 
 
 def test_it_is_left_out(data, monkeypatch) -> None:

@@ -32,6 +32,7 @@ from softprint.surrogate.checkpoints import Checkpoint, load_checkpoint, save_ch
 from softprint.surrogate.cross_validation import train_crossed, untrained
 from softprint.surrogate.data.folds import folds_of
 from softprint.surrogate.data.splits import split_by_state
+from softprint.surrogate.force import entry
 from softprint.surrogate.force.crossed import CrossedForceTask
 from softprint.surrogate.force.data import ForceData, read_force_data
 from softprint.surrogate.force.loads import on_loads
@@ -351,6 +352,33 @@ def test_input_gains_scale_the_first_layer(truth, jelly2d_body):
         if name == "network.local.weight":
             expected[:, :2] *= 8.0
         assert torch.equal(steep[name], expected), name
+
+
+def test_contact_forces_are_read_the_same_by_several_workers(truth, jelly2d_body, mechanics, monkeypatch):
+    """In the order of one process, collider by collider, of which the second has the even contacts."""
+    other = Sphere(0.019, 2, name="other")
+    metric = ForceMetric(jelly2d_body, mechanics, 0.3)
+    for name, found in (("mechanics", mechanics), ("metric", metric), ("internal_below", None)):
+        monkeypatch.setattr(entry, name, lambda *_, found=found: found)
+    truth.contacts["collider"][:] = np.arange(STATES * CONTACTS) % 2
+
+    def by_collider(samples):
+        number = truth.contacts["collider"][truth.samples["contact"][samples]]
+        for collider, shape in enumerate((BALL, other)):
+            yield shape, samples[number == collider]
+
+    data = SimpleNamespace(truth=truth, body=jelly2d_body, by_collider=by_collider)
+    data.build_colliders, samples = lambda samples: None, np.arange(40)
+    read, counted = {}, []
+    for count in (1, 3):
+        monkeypatch.setattr(entry, "workers_for", lambda *_, count=count: count)
+        read[count] = entry.force_data(data, None, OPTIONS, samples, counted.append)
+    assert sum(counted) == 2 * len(samples)
+    assert read[1].sample.tolist() == [*samples[samples // 2 % 2 == 0], *samples[samples // 2 % 2 == 1]]
+    for name in ForceData.__dataclass_fields__:
+        one, several = (getattr(read[count], name) for count in (1, 3))
+        # float32, of sums that BLAS may order otherwise on one thread.
+        torch.testing.assert_close(several, one, rtol=1e-4, atol=1e-7 * float(one.abs().max()), msg=name)
 
 
 def test_forces_are_learned(truth, jelly2d_body, mechanics):

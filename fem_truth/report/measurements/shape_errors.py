@@ -21,9 +21,11 @@ import numpy as np
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.forked_workers import ForkedWorkers
 from softprint.runtime.io.kept_json import keep, read_kept
 from softprint.runtime.learned.static_correction import StaticCorrection
 from softprint.runtime.learned.worst_error import worst_relative_error
+from softprint.runtime.truth.shared_samples import workers_for
 from softprint.runtime.truth.truth_file import TruthData
 
 
@@ -67,11 +69,37 @@ def measure_samples(
 ) -> SampleErrors:
     """Errors of one model at all samples to which full space has an answer, usable or not. corrected: returns the model
     bound to the collider of that name."""
-    volumes = body.mesh.node_volumes[:, None]
     samples = np.flatnonzero(truth.answered)
-    number = truth.contacts["collider"][truth.samples["contact"][samples]]
-    internal = truth.states["internal"]
+    _, collider = np.unique(_colliders(truth, samples), return_inverse=True)
+
+    def work(share: IntArray, progress: Callable[[int], None]) -> Array:
+        return _sums(truth, body, corrected, samples[share], progress)
+
+    # Collider by collider: a worker binds the model to those that it is given.
+    count = min(workers_for(truth, samples), int(collider.max(initial=0)) + 1)
+    shares = [np.flatnonzero(collider % count == worker) for worker in range(count)]
     columns = np.zeros((4, len(samples)))
+    with ForkedWorkers(work, count) as workers:
+        for share, sums in zip(shares, workers.map(shares, progress), strict=True):
+            columns[:, share] = sums
+    return SampleErrors(samples, *columns)
+
+
+def _colliders(truth: TruthData, samples: IntArray) -> IntArray:
+    """(n,) numbers of the colliders of samples (n,)."""
+    return np.asarray(truth.contacts["collider"][truth.samples["contact"][samples]])
+
+
+def _sums(
+    truth: TruthData,
+    body: ReducedBody,
+    corrected: Callable[[str], StaticCorrection],
+    samples: IntArray,
+    progress: Callable[[int], None],
+) -> Array:
+    """The columns (4, n) of `SampleErrors` of samples (n,)."""
+    volumes, number = body.mesh.node_volumes[:, None], _colliders(truth, samples)
+    internal, columns = truth.states["internal"], np.zeros((4, len(samples)))
     for collider in np.unique(number):
         model = corrected(truth.header.colliders[collider])
         for place in np.flatnonzero(number == collider):
@@ -83,7 +111,7 @@ def measure_samples(
             fields = (exact, error, exact + internal[state], error + missed_internal)
             columns[:, place] = [float((volumes * field**2).sum()) for field in fields]
             progress(1)
-    return SampleErrors(samples, *columns)
+    return columns
 
 
 def remembered(path: Path, made_of: Mapping[str, str], measure: Callable[[], SampleErrors]) -> SampleErrors:
@@ -117,7 +145,7 @@ class Sides:
 
 def sides_of(truth: TruthData, sample: IntArray, training: set[str], validation: set[str]) -> Sides:
     """The side of each sample, from the names of the training shapes (which include validation shapes)."""
-    names = np.array(truth.header.colliders)[truth.contacts["collider"][truth.samples["contact"][sample]]]
+    names = np.array(truth.header.colliders)[_colliders(truth, sample)]
     trained, chosen = np.isin(names, sorted(training)), np.isin(names, sorted(validation))
     return Sides(trained & ~chosen, chosen, ~trained)
 
@@ -138,7 +166,7 @@ def left_out(truth: TruthData, sample: IntArray) -> dict[str, int]:
 
 def shape_rows(truth: TruthData, errors: SampleErrors) -> dict[str, dict[str, float]]:
     """`SampleErrors.row` of every shape that has samples, by name."""
-    number = truth.contacts["collider"][truth.samples["contact"][errors.sample]]
+    number = _colliders(truth, errors.sample)
     return {truth.header.colliders[shape]: errors.take(number == shape).row() for shape in np.unique(number)}
 
 
@@ -184,7 +212,7 @@ def heaviest_place(truth: TruthData, errors: Mapping[str, SampleErrors], points:
 
 def worst_sample(truth: TruthData, errors: SampleErrors, shape: str) -> int:
     """Row of the truth file of the shape's sample with the largest absolute error."""
-    number = truth.contacts["collider"][truth.samples["contact"][errors.sample]]
+    number = _colliders(truth, errors.sample)
     of_shape = np.flatnonzero(number == truth.header.colliders.index(shape))
     if not of_shape.size:
         raise SoftprintError(f"{truth.path}: no usable sample of {shape!r}")
