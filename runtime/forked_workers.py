@@ -30,8 +30,9 @@ Work = Callable[[Part, Callable[[int], None]], Result]
 
 def worker_count(parts: int) -> int:
     """As many workers as this process has cores, or threads by its environment, and no more than parts; one where
-    processes cannot be forked."""
-    if "fork" not in multiprocessing.get_all_start_methods():
+    processes cannot be forked, or where this one is such a worker itself."""
+    forks = "fork" in multiprocessing.get_all_start_methods()
+    if not forks or multiprocessing.current_process().daemon:
         return 1
     told = [int(value) for name in VARIABLES if (value := os.environ.get(name, "")).isdigit()]
     return max(1, min(len(os.sched_getaffinity(0)), parts, *told))

@@ -26,12 +26,9 @@ from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.mechanics.compliance.columns import all_columns
 from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
-from softprint.runtime.mechanics.compliance.surface_compliance import (
-    SurfaceCompliance,
-    compliance_columns,
-    surface_interpolation,
-)
+from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance, surface_interpolation
 
 # r, in distances of handles (V / n_handles)^(1/dim).
 _REACH = 0.5
@@ -46,7 +43,7 @@ def compute_spread_compliance(
     """G~ for the contact nodes of the surface compliance of a body. progress: called with the number of columns done,
     one for each anchor."""
     balls = ball_weights(body, body.mesh.points[surface.nodes[surface.anchors]], reach(body))
-    operator = np.concatenate(list(compliance_columns(response, balls, progress)))
+    operator = all_columns(response, balls, progress)
     rest, n_contact = body.mesh.points[surface.nodes], len(surface.nodes)
     nothing = sp.csr_matrix((n_contact * body.dim, body.mesh.points.size), dtype=np.float32)
     share = surface_interpolation(rest, surface.anchors)

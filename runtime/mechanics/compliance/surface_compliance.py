@@ -20,7 +20,7 @@ the small Jelly this reduces the error of the field of a contact from 3 % to 1 %
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -35,13 +35,12 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.farthest_points import farthest_points
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mechanics.compliance import surface_compliance_kernels
+from softprint.runtime.mechanics.compliance.columns import all_columns, compliance_columns, shared_rows
 from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 
 #: Row starts, columns and entries of a sparse matrix.
 CsrParts = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[Any]]
 
-# Columns solved at a time, to bound memory.
-_COLUMNS = 240
 # Anchors. With at most so many contact nodes, each is its own anchor and nothing is interpolated.
 _ANCHORS = 400
 # Anchors that a contact node is interpolated between.
@@ -130,26 +129,39 @@ def compute_surface_compliance(
     nodes, areas, spread = _contact_nodes(body, at_most)
     rest = body.mesh.points
     if len(nodes) <= _ANCHORS:
-        operator = np.concatenate(list(compliance_columns(response, spread, progress)))
+        operator = all_columns(response, spread, progress)
         everyone = np.arange(len(nodes))
         nothing = sp.csr_matrix((len(nodes) * body.dim, rest.size), dtype=np.float32)
         return SurfaceCompliance(
             nodes, areas, everyone, operator, sp.identity(len(nodes), format="csr"), nothing
         )
     anchors = np.sort(farthest_points(rest[nodes], _ANCHORS))
-    operator = np.concatenate(list(compliance_columns(response, spread[anchors], progress)))
+    operator = all_columns(response, spread[anchors], progress)
     between, share = _interpolation(rest[nodes], anchors)
     reach = _NEAR * (areas.sum() / len(anchors)) ** (1.0 / (body.dim - 1))
     within = cKDTree(rest).query_ball_point(rest[nodes], reach)
     sample = farthest_points(rest, min(_FIT_NODES, len(rest)))
+
+    def fitted(
+        rows: slice, progress: Callable[[int], None]
+    ) -> list[tuple[Array, IntArray, NDArray[np.float32]]]:
+        """Of every contact node its share of the anchors, and what these do not give at the nodes near it."""
+        found, j = [], rows.start
+        for columns in compliance_columns(response, spread[rows], progress):
+            for column in columns:
+                at, along = np.array(within[j]), operator[between[j]]
+                far = np.setdiff1d(sample, at)
+                own = _fitted(share[j], along[:, :, far], column[:, far])
+                missing = column[:, at] - np.tensordot(own.astype(np.float32), along[:, :, at], axes=1)
+                found.append((own, at, missing))
+                j += 1
+        return found
+
     near = _Rows(rest.shape)
-    for columns in compliance_columns(response, spread, progress):
-        for column in columns:
-            j = near.count
-            at, along = np.array(within[j]), operator[between[j]]
-            far = np.setdiff1d(sample, at)
-            share[j] = _fitted(share[j], along[:, :, far], column[:, far])
-            near.add(at, column[:, at] - np.tensordot(share[j].astype(np.float32), along[:, :, at], axes=1))
+    for block in shared_rows(fitted, len(nodes), body.dim, progress):
+        for own, at, missing in block:
+            share[near.count] = own
+            near.add(at, missing)
     return SurfaceCompliance(nodes, areas, anchors, operator, _shares(between, share, anchors), near.matrix())
 
 
@@ -171,22 +183,6 @@ def n_columns(body: ReducedBody, at_most: int) -> int:
     spread compliance."""
     n_contact = min(len(outside_frames(body)[0]), at_most)
     return 2 * n_contact if n_contact <= _ANCHORS else n_contact + 2 * _ANCHORS
-
-
-def compliance_columns(
-    response: NullSpaceCompliance, spread: sp.csr_matrix, progress: Callable[[int], None] | None
-) -> Iterator[NDArray[np.float32]]:
-    """Columns (k, dim, n_nodes, dim), some at a time, of contact nodes whose forces are distributed over the nodes by
-    spread (n, n_nodes)."""
-    n_nodes, dim = response.shape
-    step = max(1, _COLUMNS // dim)
-    for start in range(0, spread.shape[0], step):
-        weights = spread[start : start + step].toarray()
-        forces = np.einsum("kn,ab->nakb", weights, np.eye(dim)).reshape(n_nodes, dim, -1)
-        moved = response.solve(forces).reshape(n_nodes, dim, len(weights), dim)
-        yield np.ascontiguousarray(moved.transpose(2, 3, 0, 1), dtype=np.float32)
-        if progress is not None:
-            progress(len(weights))
 
 
 class _Rows:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from softprint.runtime.mechanics.compliance import columns
 from softprint.runtime.mechanics.compliance import surface_compliance as module
 from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.compliance.surface_compliance import compute_surface_compliance, n_columns
@@ -29,14 +30,33 @@ def test_columns_are_the_response_to_single_forces(jelly_body, response):
 
 def test_symmetric_and_in_the_null_space_of_the_subspace(jelly_body, response):
     compliance = compute_surface_compliance(jelly_body, response, 10_000)
-    columns = compliance.dense()
-    among = columns[:, :, compliance.nodes]
+    operator = compliance.dense()
+    among = operator[:, :, compliance.nodes]
     size = np.abs(among).max()
     # float32.
     assert np.abs(among - among.transpose(2, 3, 0, 1)).max() < 1e-6 * size
     free = np.setdiff1d(np.arange(jelly_body.n_nodes), jelly_body.handles.frame_nodes)
-    seen = np.einsum("nr,lanb->larb", jelly_body.constraint_basis[free], columns[:, :, free])
+    seen = np.einsum("nr,lanb->larb", jelly_body.constraint_basis[free], operator[:, :, free])
     assert np.abs(seen).max() < 1e-4 * size
+
+
+@pytest.mark.parametrize("part", [1, 3], ids=["all of them", "between anchors"])
+def test_the_same_on_several_cores(jelly3d_body, monkeypatch, part):
+    """Columns that one process solves for together stay together."""
+    response = NullSpaceCompliance(jelly3d_body)
+    n = len(compute_surface_compliance(jelly3d_body, response, 10_000).nodes)
+    monkeypatch.setattr(module, "_ANCHORS", n // part)
+    monkeypatch.setattr(module, "_NEAR", 2.0)
+    monkeypatch.setattr(columns, "_COLUMNS", 36)
+    found, done = {}, {1: [], 3: []}
+    for count in done:
+        monkeypatch.setattr(columns, "worker_count", lambda batches, count=count: min(batches, count))
+        found[count] = compute_surface_compliance(jelly3d_body, response, 10_000, done[count].append)
+    assert sum(done[3]) == sum(done[1]) == n + (n // part if part > 1 else 0)
+    alone, shared = found[1].dense(), found[3].dense()
+    # The workers have one thread of BLAS, which may add up otherwise: float32.
+    np.testing.assert_allclose(shared, alone, rtol=0.0, atol=1e-6 * np.abs(alone).max())
+    np.testing.assert_array_equal(found[3].near.indices, found[1].near.indices)
 
 
 def test_interpolated_between_anchors(jelly3d_body, monkeypatch):
