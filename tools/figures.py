@@ -441,7 +441,7 @@ FIGURES: Mapping[str, Figure] = {
         ("docs/thesis6_figures.png",),
     ),
     "jelly_library": _library("jelly_library", " --set sampling.places=6 --set sampling.test_places=3"),
-    "ball": _library("ball"),
+    "ball": _library("ball", " --set sampling.states=1 --set sampling.places=12"),
     "finger": _library("finger"),
     "hand": _library("hand"),
     "table_6_1": Figure(
