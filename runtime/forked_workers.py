@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import pickle
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -101,13 +100,13 @@ class ForkedWorkers(Generic[Part, Result]):
         if not self._processes[worker].is_alive():
             raise SoftprintError(_ENDED)
         try:
-            self._connections[worker].send_bytes(pickle.dumps(part))
+            self._connections[worker].send(part)
         except ConnectionError:
             raise SoftprintError(_ENDED) from None
 
     def _received(self, connection: Connection) -> tuple[str, Any]:
         try:
-            kind, content = pickle.loads(connection.recv_bytes())
+            kind, content = connection.recv()
         except (EOFError, ConnectionError):
             raise SoftprintError(_ENDED) from None
         return kind, content
@@ -121,11 +120,11 @@ class ForkedWorkers(Generic[Part, Result]):
         one_thread()
 
         def tell(kind: str, content: object) -> None:
-            connection.send_bytes(pickle.dumps((kind, content)))
+            connection.send((kind, content))
 
         with suppress(EOFError, ConnectionError, KeyboardInterrupt):
             while True:
-                part = pickle.loads(connection.recv_bytes())
+                part = connection.recv()
                 try:
                     result = self._work(part, lambda n: tell("done", n))
                 except Exception as error:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import pad
 from torch.nn.utils.rnn import pad_sequence
@@ -56,6 +58,16 @@ class ForceData:
     def to(self, device: torch.device) -> ForceData:
         """The same data on a device."""
         return ForceData(*(getattr(self, name).to(device) for name in ForceData.__dataclass_fields__))
+
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """The columns, as another process can be given them."""
+        return tuple(getattr(self, name).numpy() for name in ForceData.__dataclass_fields__)
+
+    @classmethod
+    def of_arrays(cls, arrays: Sequence[NDArray[Any]]) -> ForceData:
+        """From `arrays`."""
+        return cls(*map(torch.from_numpy, arrays))
 
     def take(self, which: Tensor) -> ForceData:
         """Some of the samples."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import torch
+from numpy.typing import NDArray
 
 from softprint.runtime.arrays import IntArray
 from softprint.runtime.colliders.collider import Collider
@@ -103,8 +104,8 @@ def force_data(
     """Some rows of the truth file, with any mix of colliders. Raises SoftprintError if none of them touches the reduced
     body."""
 
-    def work(share: IntArray, progress: Callable[[int], None]) -> list[ForceData]:
-        return _touching(data, spec, options, share, progress)
+    def work(share: IntArray, progress: Callable[[int], None]) -> list[tuple[NDArray[Any], ...]]:
+        return [part.arrays for part in _touching(data, spec, options, share, progress)]
 
     # Before workers are forked, which share them.
     metric(data, spec)
@@ -112,7 +113,7 @@ def force_data(
     count = workers_for(data.truth, samples)
     with ForkedWorkers(work, count) as workers:
         found = workers.map(shares_of(data.truth, samples, count), progress or _ignore)
-    touching = [part for parts in found for part in parts]
+    touching = [ForceData.of_arrays(part) for parts in found for part in parts]
     if not touching:
         raise SoftprintError(
             f"{data.truth.path}: in none of the {len(samples)} requested samples does a collider touch the reduced body"

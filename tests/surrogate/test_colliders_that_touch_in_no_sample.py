@@ -29,6 +29,7 @@ def data(monkeypatch):
     for name in ("mechanics", "metric", "internal_below"):
         monkeypatch.setattr(entry, name, lambda *_: None)
     monkeypatch.setattr(entry, "join_force_data", _Joined)
+    monkeypatch.setattr(entry, "ForceData", SimpleNamespace(of_arrays=lambda arrays: arrays))
     parts = [("needle", np.array([0, 1])), ("ball", np.array([2]))]
     tables = {"contacts": {"collider": np.array([0, 1])}, "samples": {"contact": np.array([0, 0, 1])}}
     truth = SimpleNamespace(path=Path("truth.h5"), **tables)
@@ -38,9 +39,10 @@ def data(monkeypatch):
 
 
 def test_it_is_left_out(data, monkeypatch) -> None:
-    monkeypatch.setattr(
-        entry, "read_force_data", lambda _t, _b, collider, *_: None if collider == "needle" else collider
-    )
+    def read(_truth, _body, collider, *_):
+        return None if collider == "needle" else SimpleNamespace(arrays=collider)
+
+    monkeypatch.setattr(entry, "read_force_data", read)
     assert entry.force_data(data, None, None, np.arange(3)) == ["ball"]
 
 
