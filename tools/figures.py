@@ -173,6 +173,13 @@ FIGURES: Mapping[str, Figure] = {
         (README, RESULTS, "docs/tactile.md"),
         pictures=("docs/tactile.png",),
     ),
+    "gel_pad_12": Figure(
+        (
+            "softprint run examples/gel_pad_small.toml --set sampling.places=12 --set training.steps=2500 "
+            """--set 'body.material.model="invertible_neo_hookean"' --out runs/pad_12""",
+        ),
+        (TACTILE,),
+    ),
     "tactile": Figure(
         (
             "python -m benchmarks.gel_locking",
