@@ -45,10 +45,11 @@ class ForkedWorkers(Generic[Part, Result]):
         self._processes: list[BaseProcess] = []
         self._connections: list[Connection] = []
 
-    def map(self, parts: Sequence[Part], progress: Callable[[int], None]) -> list[Result]:
+    def map(self, parts: Sequence[Part], progress: Callable[[int], None] | None = None) -> list[Result]:
         """The results of at most as many parts as there are workers. An error of a worker is raised here."""
+        told = progress or (lambda done: None)
         if self._count == 1:
-            return [self._work(part, progress) for part in parts]
+            return [self._work(part, told) for part in parts]
         if not self._processes:
             self._start()
         used = self._connections[: len(parts)]
@@ -60,7 +61,7 @@ class ForkedWorkers(Generic[Part, Result]):
                 connection = cast("Connection[Any, Any]", ready)
                 kind, content = self._received(connection)
                 if kind == "done":
-                    progress(content)
+                    told(content)
                 elif kind == "error":
                     raise content
                 else:
@@ -116,7 +117,9 @@ class ForkedWorkers(Generic[Part, Result]):
         that holds them open would not let the others see its end."""
         for other in self._connections:
             other.close()
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # the end of the parent, of which PETSc would make an error
+        signal.signal(
+            signal.SIGPIPE, signal.SIG_IGN
+        )  # the end of the parent, of which PETSc would make an error
         one_thread()
 
         def tell(kind: str, content: object) -> None:

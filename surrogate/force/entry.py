@@ -112,7 +112,7 @@ def force_data(
     data.build_colliders(samples)
     count = workers_for(data.truth, samples)
     with ForkedWorkers(work, count) as workers:
-        found = workers.map(shares_of(data.truth, samples, count), progress or _ignore)
+        found = workers.map(shares_of(data.truth, samples, count), progress)
     touching = [ForceData.of_arrays(part) for parts in found for part in parts]
     if not touching:
         raise SoftprintError(
@@ -120,10 +120,6 @@ def force_data(
         )
     joined = join_force_data(touching)
     return joined.take(torch.from_numpy(in_order(data.truth, joined.sample.numpy())))
-
-
-def _ignore(samples: int) -> None:
-    """No progress is shown."""
 
 
 def _touching(

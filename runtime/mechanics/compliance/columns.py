@@ -42,7 +42,7 @@ def shared_rows(
     edges = [min(n, step * (batches * k // count)) for k in range(count + 1)]
     blocks = [slice(start, stop) for start, stop in pairwise(edges)]
     with ForkedWorkers(work, count) as workers:
-        return workers.map(blocks, progress or _ignore)
+        return workers.map(blocks, progress)
 
 
 def compliance_columns(
@@ -63,7 +63,3 @@ def compliance_columns(
 
 def _nodes_at_a_time(dim: int) -> int:
     return max(1, _COLUMNS // dim)
-
-
-def _ignore(nodes: int) -> None:
-    """No progress is shown."""
