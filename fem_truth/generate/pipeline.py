@@ -31,6 +31,7 @@ from softprint.fem_truth.generate.plan_hash import check_manifest, fingerprint, 
 from softprint.fem_truth.generate.shards import is_whole, write_shard
 from softprint.fem_truth.generate.state_stage import Columns, find_states
 from softprint.fem_truth.parts.body_part import part_of_body
+from softprint.fem_truth.sampling.contact_approach import ContactApproaches
 from softprint.fem_truth.sampling.contact_places import places_by_state
 from softprint.fem_truth.sampling.contact_plan import ROTATIONS_STREAM, ContactPlan
 from softprint.fem_truth.sampling.rotations import spread_rotations
@@ -233,22 +234,26 @@ def _contact_work(
     reduced = np.stack([body.reduced_positions(rows) for rows in states["rows"]])
     n_rotations = max(1, sampling.rotations)
     turns = n_rotations if len(names) == 1 else 1
-    return ContactWork(
-        problem=problem,
+    approaches = ContactApproaches(
+        body=body,
         colliders=colliders,
         plan=ContactPlan(len(reduced), counts, n_rotations, turns, sampling.repeat_share, seed),
-        rows=states["rows"],
         internal=reduced + states["internal"],
         places=places,
         rotations=rotations,
-        depths=sampling.depths,
         max_depth=sampling.max_depth,
+        on_facets=experiment.contact.refinement > 0,
+    )
+    return ContactWork(
+        problem=problem,
+        approaches=approaches,
+        rows=states["rows"],
+        depths=sampling.depths,
         depth_noise=sampling.depth_noise,
         settings=FullSpaceSettings(
             NewtonSettings(sampling.solver.max_iterations, sampling.solver.residual),
             sampling.solver.decrement,
         ),
-        on_facets=experiment.contact.refinement > 0,
     )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 
 # Random number streams: each use of the seed has its own, so that none depends on how many numbers another draws.
 ROTATIONS_STREAM, DEPTHS_STREAM, REPEATS_STREAM, SIDEWAYS_STREAM, TURN_STREAM = 1, 2, 3, 4, 5
+OTHER_TURNS_STREAM = 6
 
 _GOLDEN = 0.5 * (5**0.5 - 1)
 

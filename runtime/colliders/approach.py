@@ -8,13 +8,13 @@ over it (sphere tracing); a bracketing root finder does the rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
 
-from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 
@@ -94,6 +94,32 @@ class Approach:
                 return before
         return np.inf
 
+    def meets(self, points: Array, deepest: float) -> float:
+        """The depth [m] at which the collider begins to touch some of points (k, dim) [m] of the surface; infinite if
+        it has touched none of them when it is at the deepest [m], or never gets so deep."""
+        if not len(points):
+            return np.inf
+        to_points = replace(self, surface=points)
+        try:
+            end = self._march(self.clear_of_surface, deepest)
+            return self.depth(to_points._march(to_points.clear_of_surface, 0.0, end))
+        except OutOfReach:
+            return np.inf
+
+    def reached_on_the_way(self, centres: Array, radii: Array, depth: float) -> BoolArray:
+        """(k,) which balls with centres (k, dim) and radii (k,) [m] the box about the collider touches on its way to a
+        depth [m]: the slabs of the box, each as wide as the ball is large, are passed in an interval of s."""
+        try:
+            end = self._march(self.clear_of_surface, depth)
+        except OutOfReach:
+            end = -np.inf
+        at, along = (centres - self.place) @ self.rotation, self.normal @ self.rotation
+        lower, upper = at - self.collider.upper - radii[:, None], at - self.collider.lower + radii[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):  # along a slab: all s, or none
+            slabs = np.sort([lower / along, upper / along], axis=0)
+        first, last = np.maximum(slabs[0].max(axis=1), end), slabs[1].min(axis=1)
+        return np.asarray(first <= last)
+
     @cached_property
     def _length(self) -> float:
         """A common length of the collider and the surface; half spaces have no size of their own."""
@@ -134,10 +160,12 @@ class Approach:
     def _deepest(self) -> _DeepestPoint:
         return _DeepestPoint(self, self.clear_of_surface)
 
-    def _march(self, s: float, depth: float) -> float:
+    def _march(self, s: float, depth: float, end: float = -np.inf) -> float:
+        """The first s, inward from the given one to the end, with this depth [m]."""
         deepest = self._deepest
         shortest = _SHORTEST_STEP * self._length
         lowest = s - 4.0 * (self._radius + float(np.ptp((self.surface - self.place) @ self.normal)) + depth)
+        lowest = max(lowest, end)
         to_go = depth - deepest.depth(s)
         while to_go > 0.0:
             last, s = s, s - max(to_go, shortest)
