@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, Generic, TypeVar, cast
 
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.linalg.one_thread import VARIABLES, one_thread
+from softprint.runtime.linalg.one_thread import one_thread
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -28,13 +28,13 @@ Work = Callable[[Part, Callable[[int], None]], Result]
 
 
 def worker_count(parts: int) -> int:
-    """As many workers as this process has cores, or threads by its environment, and no more than parts; one where
-    processes cannot be forked, or where this one is such a worker itself."""
+    """As many workers as this process has cores, or OMP_NUM_THREADS, and no more than parts; one where processes cannot
+    be forked, or where this one is such a worker itself. Threads of BLAS are another matter: each worker has one."""
     forks = "fork" in multiprocessing.get_all_start_methods()
     if not forks or multiprocessing.current_process().daemon:
         return 1
-    told = [int(value) for name in VARIABLES if (value := os.environ.get(name, "")).isdigit()]
-    return max(1, min(len(os.sched_getaffinity(0)), parts, *told))
+    cores, told = len(os.sched_getaffinity(0)), os.environ.get("OMP_NUM_THREADS", "")
+    return max(1, min(cores, parts, int(told) if told.isdigit() else cores))
 
 
 class ForkedWorkers(Generic[Part, Result]):

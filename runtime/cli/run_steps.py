@@ -22,6 +22,7 @@ from typing import IO
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.progress import FOLLOWED
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.forked_workers import worker_count
 
 _LOOK = 0.5  # s between two looks at a process
 _PATIENCE = 20.0  # s for a process to end itself after Ctrl-C
@@ -53,6 +54,7 @@ def steps_of(context: Context, ranks: int, pictures: bool = True) -> list[Step]:
         names += ["condensed", *(model.name for model in internal)]
     scenes = len(experiment.scenes_of_role("test"))
     models = [word for name in names for word in ("--model", name)]
+    cores = worker_count(len(os.sched_getaffinity(0)))
     judged = len(trained) if len(experiment.sampled_colliders) > 1 else 0  # by shape, too
     return [
         Step("body", 0.03),
@@ -64,7 +66,7 @@ def steps_of(context: Context, ranks: int, pictures: bool = True) -> list[Step]:
             0.25,
             counted=("step",),
             bars=sum(model.learned for model in trained) + len(internal),
-            threads=len(os.sched_getaffinity(0)),
+            threads=cores,
         ),
         Step("simulate", 0.15, models, counted=("steps",), bars=scenes * len(names)),
         Step(
@@ -73,6 +75,7 @@ def steps_of(context: Context, ranks: int, pictures: bool = True) -> list[Step]:
             () if pictures else ("--no-pictures",),
             counted=("frames", "sample"),
             bars=scenes + judged,
+            threads=cores,
         ),
     ]
 
@@ -134,7 +137,7 @@ def _command(context: Context, step: Step) -> list[str]:
 
 
 def _environment(step: Step, followed: Path) -> Mapping[str, str]:
-    """One thread for each rank and for simulations: small matrices do not gain from more. Open MPI runs as root, for
+    """One thread for each rank and for simulations, and of BLAS: small matrices do not gain from more. Open MPI runs as root, for
     instance in a container, only with both of its variables set."""
     threads = {"OMP_NUM_THREADS": str(step.threads), "OPENBLAS_NUM_THREADS": "1"}
     as_root = (

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
 import pytest
 
 from softprint.runtime.cli import run_steps
 from softprint.runtime.cli.progress import FOLLOWED, Progress
 from softprint.runtime.cli.run_steps import Step, how_far, usable_ranks
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import load_experiment
+from softprint.runtime.forked_workers import worker_count
 
 
 def test_a_process_tells_how_far_it_is(tmp_path, monkeypatch):
@@ -36,3 +42,23 @@ def test_ranks(monkeypatch):
     assert usable_ranks(3) == 3
     with pytest.raises(SoftprintError, match="at least 1"):
         usable_ranks(0)
+
+
+@pytest.mark.parametrize(("told", "workers"), [(None, 8), ("3", 3)])
+def test_training_and_the_report_use_all_cores_or_as_many_as_are_told(monkeypatch, tmp_path, told, workers):
+    """As they find it in the environment that `run` gives them, in which BLAS has one thread."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)))
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    if told is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", told)
+    experiment = load_experiment(Path(__file__).resolve().parents[3] / "examples" / "jelly3d_small.toml")
+    environments = {
+        step.verb: run_steps._environment(step, tmp_path / "told")
+        for step in run_steps.steps_of(SimpleNamespace(experiment=experiment), ranks=2)
+    }
+    found = {}
+    for verb, environment in environments.items():
+        monkeypatch.setenv("OMP_NUM_THREADS", environment["OMP_NUM_THREADS"])
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", environment["OPENBLAS_NUM_THREADS"])
+        found[verb] = worker_count(100)
+    assert found == {"body": 1, "generate": 1, "train": workers, "simulate": 1, "report": workers}
