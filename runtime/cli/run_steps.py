@@ -137,8 +137,8 @@ def _command(context: Context, step: Step) -> list[str]:
 
 
 def _environment(step: Step, followed: Path) -> Mapping[str, str]:
-    """One thread for each rank and for simulations, and of BLAS: small matrices do not gain from more. Open MPI runs as root, for
-    instance in a container, only with both of its variables set."""
+    """One thread for each rank and for simulations, and of BLAS: small matrices do not gain from more. Open MPI runs as
+    root, for instance in a container, only with both of its variables set."""
     threads = {"OMP_NUM_THREADS": str(step.threads), "OPENBLAS_NUM_THREADS": "1"}
     as_root = (
         {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"} if os.getuid() == 0 else {}
