@@ -504,10 +504,7 @@ FIGURES: Mapping[str, Figure] = {
     ),
     "contacts_to_learn_from": Figure(
         (
-            "softprint run examples/finger_small.toml --set sampling.places=4 --out runs/finger_4",
             "softprint run examples/ball_small.toml --set sampling.places=20 --out runs/ball_20",
-            "softprint run examples/finger_small.toml --set sampling.states=4 --set sampling.places=4 "
-            "--out runs/finger_s4",
             "softprint run examples/hand_small.toml --set sampling.states=4 --set sampling.places=4 "
             "--out runs/hand_s4",
         ),
