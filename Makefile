@@ -16,9 +16,9 @@ OPTIONS ?=
 # Of `make figures`: names (see tools/figures.py --list), all where none is given.
 FIGURES ?=
 
-# One thread: small matrices do not gain from more. `softprint run` gives training all cores.
-export OMP_NUM_THREADS ?= 1
-export OPENBLAS_NUM_THREADS ?= 1
+# One thread: small matrices do not gain from more. The demo chooses for each of its steps: training has all cores.
+test figures: export OMP_NUM_THREADS ?= 1
+test figures: export OPENBLAS_NUM_THREADS ?= 1
 
 help:
 	@echo "make demo      mesh, truth on $(RANKS) ranks, training, simulation and report of $(EXPERIMENT)"

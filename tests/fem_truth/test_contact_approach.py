@@ -90,14 +90,21 @@ def test_a_bar_is_turned_away_from_the_frame(block: ReducedBody, seed: int) -> N
 def test_a_collider_that_no_frame_is_in_the_way_of_keeps_the_rotation_that_is_planned(
     block: ReducedBody,
 ) -> None:
-    square = Box(np.full(block.dim, 0.02), 0.002)
-    high, low = approaches(block, square, 0.07), approaches(block, square, 0.02)
-    (a, _), (b, _) = high.of(high.plan[0]), low.of(low.plan[0])
-    # Both are drawn with the same seed; only the low one meets the base, however it is turned.
-    assert high.plan[0] == low.plan[0]
-    assert a.rotation is not b.rotation
-    first = next(iter(high._rotations(high.plan[0])))
-    np.testing.assert_array_equal(a.rotation, first)
+    found = approaches(block, Box(np.full(block.dim, 0.02), 0.002), 0.07)
+    approach, limits = found.of(found.plan[0])
+    assert limits.frame == np.inf
+    np.testing.assert_array_equal(approach.rotation, next(iter(found._rotations(found.plan[0]))))
+
+
+def test_where_no_rotation_is_clear_of_the_frame_it_is_the_one_that_gets_deepest(block: ReducedBody) -> None:
+    # 20 mm above the floor a square of 40 mm meets the base, however it is turned.
+    found = approaches(block, Box(np.full(block.dim, 0.02), 0.002), 0.02)
+    approach, limits = found.of(found.plan[0])
+    tried = [found._turned(found.plan[0], rotation) for rotation in found._rotations(found.plan[0])]
+    frames = [each.frame for _, each in tried]
+    assert max(frames) < limits.without_frames
+    assert limits.frame == max(frames) > min(frames)
+    np.testing.assert_array_equal(approach.rotation, tried[int(np.argmax(frames))][0].rotation)
 
 
 def test_without_rotations_a_contact_ends_where_the_frame_begins(block: ReducedBody) -> None:
