@@ -117,9 +117,8 @@ class ForkedWorkers(Generic[Part, Result]):
         that holds them open would not let the others see its end."""
         for other in self._connections:
             other.close()
-        signal.signal(
-            signal.SIGPIPE, signal.SIG_IGN
-        )  # the end of the parent, of which PETSc would make an error
+        # The end of the parent, of which PETSc would make an error.
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         one_thread()
 
         def tell(kind: str, content: object) -> None:

@@ -656,10 +656,10 @@ class Records:
 
 
 def shell_line(command: str, ranks: int) -> str:
-    """The command as it is run: reference solutions on several ranks, training with a thread for each core."""
+    """The command as it is run: reference solutions on several ranks, training and reports on all cores."""
     if command.startswith("softprint generate") and ranks > 1:
         return f"OMP_NUM_THREADS=1 mpirun --oversubscribe -n {ranks} {command}"
-    if command.startswith("softprint train"):
+    if command.startswith(("softprint train", "softprint run", "softprint report")):
         return f"OMP_NUM_THREADS={os.cpu_count()} {command}"
     return command
 

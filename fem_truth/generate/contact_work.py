@@ -66,7 +66,7 @@ class ContactWork:
         again: list[Solution | None] = []
         unreached = _UNREACHED
         try:
-            limits.require_flesh(approach)
+            limits.require_depth(approach)
             samples = path.load(depths)
             again = path.from_the_side(samples, self._sideways(contact, approach)) if contact.repeated else []
         except OutOfReach as error:

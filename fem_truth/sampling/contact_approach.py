@@ -2,7 +2,7 @@
 
 A contact is aimed at a place of the deformed surface, along the normal there. It ends at the deepest depth that is
 asked for, or sooner where the collider is thinner (`Approach.thickness`), or where it meets a rigid frame: a frame does
-not give way, so a contact that presses one says nothing of flesh, and ends with a collider that is inside the body.
+not give way, so a contact that presses one says nothing of what is soft, and ends with a collider inside the body.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class DepthLimits:
         """At least a share of what it would be without frames."""
         return max(min(self.without_frames, self.frame), _LEAST_DEPTH * self.without_frames)
 
-    def require_flesh(self, approach: Approach) -> None:
+    def require_depth(self, approach: Approach) -> None:
         """Raises OutOfReach if the collider meets a frame before it is at least so deep."""
         if self.frame < self.deepest:
             raise OutOfReach(
@@ -103,8 +103,8 @@ class ContactApproaches:
             facets = mesh.facets[self._in_reach(x, approach)]
             held = np.isin(facets, of_frames).all(axis=1)
             spacing = _SPACING * approach.collider.size
-            flesh, rigid = facet_lattice(x, facets[~held], spacing), facet_lattice(x, facets[held], spacing)
-            approach = replace(approach, surface=np.vstack([nodes, flesh, rigid]))
+            soft, rigid = facet_lattice(x, facets[~held], spacing), facet_lattice(x, facets[held], spacing)
+            approach = replace(approach, surface=np.vstack([nodes, soft, rigid]))
             frames = np.vstack([frames, rigid])
         thickness = approach.thickness(self.max_depth)
         frame = approach.meets(frames, min(self.max_depth, thickness))

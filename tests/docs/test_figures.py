@@ -174,3 +174,9 @@ def test_reference_solutions_run_on_several_ranks():
     )
     assert shell_line("softprint generate x.toml", 1) == "softprint generate x.toml"
     assert shell_line("softprint verify", 2) == "softprint verify"
+
+
+@pytest.mark.parametrize("verb", ["train", "run", "report"])
+def test_training_and_reports_have_all_cores(monkeypatch, verb):
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    assert shell_line(f"softprint {verb} x.toml", 2) == f"OMP_NUM_THREADS=8 softprint {verb} x.toml"

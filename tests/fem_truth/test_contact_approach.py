@@ -120,7 +120,7 @@ def test_without_rotations_a_contact_ends_where_the_frame_begins(block: ReducedB
     exact = 0.04 - np.sqrt(0.04**2 - 0.02**2)  # 5.4 mm
     assert limits.deepest == pytest.approx(exact, abs=1e-9)
     assert into_the_frame(found, approach, limits.deepest) == pytest.approx(0.0, abs=1e-9)
-    limits.require_flesh(approach)
+    limits.require_depth(approach)
 
 
 def test_a_contact_that_only_presses_the_frame_is_out_of_reach_and_says_why(block: ReducedBody) -> None:
@@ -130,7 +130,7 @@ def test_a_contact_that_only_presses_the_frame_is_out_of_reach_and_says_why(bloc
     with pytest.raises(
         OutOfReach, match=r"meets a rigid frame, which does not give way, when it is \S+ m deep"
     ):
-        limits.require_flesh(approach)
+        limits.require_depth(approach)
 
 
 @pytest.mark.parametrize("seed", range(4))
