@@ -11,9 +11,10 @@ over samples i and three kinds of residual k: h~ - h_true along the coordinates 
 force on the collider, and W~ - W_true; s_ik is the square of what is true. Samples in which the collider presses a
 rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
 from what no p fits (Huber 1964), as where the truth is in another equilibrium. Of p, as much is kept as validation
-samples bear out: a part t p, with t from 0, which is linear mechanics, to 1. How the compliance changes with the
-strain, c, is learned only from several states: no other could bear out that of one, and it would count most where a
-body is strained much more than in training.
+samples bear out: a part t p, with t from 0, which is linear mechanics, to 1; and nothing, where the gain over linear
+mechanics may be chance (`energy_gain.py`). How the compliance changes with the strain, c, is learned only from several
+states: no other could bear out that of one, and it would count most where a body is strained much more than in
+training.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames
 from softprint.runtime.truth.shared_samples import workers_for
 from softprint.surrogate.data.training_data import TrainingData
+from softprint.surrogate.force.energy_gain import Gain, gain_of
 from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled, SampledContacts
 from softprint.surrogate.force.shared_contacts import SharedContacts
 
@@ -80,8 +82,8 @@ def learn_energy(
     progress: Callable[[int], None],
     labels: tuple[str, ...] = LABELS,
 ) -> tuple[LearnedEnergy | None, EnergyErrors]:
-    """The energy from samples (n,), and its errors on others; None where linear mechanics is better on these, or where
-    all samples press a rigid frame. labels: the kinds of residuals to learn from."""
+    """The energy from samples (n,), and its errors on others; None where it is not surely better on these than linear
+    mechanics, or where all samples press a rigid frame. labels: the kinds of residuals to learn from."""
     mechanics = LearnedEnergy.of_mechanics()
     alone = contacts.at(train, mechanics, progress)
     before = contacts.at(held_out, mechanics, progress)
@@ -93,12 +95,15 @@ def learn_energy(
     free[:N_COEFFICIENTS] = contacts.n_states(train) > 1
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels, free))
-    kept, part = None, 0.0
+    kept, part, gain = None, 0.0, Gain(0.0, np.inf)
     for share in _PARTS:
         tried = _with_parameters(learned, share * _parameters(learned))
-        errors = contacts.at(held_out, tried, progress).errors(compared)
+        found = contacts.at(held_out, tried, progress)
+        errors = found.errors(compared)
         if _sum(errors, labels) < _sum(best, labels):
-            best, kept, part = errors, tried, share
+            best, kept, part, gain = errors, tried, share, gain_of(found, before, compared, labels)
+    if not gain.sure:
+        kept, part, best = None, 0.0, of_mechanics
     return kept, EnergyErrors(of_mechanics, best, len(compared), part)
 
 

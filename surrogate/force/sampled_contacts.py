@@ -55,9 +55,11 @@ class TouchingSample(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
-    N_PARAMETERS); on_frames: (s,) whether the collider presses a rigid frame, whose force no energy of a dent has."""
+    N_PARAMETERS); contacts: (s,) of the truth, that samples of several depths are of; on_frames: (s,) whether the
+    collider presses a rigid frame, whose force no energy of a dent has."""
 
     samples: IntArray
+    contacts: IntArray
     truth: Mapping[str, Array]
     found: Mapping[str, Array]
     slopes: Mapping[str, Array]
@@ -74,17 +76,24 @@ class Sampled:
             {kind: np.stack([one.columns[kind][k] for one in touching]) for kind in LABELS} for k in range(3)
         )
         samples = np.array([one.sample for one in touching])
-        return cls(samples, of_truth, of_contact, slopes, np.array([one.on_frame for one in touching]))
+        on_frames = np.array([one.on_frame for one in touching])
+        return cls(samples, truth.samples["contact"][samples], of_truth, of_contact, slopes, on_frames)
+
+    def among(self, samples: IntArray) -> Sampled:
+        """Those of some samples."""
+        which = np.isin(self.samples, samples)
+        truth, found, slopes = (
+            {kind: values[which] for kind, values in table.items()}
+            for table in (self.truth, self.found, self.slopes)
+        )
+        return Sampled(self.samples[which], self.contacts[which], truth, found, slopes, self.on_frames[which])
 
     def errors(self, samples: IntArray) -> dict[str, float]:
         """See `EnergyErrors`, over some of the samples; 0 over none."""
-        which, least = np.isin(self.samples, samples), np.finfo(np.float64).tiny
+        some, least = self.among(samples), np.finfo(np.float64).tiny
         return {
-            kind: float(
-                np.linalg.norm(self.found[kind][which] - true[which])
-                / max(np.linalg.norm(true[which]), least)
-            )
-            for kind, true in self.truth.items()
+            kind: float(np.linalg.norm(some.found[kind] - true) / max(np.linalg.norm(true), least))
+            for kind, true in some.truth.items()
         }
 
     @property

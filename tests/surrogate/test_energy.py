@@ -184,6 +184,18 @@ def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts):
     assert max(errors.mechanics.values()) < 1e-4
 
 
+def test_a_gain_that_may_be_chance_is_not_kept(contacts):
+    """On the samples of one contact the energy is as good as on all others, but one contact tells nothing."""
+    n, each = STATES * PLACES - 1, len(DEPTHS)
+    learned, errors = learn_energy(
+        contacts, np.arange((n - 1) * each), np.arange((n - 1) * each, n * each), lambda count: None
+    )
+    assert learned is None
+    assert errors.part == 0.0
+    assert errors.learned == errors.mechanics
+    assert min(errors.mechanics.values()) > 0.01
+
+
 def test_nothing_is_learned_where_all_samples_press_a_frame(contacts, monkeypatch):
     monkeypatch.setattr(FramePoints, "any_inside", lambda *at: True)
     learned, errors = learn_energy(contacts, np.arange(6), np.arange(6, 9), lambda count: None)
@@ -202,7 +214,7 @@ def test_one_state_does_not_tell_how_the_strain_counts(contacts):
 
 
 def test_the_same_is_learned_on_several_cores(contacts):
-    n, each = STATES * PLACES, len(DEPTHS)
+    n, each = STATES * PLACES - 1, len(DEPTHS)
     samples = np.arange(n * each)
     alone, counted = learn_energy(contacts, samples, samples, lambda count: None), []
     with SharedContacts(contacts, contacts.truth, 3) as shared:

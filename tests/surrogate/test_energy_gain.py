@@ -1,0 +1,60 @@
+"""The gain of a learned energy over linear mechanics: when it is sure, and its standard error."""
+
+import numpy as np
+import pytest
+
+from softprint.surrogate.force.energy_gain import gain_of
+from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled
+
+CONTACTS, DEPTHS = 40, 5
+ALL = np.arange(CONTACTS * DEPTHS)
+
+
+def sampled(missed):
+    """Samples whose forces are off by (contacts, depths); all that is true is one."""
+    true = {kind: np.ones((len(ALL), 1)) for kind in LABELS}
+    found = {kind: values + missed.reshape(-1, 1) for kind, values in true.items()}
+    slopes = {kind: np.zeros((len(ALL), 1, N_PARAMETERS)) for kind in LABELS}
+    return Sampled(ALL, np.repeat(np.arange(CONTACTS), DEPTHS), true, found, slopes, np.full(len(ALL), False))
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(4)
+
+
+def test_the_mean_is_the_difference_of_the_errors(rng):
+    before, after = (sampled(rng.standard_normal((CONTACTS, DEPTHS))) for _ in range(2))
+    mean = gain_of(after, before, ALL, LABELS).mean
+    assert mean == pytest.approx(sum(before.errors(ALL).values()) - sum(after.errors(ALL).values()))
+
+
+def test_the_standard_error_is_that_of_other_contacts(rng):
+    """Against the scatter over a thousand draws of contacts."""
+
+    def drawn():
+        size = rng.uniform(0.1, 0.3, (CONTACTS, 1)) * np.ones(DEPTHS)
+        return gain_of(sampled(size * rng.uniform(0.5, 1.2, (CONTACTS, 1))), sampled(size), ALL, LABELS)
+
+    gains = [drawn() for _ in range(1000)]
+    scatter = np.std([gain.mean for gain in gains])
+    # A tenth: the jackknife's own error with 40 contacts, and that the root of a mean is not linear.
+    assert np.mean([gain.standard_error for gain in gains]) == pytest.approx(scatter, rel=0.1)
+
+
+def test_only_what_is_no_chance_is_sure(rng):
+    size = rng.uniform(0.1, 0.3, (CONTACTS, 1)) * np.ones(DEPTHS)
+    assert gain_of(sampled(0.8 * size), sampled(size), ALL, LABELS).sure
+    # A tenth of the contacts a little nearer, and others as much farther off.
+    few = np.ones((CONTACTS, 1))
+    few[:3], few[3:5] = 0.8, 1.2
+    gain = gain_of(sampled(few * size), sampled(size), ALL, LABELS)
+    assert gain.mean > 0.0
+    assert not gain.sure
+
+
+def test_one_contact_tells_nothing(rng):
+    size = np.full((CONTACTS, DEPTHS), 0.2)
+    assert not gain_of(sampled(0.5 * size), sampled(size), np.arange(DEPTHS), LABELS).sure
+    # Its depths are no independent samples, but two contacts that agree are.
+    assert gain_of(sampled(0.5 * size), sampled(size), np.arange(2 * DEPTHS), LABELS).sure
