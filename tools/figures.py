@@ -57,6 +57,10 @@ _WHOLE = (
     "--set training.thesis5.steps=80000 --set training.thesis5.pools=40 --set training.thesis5.validations=25 "
     "--out runs/jelly3d_whole"
 )
+_HAND_LBS = (
+    "examples/hand_small.toml --set 'body.handles.subspace=\"linear_blend_skinning\"' "
+    "--set sampling.places=1 --out runs/hand_lbs"
+)
 _JOINT = "--model mechanics+modes --model mechanics+more --model ours+modes --model ours+more"
 _MODELS = "--model full --model bare --model mechanics --model ours"
 
@@ -504,7 +508,6 @@ FIGURES: Mapping[str, Figure] = {
     ),
     "contacts_to_learn_from": Figure(
         (
-            "softprint run examples/ball_small.toml --set sampling.places=20 --out runs/ball_20",
             "softprint run examples/hand_small.toml --set sampling.states=4 --set sampling.places=4 "
             "--out runs/hand_s4",
         ),
@@ -536,6 +539,17 @@ FIGURES: Mapping[str, Figure] = {
         ("finger_small",),
     ),
     "hand_small": _whole("hand_small", "explore", BODIES),
+    "hand_lbs": Figure(
+        (
+            f"softprint generate {_HAND_LBS}",
+            f"softprint train {_HAND_LBS} --model mechanics",
+            f"softprint simulate {_HAND_LBS} --model bare --model condensed --model mechanics",
+            "python -m benchmarks.motions_alone runs/hand_small/motions/explore_full.h5 "
+            "runs/hand_lbs/motions/explore_{bare,condensed,mechanics}.h5",
+        ),
+        (BODIES,),
+        ("hand_small",),
+    ),
     "hand_on_modes": Figure(
         (
             f"softprint run {_HAND}",
