@@ -31,22 +31,22 @@ def gain_of(learned: Sampled, mechanics: Sampled, samples: IntArray, labels: tup
     """Of an energy over mechanics, on those of the samples (n,) that both have."""
     both = np.intersect1d(np.intersect1d(learned.samples, mechanics.samples), samples)
     before, after = mechanics.among(both), learned.among(both)
-    contacts, of = np.unique(before.contacts, return_inverse=True)
-    without = ~np.eye(len(contacts), dtype=bool)
-    each = _errors(before, of, without, labels) - _errors(after, of, without, labels)
-    whole = np.full((1, len(contacts)), True)
-    mean = (_errors(before, of, whole, labels) - _errors(after, of, whole, labels)).item()
+    contacts = np.unique(before.contacts)
     n = len(contacts)
-    error = np.sqrt((n - 1) / n * np.square(each - each.mean()).sum()) if n > 1 else np.inf
-    return Gain(mean, float(error))
+    # All contacts, and all but each.
+    sets = np.vstack([np.full(n, True), ~np.eye(n, dtype=bool)])
+    mean, *without = _errors(before, contacts, sets, labels) - _errors(after, contacts, sets, labels)
+    error = np.sqrt((n - 1) / n * np.square(without - np.mean(without)).sum()) if n > 1 else np.inf
+    return Gain(float(mean), float(error))
 
 
-def _errors(sampled: Sampled, of: IntArray, sets: BoolArray, labels: tuple[str, ...]) -> Array:
-    """sum_k sqrt(sum |r_k|^2 / sum |true_k|^2) (m,) over sets (m, n_contacts) of contacts; of: that of each sample."""
-    total, least = np.zeros(len(sets)), np.finfo(np.float64).tiny
+def _errors(sampled: Sampled, contacts: IntArray, sets: BoolArray, labels: tuple[str, ...]) -> Array:
+    """sum_k sqrt(sum |r_k|^2 / sum |true_k|^2) (m,) over m sets of contacts (n,); sets: (m, n) which each has."""
+    of, least = np.searchsorted(contacts, sampled.contacts), np.finfo(np.float64).tiny
+    total = np.zeros(len(sets))
     for kind in labels:
         missed, true = (
-            sets @ np.bincount(of, np.square(values).sum(axis=1), sets.shape[1])
+            sets @ np.bincount(of, np.square(values).sum(axis=1), len(contacts))
             for values in (sampled.found[kind] - sampled.truth[kind], sampled.truth[kind])
         )
         total += np.sqrt(missed / np.maximum(true, least))
