@@ -546,6 +546,8 @@ FIGURES: Mapping[str, Figure] = {
             f"softprint simulate {_HAND_LBS} --model bare --model condensed --model mechanics",
             "python -m benchmarks.motions_alone runs/hand_small/motions/explore_full.h5 "
             "runs/hand_lbs/motions/explore_{bare,condensed,mechanics}.h5",
+            "softprint simulate examples/hand_small.toml --model condensed",
+            "python -m benchmarks.motions_alone runs/hand_small/motions/explore_{full,bare,condensed,mechanics}.h5",
         ),
         (BODIES,),
         ("hand_small",),

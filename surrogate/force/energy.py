@@ -11,10 +11,10 @@ over samples i and three kinds of residual k: h~ - h_true along the coordinates 
 force on the collider, and W~ - W_true; s_ik is the square of what is true. Samples in which the collider presses a
 rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
 from what no p fits (Huber 1964), as where the truth is in another equilibrium. Of p, as much is kept as validation
-samples bear out: a part t p, with t from 0, which is linear mechanics, to 1; and nothing, where the gain over linear
-mechanics may be chance (`energy_gain.py`). How the compliance changes with the strain, c, is learned only from several
-states: no other could bear out that of one, and it would count most where a body is strained much more than in
-training.
+samples bear out: a part t p, with t from 0, which is linear mechanics, to 1; and nothing, where the gain of the best
+part over linear mechanics may be chance (`energy_gain.py`). How the compliance changes with the strain, c, is learned
+only from several states: no other could bear out that of one, and it would count most where a body is strained much
+more than in training.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def learn_energy(
     free[:N_COEFFICIENTS] = contacts.n_states(train) > 1
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels, free))
-    kept, part, gain = None, 0.0, Gain(0.0, np.inf)
+    kept, part, gain = None, 0.0, Gain(0.0, np.inf, 0)
     for share in _PARTS:
         tried = _with_parameters(learned, share * _parameters(learned))
         found = contacts.at(held_out, tried, progress)
@@ -155,7 +155,7 @@ def energy_of(
     ):
         learned, errors = learn_energy(shared, train, held_out, bar.update)
     told = (f"{kind} {errors.mechanics[kind]:.1%} -> {errors.learned[kind]:.1%}" for kind in LABELS)
-    what = "that of linear mechanics"
+    what = "that of linear mechanics, as no part of what was learned is surely better"
     if learned is not None:
         what = f"learned, {errors.part:.0%} of it kept"
     data.context.say(f"energy of contact: {what}; errors on held-out samples: {', '.join(told)}")

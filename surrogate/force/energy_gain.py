@@ -7,24 +7,30 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.surrogate.force.sampled_contacts import Sampled
 
-#: In standard errors, from which on a gain is none by chance: 1 in 44 for normal ones.
-_SURE = 2.0
+# A gain that chance alone would exceed less often is not taken for chance: that of two standard errors, with many
+# independent contacts.
+_CHANCE = 0.023
 
 
 class Gain(NamedTuple):
     """mean: by how much the sum of the errors of some kinds is smaller, and its standard error, infinite with fewer
-    than two contacts."""
+    than two contacts; contacts: their number."""
 
     mean: float
     standard_error: float
+    contacts: int
 
     @property
     def sure(self) -> bool:
-        return self.mean > _SURE * self.standard_error
+        """Whether chance is ruled out, by Student's t with one degree of freedom less than there are contacts."""
+        return (
+            self.contacts > 1 and self.mean > stdtrit(self.contacts - 1, 1.0 - _CHANCE) * self.standard_error
+        )
 
 
 def gain_of(learned: Sampled, mechanics: Sampled, samples: IntArray, labels: tuple[str, ...]) -> Gain:
@@ -37,7 +43,7 @@ def gain_of(learned: Sampled, mechanics: Sampled, samples: IntArray, labels: tup
     sets = np.vstack([np.full(n, True), ~np.eye(n, dtype=bool)])
     mean, *without = _errors(before, contacts, sets, labels) - _errors(after, contacts, sets, labels)
     error = np.sqrt((n - 1) / n * np.square(without - np.mean(without)).sum()) if n > 1 else np.inf
-    return Gain(float(mean), float(error))
+    return Gain(float(mean), float(error), n)
 
 
 def _errors(sampled: Sampled, contacts: IntArray, sets: BoolArray, labels: tuple[str, ...]) -> Array:

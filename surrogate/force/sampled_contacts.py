@@ -55,7 +55,7 @@ class TouchingSample(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
-    N_PARAMETERS); contacts: (s,) of the truth, that samples of several depths are of; on_frames: (s,) whether the
+    N_PARAMETERS); contacts: (s,) each sample's contact in the truth; its depths share one; on_frames: (s,) whether the
     collider presses a rigid frame, whose force no energy of a dent has."""
 
     samples: IntArray
