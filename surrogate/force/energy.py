@@ -12,9 +12,9 @@ force on the collider, and W~ - W_true; s_ik is the square of what is true. Samp
 rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
 from what no p fits (Huber 1964), as where the truth is in another equilibrium. Of p, as much is kept as validation
 samples bear out: a part t p, with t from 0, which is linear mechanics, to 1; and nothing, where the gain of the best
-part over linear mechanics may be chance (`energy_gain.py`). How the compliance changes with the strain, c, is learned
-only from several states: no other could bear out that of one, and it would count most where a body is strained much
-more than in training.
+part over linear mechanics is not significant (`energy_gain.py`). How the compliance changes with the strain, c, is
+learned only from several states: no other could bear out that of one, and it would count most where a body is strained
+much more than in training.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames
 from softprint.runtime.truth.shared_samples import workers_for
 from softprint.surrogate.data.training_data import TrainingData
-from softprint.surrogate.force.energy_gain import Gain, gain_of
+from softprint.surrogate.force.energy_gain import gain_of
 from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled, SampledContacts
 from softprint.surrogate.force.shared_contacts import SharedContacts
 
@@ -82,8 +82,8 @@ def learn_energy(
     progress: Callable[[int], None],
     labels: tuple[str, ...] = LABELS,
 ) -> tuple[LearnedEnergy | None, EnergyErrors]:
-    """The energy from samples (n,), and its errors on others; None where it is not surely better on these than linear
-    mechanics, or where all samples press a rigid frame. labels: the kinds of residuals to learn from."""
+    """The energy from samples (n,), and its errors on others; None where it is not significantly better on these
+    than linear mechanics, or where all samples press a rigid frame. labels: the kinds of residuals to learn from."""
     mechanics = LearnedEnergy.of_mechanics()
     alone = contacts.at(train, mechanics, progress)
     before = contacts.at(held_out, mechanics, progress)
@@ -95,14 +95,14 @@ def learn_energy(
     free[:N_COEFFICIENTS] = contacts.n_states(train) > 1
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels, free))
-    kept, part, gain = None, 0.0, Gain(0.0, np.inf, 0)
+    kept, part, nearest = None, 0.0, before
     for share in _PARTS:
         tried = _with_parameters(learned, share * _parameters(learned))
         found = contacts.at(held_out, tried, progress)
         errors = found.errors(compared)
         if _sum(errors, labels) < _sum(best, labels):
-            best, kept, part, gain = errors, tried, share, gain_of(found, before, compared, labels)
-    if not gain.sure:
+            best, kept, part, nearest = errors, tried, share, found
+    if not gain_of(nearest, before, compared, labels).significant:
         kept, part, best = None, 0.0, of_mechanics
     return kept, EnergyErrors(of_mechanics, best, len(compared), part)
 
@@ -155,7 +155,7 @@ def energy_of(
     ):
         learned, errors = learn_energy(shared, train, held_out, bar.update)
     told = (f"{kind} {errors.mechanics[kind]:.1%} -> {errors.learned[kind]:.1%}" for kind in LABELS)
-    what = "that of linear mechanics, as no part of what was learned is surely better"
+    what = "that of linear mechanics, than which nothing learned is significantly better"
     if learned is not None:
         what = f"learned, {errors.part:.0%} of it kept"
     data.context.say(f"energy of contact: {what}; errors on held-out samples: {', '.join(told)}")

@@ -1,5 +1,5 @@
 """How much less error a learned energy leaves than linear mechanics on samples that it has not seen, and whether that
-can be chance: the standard error is by leaving out one contact after another (jackknife, Efron and Stein 1981), since
+is significant: the standard error is by leaving out one contact after another (jackknife, Efron and Stein 1981), since
 the depths of one contact are no independent samples."""
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from scipy.special import stdtrit
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.surrogate.force.sampled_contacts import Sampled
 
-# A gain that chance alone would exceed less often is not taken for chance: that of two standard errors, with many
-# independent contacts.
-_CHANCE = 0.023
+# The significance level: how often chance alone would give such a gain. Two standard errors, with many independent
+# contacts.
+_LEVEL = 0.023
 
 
 class Gain(NamedTuple):
@@ -26,11 +26,11 @@ class Gain(NamedTuple):
     contacts: int
 
     @property
-    def sure(self) -> bool:
-        """Whether chance is ruled out, by Student's t with one degree of freedom less than there are contacts."""
-        return (
-            self.contacts > 1 and self.mean > stdtrit(self.contacts - 1, 1.0 - _CHANCE) * self.standard_error
-        )
+    def significant(self) -> bool:
+        """By Student's t-test, one-sided, with one degree of freedom less than there are contacts."""
+        if self.contacts < 2:
+            return False
+        return bool(self.mean > stdtrit(self.contacts - 1, 1.0 - _LEVEL) * self.standard_error)
 
 
 def gain_of(learned: Sampled, mechanics: Sampled, samples: IntArray, labels: tuple[str, ...]) -> Gain:

@@ -185,7 +185,7 @@ def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts):
     assert max(errors.mechanics.values()) < 1e-4
 
 
-def test_a_gain_that_may_be_chance_is_not_kept(contacts):
+def test_a_gain_that_is_not_significant_is_not_kept(contacts):
     """On the samples of one contact the energy is as good as on all others, but one contact tells nothing."""
     n, each = STATES * PLACES - 1, len(DEPTHS)
     learned, errors = learn_energy(
@@ -205,8 +205,8 @@ def test_nothing_is_learned_where_all_samples_press_a_frame(contacts, monkeypatc
 
 
 def test_one_state_does_not_tell_how_the_strain_counts(contacts, monkeypatch):
-    """No other could bear it out. Three contacts cannot rule out chance, either, but that is not looked at here."""
-    monkeypatch.setattr(Gain, "sure", True)
+    """No other could bear it out. The gain on three contacts is not significant, either; that is not looked at here."""
+    monkeypatch.setattr(Gain, "significant", True)
     of_one = np.arange(PLACES * len(DEPTHS))
     learned, errors = learn_energy(contacts, of_one, of_one, lambda count: None)
     assert learned is not None
