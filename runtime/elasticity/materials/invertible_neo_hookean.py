@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.elasticity.invariants import cofactor, determinant, first_invariant
+from softprint.runtime.compiled import compiled
+from softprint.runtime.elasticity.invariants import cofactor, determinant
 from softprint.runtime.elasticity.material import Material
 from softprint.runtime.elasticity.tangent_kernel import isotropic_tangent
 
@@ -39,11 +40,8 @@ class InvertibleNeoHookean(Material):
         return self.energy_and_stress(F)[1]
 
     def energy_and_stress(self, F: Array) -> tuple[Array, Array]:
-        log_J, mu = _logarithm(determinant(F)), np.broadcast_to(self.mu, len(F))
-        shear = 0.5 * (first_invariant(F) - 3.0) - log_J.value
-        pressure = (self.lam * log_J.value - mu) * log_J.slope
-        stress = mu[:, None, None] * F + pressure[:, None, None] * cofactor(F)
-        return np.asarray(mu * shear + 0.5 * self.lam * log_J.value**2), np.asarray(stress)
+        mu, lam = np.broadcast_to(self.mu, len(F)), np.broadcast_to(self.lam, len(F))
+        return _energy_and_stress(F, cofactor(F), mu, lam)
 
     def tangent(self, F: Array) -> Array:
         log_J = _logarithm(determinant(F))
@@ -70,6 +68,35 @@ def _logarithm(J: Array) -> _Logarithm:
     """Of volume ratios (n,)."""
     m, d = np.maximum(J, CONTINUED), np.minimum(J - CONTINUED, 0.0) / CONTINUED
     return _Logarithm(np.log(m) + d - 0.5 * d**2, (1.0 - d) / m, -1.0 / m**2)
+
+
+def _energy_and_stress_reference(F: Array, dJ: Array, mu: Array, lam: Array) -> tuple[Array, Array]:
+    """Psi and P as in `InvertibleNeoHookean`."""
+    log_J, square = _logarithm(np.linalg.det(F)), np.einsum("nij,nij->n", F, F)
+    energy = mu * (0.5 * (square - F.shape[1]) - log_J.value) + 0.5 * lam * log_J.value**2
+    pressure = (lam * log_J.value - mu) * log_J.slope
+    return energy, np.einsum("n,nij->nij", mu, F) + np.einsum("n,nij->nij", pressure, dJ)
+
+
+@compiled(reference=_energy_and_stress_reference)
+def _energy_and_stress(F: Array, dJ: Array, mu: Array, lam: Array) -> tuple[Array, Array]:
+    """Psi (n,) and P (n, dim, dim) of `InvertibleNeoHookean`; dJ/dF (n, dim, dim)."""
+    n, dim = F.shape[:2]
+    energy, stress = np.empty(n), np.empty((n, dim, dim))
+    for c in range(n):
+        square, J = 0.0, 0.0
+        for j in range(dim):
+            J += F[c, 0, j] * dJ[c, 0, j]
+            for i in range(dim):
+                square += F[c, i, j] * F[c, i, j]
+        m, d = max(J, CONTINUED), min(J - CONTINUED, 0.0) / CONTINUED
+        log_J = np.log(m) + d - 0.5 * d * d
+        energy[c] = mu[c] * (0.5 * (square - dim) - log_J) + 0.5 * lam[c] * log_J * log_J
+        pressure = (lam[c] * log_J - mu[c]) * (1.0 - d) / m
+        for i in range(dim):
+            for j in range(dim):
+                stress[c, i, j] = mu[c] * F[c, i, j] + pressure * dJ[c, i, j]
+    return energy, stress
 
 
 MATERIAL = InvertibleNeoHookean

@@ -14,15 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray, same
-from softprint.runtime.mechanics.compliance.surface_compliance_kernels import displacement, gathered
+from softprint.runtime.mechanics.compliance.surface_compliance_kernels import (
+    copy_pairs,
+    displacement,
+    displacement_of_many,
+    gathered,
+)
 
 # Nodes whose rows and columns are cached. The cache grows where a single request needs more.
 _ROOM = 768
 
 
 class LocalCompliance:
-    """all_pairs: (n_nodes, n_nodes, dim, dim) [m/N], from `SurfaceCompliance.among_nodes`. The rows and columns of
-    recently used nodes are cached as copies."""
+    """all_pairs: (n_nodes, n_nodes, dim, dim) [m/N], from `SurfaceCompliance.among_nodes`: symmetric. The rows and
+    columns of recently used nodes are cached as copies."""
 
     def __init__(self, all_pairs: NDArray[np.float32]) -> None:
         self._all_pairs = all_pairs
@@ -58,7 +63,9 @@ class LocalCompliance:
 
     def displacement(self, at: IntArray, nodes: IntArray, forces: Array) -> Array:
         """sum_j G_ij phi_j (n, dim) [m] at nodes `at` (n,) by forces phi (m, dim) [N] on nodes (m,), both in rest
-        coordinates."""
+        coordinates. That of many nodes is read from all pairs: what is cached is for the nodes of a contact."""
+        if len(at) > _ROOM:
+            return displacement_of_many(self._all_pairs, at, nodes, forces)
         slots, pairs = self._slots(np.concatenate([at, nodes]))
         return displacement(pairs, slots[: len(at)], slots[len(at) :], forces)
 
@@ -79,9 +86,7 @@ class LocalCompliance:
         before, after = self._count, self._count + len(new)
         self._known[before:after] = new
         self._slot[new] = np.arange(before, after)
-        everyone = self._known[:after]
-        self._pairs[before:after, :after] = self._all_pairs[new[:, None], everyone]
-        self._pairs[:before, before:after] = self._all_pairs[everyone[:before, None], new]
+        copy_pairs(self._all_pairs, self._known[:after], before, self._pairs)
         self._count = after
 
     def _forget(self, room: int) -> None:

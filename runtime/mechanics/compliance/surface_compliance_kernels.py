@@ -148,3 +148,49 @@ def displacement(pairs: NDArray[np.float32], at: IntArray, index: IntArray, forc
         # In 2D the second entry is written twice.
         result[i, 0], result[i, 1], result[i, dim - 1] = x, y, z
     return result
+
+
+def _displacement_reference(
+    pairs: NDArray[np.float32], at: IntArray, index: IntArray, forces: Array
+) -> Array:
+    return np.asarray(np.einsum("jiba,jb->ia", pairs[np.ix_(index, at)], forces))
+
+
+@summing(reference=_displacement_reference)
+def displacement_of_many(pairs: NDArray[np.float32], at: IntArray, index: IntArray, forces: Array) -> Array:
+    """The same as `displacement` from the rows of few contact nodes with forces, G_ij = G_ji^T: memory is read in its
+    order where `at` are many of all nodes, ascending."""
+    n, dim = len(at), pairs.shape[2]
+    result = np.zeros((n, dim))
+    for j in range(len(index)):
+        row, f = pairs[index[j]], forces[j]
+        for i in range(n):
+            G = row[at[i]]
+            for a in range(dim):
+                for b in range(dim):
+                    result[i, a] += G[b, a] * f[b]
+    return result
+
+
+def _copied(all_pairs: NDArray[np.float32], known: IntArray, first: int, pairs: NDArray[np.float32]) -> Any:
+    m, new = len(known), known[first:]
+    pairs[first:m, :m] = all_pairs[np.ix_(new, known)]
+    pairs[:m, first:m] = all_pairs[np.ix_(new, known)].transpose(1, 0, 3, 2)
+    return pairs
+
+
+@compiled(reference=_copied)
+def copy_pairs(
+    all_pairs: NDArray[np.float32], known: IntArray, first: int, pairs: NDArray[np.float32]
+) -> None:
+    """Write G between the contact nodes `known` (m,) and those of them from the first on into the first m rows and
+    columns of `pairs`. Only rows of all_pairs are read: G_ij = G_ji^T."""
+    dim = pairs.shape[2]
+    for i in range(first, len(known)):
+        row = all_pairs[known[i]]
+        for j in range(len(known)):
+            G, into, mirrored = row[known[j]], pairs[i, j], pairs[j, i]
+            for a in range(dim):
+                for b in range(dim):
+                    into[a, b] = G[a, b]
+                    mirrored[b, a] = G[a, b]

@@ -43,9 +43,20 @@ def near_identity(rng, dim):
     return np.eye(dim) + 0.2 * rng.normal(size=(M, dim, dim))
 
 
+def strained(rng, F):
+    """F, dJ/dF and two moduli."""
+    dJ = np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
+    return F, dJ, *rng.uniform(1, 2, (2, M))
+
+
 def symmetric(rng, dim):
     A = rng.normal(size=(M, dim, dim))
     return A + A.transpose(0, 2, 1)
+
+
+def symmetric_pairs(rng, dim):
+    G = rng.normal(size=(M, M, dim, dim)).astype(np.float32)
+    return G + G.transpose(1, 0, 3, 2)
 
 
 def spins(dim):
@@ -368,12 +379,14 @@ INPUTS = {
         "_energy_and_stress": lambda rng, dim: (near_identity(rng, dim), *rng.uniform(1, 2, (2, M))),
         "_tangent": lambda rng, dim: (dim, *rng.uniform(1, 2, (2, M))),
     },
+    # Some turned inside out, where the logarithm is continued.
+    "elasticity.materials.invertible_neo_hookean": {
+        "_energy_and_stress": lambda rng, dim: strained(
+            rng, np.eye(dim) + 0.6 * rng.normal(size=(M, dim, dim))
+        )
+    },
     "elasticity.materials.stable_neo_hookean": {
-        "_energy_and_stress": lambda rng, dim: (
-            F := near_identity(rng, dim),
-            np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1),
-            *rng.uniform(1, 2, (2, M)),
-        ),
+        "_energy_and_stress": lambda rng, dim: strained(rng, near_identity(rng, dim))
     },
     "elasticity.tangent_kernel": {
         "isotropic_tangent": lambda rng, dim: (
@@ -482,6 +495,18 @@ INPUTS = {
             some(rng),
             some(rng),
             rng.normal(size=(4, dim)),
+        ),
+        "displacement_of_many": lambda rng, dim: (
+            rng.normal(size=(M, M, dim, dim)).astype(np.float32),
+            np.arange(M),
+            some(rng),
+            rng.normal(size=(4, dim)),
+        ),
+        "copy_pairs": lambda rng, dim: (
+            symmetric_pairs(rng, dim),
+            rng.permutation(M)[:4],
+            2,
+            rng.normal(size=(5, 5, dim, dim)).astype(np.float32),
         ),
     },
     "rigid.kernels": {

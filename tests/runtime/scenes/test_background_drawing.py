@@ -133,6 +133,7 @@ def test_returned_compliance_does_not_change_with_later_requests():
     """A new array is allocated for nodes that do not fit beside cached ones."""
     rng = np.random.default_rng(3)
     all_pairs = rng.normal(size=(2000, 2000, 2, 2)).astype(np.float32)
+    all_pairs += all_pairs.transpose(1, 0, 3, 2).copy()
     compliance = LocalCompliance(all_pairs)
     orders = [np.sort(rng.choice(2000, 150, replace=False)) for _ in range(40)]
     forces = rng.normal(size=(150, 2))
