@@ -17,13 +17,17 @@ from typing import NamedTuple, Protocol
 
 import igl
 import numpy as np
-from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
-from softprint.runtime.contact.piercing_kernels import bounds, farther_from_all, in_box
+from softprint.runtime.contact.piercing_kernels import (
+    bounds,
+    farther_from_all,
+    in_box,
+    nearest_points,
+)
 from softprint.runtime.mesh.nearest_facets import grouped_by_place, nearest_of
 
 # A collider pierces the body from this depth on, in distances between contact points. Where a dent stretches the
@@ -85,7 +89,9 @@ class Piercing:
         """Which collider is how deep inside, and where."""
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.point)
         be = "would be" if self.refused else "is"
-        return f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
+        return (
+            f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
+        )
 
 
 class PiercingSearch:
@@ -192,7 +198,8 @@ def _nearest_depths(z: Array, y: Array, normal: Array) -> tuple[Array, Array]:
     Without surface points all are infinitely far away."""
     if not len(y):
         return np.full(len(z), np.inf), np.zeros(len(z))
-    distance, nearest = cKDTree(y).query(z)
+    axis = int(np.ptp(y, axis=0).argmax())
+    nearest, distance = nearest_points(z, y, np.argsort(y[:, axis]), axis)
     inner = ((z - y[nearest]) * normal[nearest]).sum(axis=1) < 0.0
     return distance, np.where(inner, distance, 0.0)
 
@@ -225,18 +232,25 @@ def _without_none(found: Mapping[str, Piercing | None]) -> dict[str, Piercing]:
 
 
 def depths_inside(
-    z: Array, x: Array, facets: IntArray, near: IntArray, outer: BoolArray | None = None
+    z: Array,
+    x: Array,
+    facets: IntArray,
+    near: IntArray,
+    outer: BoolArray | None = None,
+    groups: IntArray | None = None,
 ) -> Array:
     """How deep points z (k, dim) are inside a closed surface with facets (f, dim) between nodes at x (n_nodes, dim) [m]
     (k,), negative outside: as far as they are from the facets between some of the nodes (m,), infinitely without any.
     Where the surface has folded over, the nearest of these may show its outer side to a point inside, whose winding
     number is not zero then; and that may be zero where a body is turned inside out. Either tells of a point inside.
     outer: (k,) points of which only the winding number tells, by default none: to which the nearest node shows its
-    outer side. Where a surface touches itself their nearest facet may show its inner one."""
+    outer side. Where a surface touches itself their nearest facet may show its inner one. groups: (f,) of the facets,
+    ascending, see `nearest_of`."""
     beside = np.zeros(len(x), dtype=bool)
     beside[near] = True
-    facets_beside = facets[beside[facets].all(axis=1)]
-    depth = nearest_of(z, x, facets_beside).depth if len(facets_beside) else np.full(len(z), np.inf)
+    of = np.flatnonzero(beside[facets].all(axis=1))
+    together = None if groups is None else (groups[of], np.arange(len(z)))
+    depth = nearest_of(z, x, facets[of], together).depth if len(of) else np.full(len(z), np.inf)
     if outer is not None:
         depth[outer] = -np.abs(depth[outer])
     asked = np.flatnonzero(depth < 0.0)

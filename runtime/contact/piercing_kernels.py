@@ -44,7 +44,10 @@ def farther_from_all(z: Array, y: Array, limit: float) -> BoolArray:
     far = np.ones(m, dtype=np.bool_)
     order = np.argsort(y[:, 0])
     along = y[order, 0]
-    first, last = np.searchsorted(along, z[:, 0] - limit), np.searchsorted(along, z[:, 0] + limit, side="right")
+    first, last = (
+        np.searchsorted(along, z[:, 0] - limit),
+        np.searchsorted(along, z[:, 0] + limit, side="right"),
+    )
     for i in range(m):
         for j in order[first[i] : last[i]]:
             square = 0.0
@@ -54,3 +57,33 @@ def farther_from_all(z: Array, y: Array, limit: float) -> BoolArray:
                 far[i] = False
                 break
     return far
+
+
+def _nearest_points(z: Array, y: Array, order: IntArray, axis: int) -> tuple[IntArray, Array]:
+    apart = np.sqrt(((z[:, None] - y[None]) ** 2).sum(axis=2))
+    return apart.argmin(axis=1), apart.min(axis=1)
+
+
+@compiled(reference=_nearest_points)
+def nearest_points(z: Array, y: Array, order: IntArray, axis: int) -> tuple[IntArray, Array]:
+    """Which of the points y (n, dim) is nearest to each of z (m, dim), (m,), and how far it is (m,). order: (n,) sorts
+    y along the axis: both ways from z, until one is farther along it than the nearest so far."""
+    (m, dim), n = z.shape, len(y)
+    along = y[order, axis]
+    nearest, distance = np.zeros(m, dtype=np.int64), np.empty(m)
+    begin = np.searchsorted(along, z[:, axis])
+    for i in range(m):
+        least, up, down = np.inf, begin[i], begin[i] - 1
+        while up < n or down >= 0:
+            for j in (up, down):
+                if j < 0 or j >= n:
+                    continue
+                square = 0.0
+                for a in range(dim):
+                    square += (z[i, a] - y[order[j], a]) ** 2
+                if square < least:
+                    least, nearest[i] = square, order[j]
+            up = up + 1 if up < n and (along[up] - z[i, axis]) ** 2 < least else n
+            down = down - 1 if down >= 0 and (along[down] - z[i, axis]) ** 2 < least else -1
+        distance[i] = np.sqrt(least)
+    return nearest, distance

@@ -23,6 +23,7 @@ from softprint.runtime.dynamics.terms.surface_contact import SurfaceContactEnerg
 from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.linalg.row_products import placed, placed_some
 from softprint.runtime.mechanics.loaded_points import owners
+from softprint.runtime.mesh.nearest_facets import grouped_by_place
 
 
 def reduced_search(
@@ -54,19 +55,26 @@ def reduced_search(
 
 class _Facets:
     """The facets between the n nodes of the surface of a body, and the nearest of its contact points to each node.
-    corners: (f, dim) numbers of the nodes; points: (n,); nodes: (n,) in the mesh."""
+    corners: (f, dim) numbers of the nodes, and groups: (f,) of neighbours, ascending; points: (n,); nodes: (n,) in the
+    mesh."""
 
     def __init__(self, body: ReducedBody, points: Array) -> None:
         """points: (k, dim) [m] contact points at rest."""
         mesh = body.mesh
         self.nodes = mesh.surface_nodes
-        self.corners = np.searchsorted(self.nodes, mesh.facets)
+        order, self.groups = grouped_by_place(mesh.points[mesh.facets].mean(axis=1))
+        self.corners = np.searchsorted(self.nodes, mesh.facets[order])
         self.basis = np.ascontiguousarray(body.basis[self.nodes])
         self.points = cKDTree(points).query(mesh.points[self.nodes])[1]
 
     def near(self, points: IntArray) -> IntArray:
         """The nodes (k,), ascending, whose contact point is one of some."""
         return np.flatnonzero(np.isin(self.points, points))
+
+    def depths(self, z: Array, x: Array, nodes: IntArray, outer: BoolArray) -> Array:
+        """`depths_inside` of points z (k, dim) with the nodes at x (n, dim) [m], from the facets between some of these
+        (m,)."""
+        return depths_inside(z, x, self.corners, nodes, outer, self.groups)
 
     def beside(self, points: ContactPoints, rows: Array, approximate: Array) -> Array:
         """(n, dim) [m]: every node displaced from handle rows (n_rows, dim) as its contact point is, of those at
@@ -114,7 +122,7 @@ class _SampledAt:
     def depths(self, z: Array, near: IntArray, outer: BoolArray) -> Array:
         """See `DeformedSurface`."""
         x = self.facets.beside(self.points, self.rows, self.approximate)
-        return depths_inside(z, x, self.facets.corners, self.facets.near(near), outer)
+        return self.facets.depths(z, x, self.facets.near(near), outer)
 
 
 class CondensedSurface:
@@ -186,7 +194,7 @@ class _CondensedAt:
             x[own] += to_world(every.carriers(rows, beside)[which], v)
         whole = facets.beside(surface.points, rows, self.approximate)
         whole[nodes] = x
-        return depths_inside(z, whole, facets.corners, nodes, outer)
+        return facets.depths(z, whole, nodes, outer)
 
 
 def _normals(points: ContactPoints, rows: Array, index: IntArray) -> Array:

@@ -313,6 +313,12 @@ INPUTS = {
         "bounds": lambda rng, dim: (rng.normal(size=(M, dim)),),
         "in_box": lambda rng, dim: (rng.normal(size=(M, dim)), np.full(dim, -0.8), np.full(dim, 0.9)),
         "farther_from_all": lambda rng, dim: (rng.normal(size=(9, dim)), rng.normal(size=(M, dim)), 0.7),
+        "nearest_points": lambda rng, dim: (
+            2.0 * rng.normal(size=(9, dim)),
+            y := rng.normal(size=(M, dim)),
+            np.argsort(y[:, 1]),
+            1,
+        ),
     },
     "contact.stretched_gaps": {
         "longest_edges": lambda rng, dim: (rng.normal(size=(M, dim)), rng.integers(0, M, (9, dim))),
