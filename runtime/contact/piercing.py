@@ -22,12 +22,7 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.surface_points import POINTS_ALONG, surface_points
-from softprint.runtime.contact.piercing_kernels import (
-    bounds,
-    farther_from_all,
-    in_box,
-    nearest_points,
-)
+from softprint.runtime.contact.piercing_kernels import bounds, farther_from_all, in_box, nearest_points
 from softprint.runtime.mesh.nearest_facets import grouped_by_place, nearest_of
 
 # A collider pierces the body from this depth on, in distances between contact points. Where a dent stretches the
@@ -89,9 +84,7 @@ class Piercing:
         """Which collider is how deep inside, and where."""
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.point)
         be = "would be" if self.refused else "is"
-        return (
-            f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
-        )
+        return f"collider {self.collider!r} {be} {1e3 * self.depth:.1f} mm deep inside the body at ({where}) mm"
 
 
 class PiercingSearch:

@@ -44,10 +44,7 @@ def farther_from_all(z: Array, y: Array, limit: float) -> BoolArray:
     far = np.ones(m, dtype=np.bool_)
     order = np.argsort(y[:, 0])
     along = y[order, 0]
-    first, last = (
-        np.searchsorted(along, z[:, 0] - limit),
-        np.searchsorted(along, z[:, 0] + limit, side="right"),
-    )
+    first, last = np.searchsorted(along, z[:, 0] - limit), np.searchsorted(along, z[:, 0] + limit, side="right")
     for i in range(m):
         for j in order[first[i] : last[i]]:
             square = 0.0

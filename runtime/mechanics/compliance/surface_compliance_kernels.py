@@ -158,8 +158,8 @@ def _displacement_reference(
 
 @summing(reference=_displacement_reference)
 def displacement_of_many(pairs: NDArray[np.float32], at: IntArray, index: IntArray, forces: Array) -> Array:
-    """The same as `displacement` from the rows of few contact nodes with forces, G_ij = G_ji^T: memory is read in its
-    order where `at` are many of all nodes, ascending."""
+    """The same as `displacement` from the rows of few contact nodes with forces, G_ij = G_ji^T: each row is read
+    once, for many nodes `at`."""
     n, dim = len(at), pairs.shape[2]
     result = np.zeros((n, dim))
     for j in range(len(index)):
