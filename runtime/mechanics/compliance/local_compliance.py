@@ -23,6 +23,9 @@ from softprint.runtime.mechanics.compliance.surface_compliance_kernels import (
 
 # Nodes whose rows and columns are cached. The cache grows where a single request needs more.
 _ROOM = 768
+# The displacement of so many times as many nodes as there are with forces is read from the rows of these, in the order of
+# memory: less work than to copy all of it into the cache.
+_MANY = 4
 
 
 class LocalCompliance:
@@ -64,7 +67,7 @@ class LocalCompliance:
     def displacement(self, at: IntArray, nodes: IntArray, forces: Array) -> Array:
         """sum_j G_ij phi_j (n, dim) [m] at nodes `at` (n,) by forces phi (m, dim) [N] on nodes (m,), both in rest
         coordinates. That of many nodes is read from all pairs: what is cached is for the nodes of a contact."""
-        if len(at) > _ROOM:
+        if len(at) > _MANY * len(nodes):
             return displacement_of_many(self._all_pairs, at, nodes, forces)
         slots, pairs = self._slots(np.concatenate([at, nodes]))
         return displacement(pairs, slots[: len(at)], slots[len(at) :], forces)

@@ -164,11 +164,17 @@ def displacement_of_many(pairs: NDArray[np.float32], at: IntArray, index: IntArr
     result = np.zeros((n, dim))
     for j in range(len(index)):
         row, f = pairs[index[j]], forces[j]
-        for i in range(n):
-            G = row[at[i]]
-            for a in range(dim):
-                for b in range(dim):
-                    result[i, a] += G[b, a] * f[b]
+        if dim == 3:
+            for i in range(n):
+                G = row[at[i]]
+                result[i, 0] += G[0, 0] * f[0] + G[1, 0] * f[1] + G[2, 0] * f[2]
+                result[i, 1] += G[0, 1] * f[0] + G[1, 1] * f[1] + G[2, 1] * f[2]
+                result[i, 2] += G[0, 2] * f[0] + G[1, 2] * f[1] + G[2, 2] * f[2]
+        else:
+            for i in range(n):
+                G = row[at[i]]
+                result[i, 0] += G[0, 0] * f[0] + G[1, 0] * f[1]
+                result[i, 1] += G[0, 1] * f[0] + G[1, 1] * f[1]
     return result
 
 
