@@ -22,11 +22,15 @@ from typing import IO
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.progress import FOLLOWED
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment import ModelSpec
 from softprint.runtime.forked_workers import worker_count
+from softprint.runtime.learned.registry import FORMS
 
 _LOOK = 0.5  # s between two looks at a process
 _PATIENCE = 20.0  # s for a process to end itself after Ctrl-C
 _WHOLE = 100  # units of the bar
+# Networks of a model with mechanics below it: on parts of the samples, and on all (`surrogate/cross_validation.py`).
+_NETWORKS = 5
 LOG = "run.log"  # in the run directory: all that the processes print
 
 
@@ -65,7 +69,7 @@ def steps_of(context: Context, ranks: int, pictures: bool = True) -> list[Step]:
             "train",
             0.25,
             counted=("step",),
-            bars=sum(model.learned for model in trained) + len(internal),
+            bars=sum(map(_networks, trained)) + len(internal),
             threads=cores,
         ),
         Step("simulate", 0.15, models, counted=("steps",), bars=scenes * len(names)),
@@ -78,6 +82,13 @@ def steps_of(context: Context, ranks: int, pictures: bool = True) -> list[Step]:
             threads=cores,
         ),
     ]
+
+
+def _networks(model: ModelSpec) -> int:
+    """How many networks are trained for a model."""
+    if not model.learned:
+        return 0
+    return _NETWORKS if FORMS[model.form].on_mechanics else 1
 
 
 def usable_ranks(wanted: int | None) -> int:

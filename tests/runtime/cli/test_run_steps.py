@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from softprint.runtime.cli import run_steps
@@ -31,6 +32,20 @@ def test_a_process_tells_how_far_it_is(tmp_path, monkeypatch):
     with Progress(4, "steps", "silent", quiet=True, silent=True) as bar:
         bar.update(1)
     assert "silent" not in told.read_text()
+
+
+def test_the_bar_of_training_ends_with_its_last_network(tmp_path, monkeypatch):
+    """One network of thesis5, four on parts of the samples and one on all of ours, none of linear mechanics."""
+    told = tmp_path / "told"
+    monkeypatch.setenv(FOLLOWED, str(told))
+    experiment = load_experiment(Path(__file__).resolve().parents[3] / "examples" / "jelly3d_small.toml")
+    _, _, step, *_ = run_steps.steps_of(SimpleNamespace(experiment=experiment), ranks=1)
+    shares = []
+    for name in ("thesis5", *(f"ours, part {k} of 4" for k in range(1, 5)), "ours, all samples"):
+        with Progress(4, "step", f"training {name}", quiet=True) as bar:
+            bar.update(4)
+        shares.append(how_far(told.read_text(), step)[0])
+    assert shares == pytest.approx(np.arange(1, 7) / 6)
 
 
 def test_ranks(monkeypatch):
