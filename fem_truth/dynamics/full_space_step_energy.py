@@ -15,6 +15,7 @@ from softprint.fem_truth.energy.total_energy import ElasticTangent, Gradient, To
 from softprint.fem_truth.linalg.null_space import NullSpace
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.contact.lagged_friction import EARLY_UPDATES, NEARLY_BALANCED
 
 
 class Contact(Potential, Protocol):
@@ -61,6 +62,7 @@ class StepEnergy(TotalEnergy):
         self._contacts, self._friction = parts.contacts, parts.friction
         # The call of `lag_friction` at the start counts as the first update.
         self._updates_left = friction_updates - 1 if parts.friction else 0
+        self._early_left = EARLY_UPDATES
         self._floor = force_floor
 
     def null_space_at(self, x: Array, forces: Array | None = None, convex: bool = False) -> NullSpace:
@@ -83,10 +85,17 @@ class StepEnergy(TotalEnergy):
             friction.lag(contact.bearing(x))
 
     def stepped(self, x: Array, step: Array, length: float, before: Gradient, after: Gradient) -> bool:
+        """See `TotalEnergy.stepped`. Normal forces are far from the result before forces nearly balance: updates count
+        from there on, as in `runtime/dynamics/step/step_solve.py`."""
         changed = super().stepped(x, step, length, before, after)
         if self._updates_left == 0:
             return changed
-        self._updates_left -= 1
+        if after.norm <= NEARLY_BALANCED * self.force_scale(x, after):
+            self._updates_left -= 1
+        elif self._early_left:
+            self._early_left -= 1
+        else:
+            return changed
         self.lag_friction(x)
         return True
 

@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     from softprint.runtime.contact.condensed.compliant_friction import CompliantPoints
     from softprint.runtime.contact.condensed.contact_evaluation import CarriedCompliance, ContactEvaluation
 
-# Normal forces are updated where the relative residual of a step is below this.
+# Normal forces are updated where the relative residual of a step is below this ...
 NEARLY_BALANCED = 0.05
+# ... and so many times before, without counting: those of a start deep in a collider would hold the step back.
+EARLY_UPDATES = 5
 
 
 @dataclass(frozen=True, eq=False)

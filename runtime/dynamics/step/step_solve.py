@@ -12,13 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from softprint.runtime.contact.contact_force import FrictionForces
-from softprint.runtime.contact.lagged_friction import NEARLY_BALANCED, SlipStart
+from softprint.runtime.contact.lagged_friction import EARLY_UPDATES, NEARLY_BALANCED, SlipStart
 from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint
 from softprint.runtime.optimise import Minimum, Optimiser, Status
-
-# Updates of normal forces in a step before its forces nearly balance.
-_EARLY_UPDATES = 5
-
 
 @dataclass(frozen=True, eq=False)
 class SlidingStep:
@@ -36,7 +32,7 @@ def solve_step(
     """Minimises the energy of a step; sliding: None without friction."""
     if sliding is None:
         return optimiser.minimise(problem, start, problem.timings.solve)
-    updates, early, left = sliding.updates - 1, _EARLY_UPDATES, optimiser.max_iterations
+    updates, early, left = sliding.updates - 1, EARLY_UPDATES, optimiser.max_iterations
     lagged = replace(problem, lagged=problem.lag(start, sliding.slip, sliding.friction))
     point, earlier = lagged.point(start.body), None
     while True:
