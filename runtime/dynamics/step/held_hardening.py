@@ -4,7 +4,8 @@ The excess of a dent is a function of the contact forces of linear mechanics. Wh
 where a point of the body is about to slide around a thin rod, they change without bound, and so does the excess, though
 the energy of mechanics does not. The learned energy W~ may fall all the way to that end, and beyond it be higher: then
 it has no minimum there. Such a step is taken with c W, the energy of mechanics times the ratio c of the forces of W~
-and W at its start. It says so by its status.
+and W at its start. It says so by its status. A step that is given only a few iterations, as in real time, need not have
+come to a minimum, and is left as it is.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step, 
 from softprint.runtime.optimise import Minimum, Optimiser, Status
 
 
+# Fewer iterations than these say nothing of a minimum.
+_ENOUGH = 10
+
+
 def solve_or_hold(
     problem: StepEnergy,
     point: StepPoint,
@@ -29,7 +34,8 @@ def solve_or_hold(
 ) -> Minimum[StepPoint]:
     """Minimises the energy of a step from a point; begin: the body at the start of the step, in its frame."""
     solved = solve_step(problem, point, optimiser, sliding)
-    held = None if solved.converged else _with_hardening_held(begin)
+    ran_out = solved.status is Status.MAX_ITERATIONS and optimiser.max_iterations < _ENOUGH
+    held = None if solved.converged or ran_out else _with_hardening_held(begin)
     if held is None:
         return solved
     again = solve_step(problem, problem.point(held.near(point.body.at)), optimiser, sliding)

@@ -255,6 +255,11 @@ def test_step_without_minimum_holds_the_hardening(jelly_body, dim):
     assert again.residual <= newton.tolerance
     assert again.iterations > 1
     assert again.state.factorisation is None
+    # With a few iterations allowed, as in real time, a step that ran out of them is not solved a second time.
+    for few in (1, 4):
+        step = simulator(Newton(NewtonSettings(few, 1e-12))).step(before.state)
+        assert step.status is Status.MAX_ITERATIONS
+        assert step.iterations <= few
     # The excess changes by a few per cent in a step.
     reference = learned.contacts["low"].force
     np.testing.assert_allclose(again.contacts["low"].force, reference, atol=0.05 * np.linalg.norm(reference))
