@@ -101,6 +101,13 @@ class RigidPose:
             return np.array([np.arctan2(self.rotation[1, 0], self.rotation[0, 0])])
         return np.asarray(Rotation.from_matrix(self.rotation.copy()).as_rotvec(), dtype=float)
 
+    def is_at(self, other: RigidPose) -> bool:
+        """Whether the other pose is the same."""
+        return self is other or (
+            np.array_equal(self.rotation, other.rotation)
+            and np.array_equal(self.translation, other.translation)
+        )
+
     def apply(self, points: Array) -> Array:
         """Local points (n, dim) to the world: R z + t."""
         return points @ self.rotation.T + self.translation

@@ -67,8 +67,12 @@ class ReducedState:
 
     @property
     def contact_is_here(self) -> bool:
-        """Whether the contact that the state carries was solved at its rows, and not at those of another state."""
-        return self.contact is not None and np.array_equal(self.contact.rows, self.rows)
+        """Whether the contact that the state carries was solved at its rows and poses, and not at those of another
+        state."""
+        contact = self.contact
+        if contact is None or not np.array_equal(contact.rows, self.rows):
+            return False
+        return all(at.is_at(self.poses[name]) for name, at in contact.poses.items())
 
 
 @dataclass(frozen=True, eq=False)

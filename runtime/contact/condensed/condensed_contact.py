@@ -254,7 +254,7 @@ class CondensedContact:
         return SolvedContact(
             rows=rows,
             frame_rows=points.frame_rows,
-            poses={name: poses[name] for name in near},
+            poses=dict(poses),
             near={name: NearPoints(poses[name], own.index, own.position) for name, own in near.items()},
             index=candidates.index[candidates.may_be_active],
             owner=distance.owner[candidates.may_be_active],

@@ -11,7 +11,7 @@ from multiprocessing.reduction import ForkingPickler
 import numpy as np
 import pytest
 
-from softprint.runtime.colliders import Box, KeyframedPath, Sphere
+from softprint.runtime.colliders import Box, KeyframedPath, RigidPose, Sphere
 from softprint.runtime.contact import CoulombFriction, PenaltyContact
 from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.dynamics.state_file import load_state, save_state
@@ -177,3 +177,17 @@ def test_a_file_that_is_no_state_is_refused_in_one_sentence(motion, tmp_path):
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(SoftprintError, match=r"state\.h5"):
         load_state(path)
+
+
+def test_a_collider_that_is_put_elsewhere_leaves_its_contact_behind(jelly_body, dim):
+    """Forces and drawn nodes are those of the poses of the state, not of the contact that it carries."""
+    mechanics = compute_mechanics(jelly_body, 400, True)
+    simulator = simulator_of(jelly_body, mechanics, None)
+    pressed = play(simulator, simulator.rest_state(), BRANCH)[-1]
+    assert np.linalg.norm(simulator.contact_forces(pressed)["ball"].force) > 0.0
+    far = pressed.poses["ball"].translation + np.append(np.zeros(dim - 1), 0.05)
+    lifted = replace(pressed, poses={"ball": RigidPose(np.eye(dim), far)})
+    assert np.array_equal(simulator.contact_forces(lifted)["ball"].force, np.zeros(dim))
+    anew = replace(lifted, contact=None)
+    np.testing.assert_array_equal(simulator.positions(lifted), simulator.positions(anew))
+    assert np.abs(simulator.positions(lifted) - simulator.positions(pressed)).max() > 1e-4
