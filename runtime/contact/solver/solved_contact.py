@@ -30,11 +30,12 @@ class NearPoints:
 class SolvedContact:
     """The contact of a body at handle rows (n_rows, dim) with the colliders of a scene, by name.
 
-    frame_rows: (n_rows, dim) of the corotated frame; poses: of all colliders; near: the points near those that it touches;
-    index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider of each;
-    position: x (m, dim) [m] and carriers A (m, dim, dim) of these points, see `contact_points.py`; depth: estimate of
-    the contact displacement [m]; solution: of these points; pressed: those that sharp points of the colliders press,
-    None without any; followed: whether Newton's method followed it all the way from where its last solve started.
+    frame_rows: (n_rows, dim) of the corotated frame; poses: of all colliders; near: the points near those that it
+    touches; index: (m,), ascending, the points that took part in the contact solve; owner: (m,) number of the collider
+    of each; position: x (m, dim) [m] and carriers A (m, dim, dim) of these points, see `contact_points.py`; depth:
+    estimate of the contact displacement [m]; solution: of these points; pressed: those that sharp points of the
+    colliders press, None without any; followed: whether Newton's method followed it all the way from where its last
+    solve started.
     """
 
     rows: Array

@@ -20,7 +20,6 @@ from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint
 from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step, with_inner_solves_checked
 from softprint.runtime.optimise import Minimum, Optimiser, Status
 
-
 # Fewer iterations than these say nothing of a minimum.
 _ENOUGH = 10
 

@@ -16,6 +16,7 @@ from softprint.runtime.contact.lagged_friction import EARLY_UPDATES, NEARLY_BALA
 from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint
 from softprint.runtime.optimise import Minimum, Optimiser, Status
 
+
 @dataclass(frozen=True, eq=False)
 class SlidingStep:
     """slip: the start from which slip is measured; updates: how often normal forces are updated; friction: forces of

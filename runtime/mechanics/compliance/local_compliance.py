@@ -23,8 +23,8 @@ from softprint.runtime.mechanics.compliance.surface_compliance_kernels import (
 
 # Nodes whose rows and columns are cached. The cache grows where a single request needs more.
 _ROOM = 768
-# The displacement of so many times as many nodes as there are with forces is read from the rows of these, in the order of
-# memory: less work than to copy all of it into the cache.
+# The displacement of so many times as many nodes as there are with forces is read from the rows of these, in the order
+# of memory: less work than to copy all of it into the cache.
 _MANY = 4
 
 
