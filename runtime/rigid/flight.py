@@ -2,8 +2,9 @@
 
 Without contact the body keeps its velocity v and its angular momentum L about the centre: c^ = c + h v, and R^ = exp(h
 [w]) R with the spin w = I_m^-1 L at the middle of the step, R_m = exp(h [w] / 2) R (the implicit midpoint rule on
-rotations). L is then conserved exactly, energy to second order and without drift; in the plane, and if all moments of
-inertia are equal, the rotation is exact.
+rotations). Where the body is too slender or too fast for it, the step takes several such parts (`free_rotation.py`). L
+is then conserved exactly, energy to second order and without drift; in the plane, and if all moments of inertia are
+equal, the rotation is exact.
 
 A step minimises, in addition to the contact energies,
 
@@ -27,13 +28,9 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.rotations import rotation_exponential
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.rigid.free_rotation import free_rotation
 from softprint.runtime.rigid.mass import MassProperties
 from softprint.runtime.rigid.twist import generators, second_generators, twist_size
-
-# The midpoint rule is iterated until the rotation of the step changes by less than this [rad]; each iteration adds two
-# digits or more.
-_SAME_TURN = 1e-13
-_TIMES = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,18 +85,18 @@ class FreeFlight:
         self.mass, self._start, self._motion, self._h = mass, pose, motion, time_step
         self._weight = mass.mass * gravity
         self._centre = centre_of(mass, pose)
-        self._spin = self._middle_spin()
-        self._rotated = rotation_exponential(time_step * self._spin) @ pose.rotation
+        self._turns = free_rotation(mass.inertia, pose.rotation, motion.momentum, time_step)
+        self._rotated = self._rotation_after(1.0)
 
-    def _middle_spin(self) -> Array:
-        h, spin = self._h, self._motion.spin(self.mass, self._start)
-        for _ in range(_TIMES):
-            before = spin
-            middle = rotation_exponential(0.5 * h * spin) @ self._start.rotation
-            spin = np.linalg.solve(world_inertia(self.mass, middle), self._motion.momentum)
-            if h * np.abs(spin - before).max() < _SAME_TURN:
+    def _rotation_after(self, share: float) -> Array:
+        """(dim, dim) after a share of the step without torque."""
+        rotation, left = self._start.rotation, share * self._h
+        for duration, spin in self._turns:
+            rotation = rotation_exponential(min(left, duration) * spin) @ rotation
+            left -= duration
+            if left <= 0.0:
                 break
-        return spin
+        return rotation
 
     @property
     def inert(self) -> float:
@@ -108,12 +105,13 @@ class FreeFlight:
 
     @property
     def step(self) -> Array:
-        """The twist (n_twist,) of the step by momentum alone."""
-        return self._h * np.concatenate([self._motion.velocity, self._spin])
+        """The twist (n_twist,) of the step by momentum alone; its rotation is the sum of those of all parts."""
+        turned = sum(duration * spin for duration, spin in self._turns)
+        return np.concatenate([self._h * self._motion.velocity, turned])
 
     def carried_on(self, share: float = 1.0) -> RigidPose:
         """The pose after a share of the step without any force, not even weight."""
-        rotation = rotation_exponential(share * self._h * self._spin) @ self._start.rotation
+        rotation = self._rotation_after(share)
         centre = self._centre + share * self._h * self._motion.velocity
         return RigidPose.known(rotation, centre - rotation @ self.mass.centre)
 

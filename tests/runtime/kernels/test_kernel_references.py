@@ -23,6 +23,8 @@ ONLY_3D = {
     "softprint.runtime.colliders.path._along",
     "softprint.runtime.colliders.path._all_along",
     "softprint.runtime.colliders.surface_mesh.sweep_kernels._squared_distance",
+    "softprint.runtime.rigid.free_rotation_kernels.midpoint_equation",
+    "softprint.runtime.rigid.free_rotation_kernels.middle_spin",
 }
 ONLY_2D = {
     "softprint.runtime.body.rotations._polar_2d",
@@ -241,6 +243,12 @@ def penalty(rng, dim):
 def ball(rng, dim):
     lower, upper = -rng.uniform(0.5, 1, dim), rng.uniform(0.5, 1, dim)
     return rotations(rng, dim), rng.normal(size=dim), lower, upper, 2 * rng.normal(size=dim), 1.0
+
+
+def free_spin(rng, dim):
+    """Inertia, momentum, time step and spin of a body in 3D."""
+    A = rng.normal(size=(3, 3))
+    return np.eye(3) + 0.3 * A @ A.T, rng.normal(size=3), 0.3, rng.normal(size=3)
 
 
 #: The arguments of every kernel, of a generator of random numbers and the dimension.
@@ -514,6 +522,10 @@ INPUTS = {
             2,
             rng.normal(size=(5, 5, dim, dim)).astype(np.float32),
         ),
+    },
+    "rigid.free_rotation_kernels": {
+        "midpoint_equation": free_spin,
+        "middle_spin": lambda rng, dim: free_spin(rng, dim)[:3],
     },
     "rigid.kernels": {
         "point_motion": lambda rng, dim: (rng.normal(size=(M, dim)),),
