@@ -44,8 +44,9 @@ from softprint.runtime.dynamics.step.body_terms import build_terms, find_correct
 from softprint.runtime.dynamics.step.evaluation import BodyEvaluation
 from softprint.runtime.dynamics.step.frame import CorotatedFrame
 from softprint.runtime.dynamics.step.held_hardening import solve_or_hold
+from softprint.runtime.dynamics.step.static_solve import solve_static
 from softprint.runtime.dynamics.step.step_energy import StepEnergy, StepPoint, by_axis
-from softprint.runtime.dynamics.step.step_solve import SlidingStep, solve_step, with_inner_solves_checked
+from softprint.runtime.dynamics.step.step_solve import SlidingStep, with_inner_solves_checked
 from softprint.runtime.dynamics.step.step_start import kept_factorisation
 from softprint.runtime.dynamics.terms.springs import HandleSpring, PointSpring, QuadraticForm
 from softprint.runtime.dynamics.terms.weight import acceleration
@@ -56,10 +57,6 @@ from softprint.runtime.optimise import Minimum, Newton, NewtonSettings, Status
 
 # Forces of a strain below this count as balanced: the floor of the scale of residuals.
 _NEGLIGIBLE_STRAIN = 1e-9
-# A static solve updates the rotations of its frame until none changes by more than this [rad], at most so many times.
-# It converges fast, since the rotations hardly matter where the strain is small.
-_SAME_ROTATION = 1e-6
-_FRAMES = 10
 
 
 class Simulator:
@@ -168,20 +165,14 @@ class Simulator:
     ) -> StepResult[ReducedState]:
         """Static equilibrium near ``state`` (the rest state by default) at its time, without friction: the start of a
         scene. The body must be supported: by kinematic handles, springs or contact. Colliders that move freely keep
-        their poses and motions."""
+        their poses and motions. The status is MAX_ITERATIONS also where forces balance in a corotated frame that is not
+        yet that of the result (`step/static_solve.py`)."""
         begin = state or self.rest_state()
         self.body.handles.check_rows(begin.rows, "rows of the state")
         optimiser = Newton(newton or NewtonSettings(max_iterations=100, tolerance=1e-6))
-        timings, iterations = Timings(), 0
-        for _ in range(_FRAMES):
-            solved = solve_step(*self._static(begin, timings), optimiser, None)
-            iterations += solved.iterations
-            rotations = self._rotations(begin.rows)
-            begin = replace(begin, rows=solved.x.body.at.rows, contact=_solved_contact(solved.x.body))
-            change = np.abs(self._rotations(begin.rows) - rotations).max(initial=0.0)
-            if not solved.converged or change < _SAME_ROTATION:
-                break
-        return self._static_result(replace(solved, iterations=iterations), begin, timings)
+        timings = Timings()
+        solved = solve_static(begin, lambda at: self._static(at, timings), self._rotations, optimiser)
+        return self._static_result(solved, begin, timings)
 
     def at_rest(self) -> StepResult[ReducedState]:
         """The rest state as a result without any step: its energies and contact forces."""
