@@ -65,7 +65,7 @@ def held(
 ) -> Held:
     """The same simulator, held otherwise; settings: of its steps, the same by default. It steps the states of the first
     one, too, once they are without its factorisation, which is of other unknowns (`replace(state,
-    factorisation=None)`)."""
+    factorisation=None)`); an elastic Hessian that they keep is used only if the same coordinates are free."""
     other = copy.copy(simulator)
     other.settings = settings or simulator.settings
     other.hold = Hold.of(simulator.body, springs, kinematic, other.settings.time_step)

@@ -26,7 +26,7 @@ from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_sof
 from softprint.runtime.optimise.descent import Descent
 from softprint.runtime.rigid.flight import RigidMotion
 
-KIND, VERSION = "state", 7
+KIND, VERSION = "state", 8
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (

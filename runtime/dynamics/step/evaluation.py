@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from softprint.runtime.arrays import Array, RowHessian
+from softprint.runtime.arrays import Array, IntArray, RowHessian
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.warm_start import WarmStart
@@ -133,12 +133,12 @@ class BodyEvaluation:
         frames = self.frame.terms.frames
         return None if frames is None else frames.at(*self.at)
 
-    def elastic_hessian(self, compute: RowHessian, along: Array | None) -> Array:
+    def elastic_hessian(self, compute: RowHessian, free: IntArray, along: Array | None) -> Array:
         """The elastic Hessian, see `RowHessian`: the kept one while the strain has changed little, otherwise that of
-        `compute`."""
+        `compute`; free: (k,) the coordinates that the directions `along` change."""
         reuse = self.frame.terms.reuse
         # With a field correction B changes from state to state.
         if reuse is None or self.field is not None:
             return compute(along)
-        self.kept_hessian = reuse.hessian(self.at.rows, along, compute, self.kept_hessian)
+        self.kept_hessian = reuse.hessian(self.at.rows, free, along, compute, self.kept_hessian)
         return self.kept_hessian.hessian

@@ -279,7 +279,7 @@ class StepPoint:
                 if hanging is not None:
                     total += hanging.hessian(along)
             with timings.elastic:
-                total += body.elastic_hessian(elastic_hessian, along)
+                total += body.elastic_hessian(elastic_hessian, unknowns.free, along)
             with timings.contact:
                 for contact_hessian in hessians:
                     total += contact_hessian(along)

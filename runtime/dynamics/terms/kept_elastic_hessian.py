@@ -3,10 +3,10 @@
 With many handles the Hessian of all cubature cells costs more than the rest of a step in the subspace. It changes
 little from one iteration or step to the next, since the tangent of a material changes with the deformation gradient.
 The Hessian only gives Newton's method a direction; energy and gradient are exact, and so is the solution. The Hessian
-is kept along the requested directions, the coordinates of points and frames: they rotate with the body, so that it
-changes only with the strain. In the motion of the hand of `examples/hand.toml`, without corrections, this takes 3.1
-iterations per step instead of 3.0, and three fifths of the time (medians); with a correction, whose Hessian has near
-frames only, 2.1 instead of 2.0 and nine tenths.
+is kept along the requested directions, the free coordinates of points and frames: they rotate with the body, so that it
+changes only with the strain. Where other coordinates are free, it is computed anew. In the motion of the hand of
+`examples/hand.toml`, without corrections, this takes 3.1 iterations per step instead of 3.0, and three fifths of the
+time (medians); with a correction, whose Hessian has near frames only, 2.1 instead of 2.0 and nine tenths.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softprint.runtime.arrays import Array, RowHessian
+from softprint.runtime.arrays import Array, IntArray, RowHessian
 from softprint.runtime.dynamics.terms.elastic import Elastic
 from softprint.runtime.elasticity.reduced_elasticity import ReducedElasticity
 
@@ -26,9 +26,11 @@ _EXPENSIVE = 1e7
 
 
 class KeptHessian(NamedTuple):
-    """hessian (k, k) [N/m], computed where the cells had deformation gradients F (m, dim, dim)."""
+    """hessian (k, k) [N/m] by the free coordinates free (k,), computed where the cells had deformation gradients F (m,
+    dim, dim)."""
 
     F: Array
+    free: IntArray
     hessian: Array
 
 
@@ -45,15 +47,14 @@ class HessianReuse:
         return cls(elasticity) if elastic.products > _EXPENSIVE else None
 
     def hessian(
-        self, rows: Array, along: Array | None, compute: RowHessian, kept: KeptHessian | None
+        self, rows: Array, free: IntArray, along: Array | None, compute: RowHessian, kept: KeptHessian | None
     ) -> KeptHessian:
-        """The kept Hessian if it can be used again at handle rows (n_rows, dim), otherwise that of `compute`; along:
-        see `RowHessian`."""
+        """The kept Hessian if it can be used again at handle rows (n_rows, dim), otherwise that of `compute`; free:
+        (k,) the coordinates that the k directions `along` change, see `RowHessian`."""
         F = self._elasticity.deformation_gradients(rows)
-        size = rows.size if along is None else along.shape[1]
-        if kept is not None and len(kept.hessian) == size and self._change(F, kept.F) <= _SAME_STRAIN:
+        if kept is not None and np.array_equal(kept.free, free) and self._change(F, kept.F) <= _SAME_STRAIN:
             return kept
-        return KeptHessian(F, compute(along))
+        return KeptHessian(F, free, compute(along))
 
     def _change(self, F: Array, before: Array) -> float:
         """The change of the deformation gradients (weighted RMS over the cells)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from softprint.runtime.dynamics import (
     Simulator,
 )
 from softprint.runtime.dynamics.hold import held
+from softprint.runtime.dynamics.terms import kept_elastic_hessian
 from softprint.runtime.dynamics.terms.springs import PointSpring, Springs
 from softprint.runtime.errors import SoftprintError
 
@@ -40,6 +43,29 @@ def test_held_otherwise_is_the_same_as_made_otherwise(dim, jelly_body):
     assert np.array_equal(stepped(other), stepped(made))
     # The first one is what it was.
     assert np.array_equal(stepped(first), stepped(Simulator(body, contact=LAW)))
+
+
+def test_a_state_passes_from_one_hold_to_another(dim, jelly_body, monkeypatch):
+    """The elastic Hessian that it carries is of other free coordinates, though of as many."""
+    monkeypatch.setattr(kept_elastic_hessian, "_EXPENSIVE", 0.0)
+    settings = DynamicsSettings(1 / 100, NewtonSettings(max_iterations=20, tolerance=1e-9))
+    one, other = ([KinematicHandle("base"), KinematicHandle(k)] for k in (0, jelly_body.handles.n_points - 1))
+    gravity = np.append(np.zeros(dim - 1), -9.81)
+    first = Simulator(jelly_body, contact=LAW, gravity=gravity, kinematic=one, settings=settings)
+    second = held(first, kinematic=other)
+    state = first.rest_state()
+    for _ in range(3):
+        state = first.step(state).state
+    state = replace(state, factorisation=None)
+    assert state.elastic_hessian is not None
+    carried, fresh = state, replace(state, elastic_hessian=None)
+    for _ in range(3):
+        results = [second.step(carried), second.step(fresh)]
+        assert all(result.converged for result in results)
+        carried, fresh = (result.state for result in results)
+        # The same Hessians, so the same bits.
+        assert np.array_equal(carried.rows, fresh.rows)
+    assert np.abs(carried.rows - state.rows).max() > 1e-5
 
 
 def test_a_spring_on_the_point_of_a_handle_is_the_spring_of_that_handle(dim, jelly_body):

@@ -25,6 +25,11 @@ def reuse(jelly_body):
     return HessianReuse(jelly_body.reduced_elasticity)
 
 
+def every(rows):
+    """Every coordinate of rows is free."""
+    return np.arange(rows.size)
+
+
 def exact(elastic, rows):
     """Computes the Hessian of a state without reuse, see `RowHessian`."""
     return elastic.in_frame(rows).evaluate(rows, None).linearise(None)[1]
@@ -36,29 +41,33 @@ def bent(body, size, seed=1):
 
 def test_the_reused_hessian_is_that_of_a_nearby_state(jelly_body, elastic, reuse):
     first = bent(jelly_body, 1e-3)
-    kept = reuse.hessian(first, None, exact(elastic, first), None)
+    kept = reuse.hessian(first, every(first), None, exact(elastic, first), None)
     np.testing.assert_array_equal(kept.hessian, exact(elastic, first)())
     near = first + 1e-6 * np.random.default_rng(2).normal(size=first.shape)
-    assert reuse.hessian(near, None, exact(elastic, near), kept) is kept
+    assert reuse.hessian(near, every(near), None, exact(elastic, near), kept) is kept
 
 
 def test_corotated_directions_keep_their_hessian(jelly_body, elastic, reuse):
     first = bent(jelly_body, 1e-3)
-    along = np.random.default_rng(3).normal(size=(first.size, 4))
-    kept = reuse.hessian(first, along, exact(elastic, first), None)
+    along, free = np.random.default_rng(3).normal(size=(first.size, 4)), np.arange(4)
+    kept = reuse.hessian(first, free, along, exact(elastic, first), None)
     np.testing.assert_array_equal(kept.hessian, exact(elastic, first)(along))
     near = first + 1e-6 * np.random.default_rng(2).normal(size=first.shape)
-    assert reuse.hessian(near, along * (1.0 + 1e-6), exact(elastic, near), kept) is kept
+    assert reuse.hessian(near, free, along * (1.0 + 1e-6), exact(elastic, near), kept) is kept
+    # As many others.
+    other = np.random.default_rng(4).normal(size=along.shape)
+    found = reuse.hessian(near, free + 2, other, exact(elastic, near), kept)
+    np.testing.assert_array_equal(found.hessian, exact(elastic, near)(other))
     # By the rows it is another matrix.
-    by_rows = reuse.hessian(near, None, exact(elastic, near), kept)
+    by_rows = reuse.hessian(near, every(near), None, exact(elastic, near), kept)
     np.testing.assert_array_equal(by_rows.hessian, exact(elastic, near)())
 
 
 def test_another_strain_has_another_hessian(jelly_body, elastic, reuse):
     first = bent(jelly_body, 1e-3)
-    kept = reuse.hessian(first, None, exact(elastic, first), None)
+    kept = reuse.hessian(first, every(first), None, exact(elastic, first), None)
     stretched = first * (1.0 + 2.0 * _SAME_STRAIN)
-    found = reuse.hessian(stretched, None, exact(elastic, stretched), kept)
+    found = reuse.hessian(stretched, every(stretched), None, exact(elastic, stretched), kept)
     np.testing.assert_array_equal(found.hessian, exact(elastic, stretched)())
 
 
