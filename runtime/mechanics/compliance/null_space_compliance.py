@@ -114,7 +114,7 @@ class NullSpaceCompliance:
         return response
 
     def _residual(self, forces: Array, response: Array) -> tuple[Array, float]:
-        """P (f - K u) (n_unknowns, k) [N] of forces f = P f, and the largest of |P (f - K u)| / |f| and |Q^T u| / |u|."""
+        """P (f - K u) (n_unknowns, k) [N] for f = P f, and the largest of |P (f - K u)| / |f| and |Q^T u| / |u|."""
         residual: Array = self._stiffness @ response
         np.subtract(forces, residual, out=residual)
         residual = self._projected(residual)
