@@ -17,13 +17,16 @@ from pathlib import Path
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.discover import FoundVerb, find_verbs
-from softprint.runtime.cli.progress import LogHandler
+from softprint.runtime.cli.progress import LogHandler, tell_failure
 from softprint.runtime.cli.ranks import end_all_ranks, launched_rank
 from softprint.runtime.cli.verb import Verb
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.linalg.openmp_waiting import wait_briefly
 
 PATIENCE = 2.0  # s that the other ranks wait for the first one to report the error
+_STOPPED = (
+    "Stopped. Finished work is kept: the same command continues from there. (With --no-resume it starts again.)"
+)
 DESCRIPTION = "Press things into soft bodies: solve once with finite elements, learn, then run in real time."
 
 
@@ -43,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if arguments is None:  # handled once: mpirun repeats the signal
             for again in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(again, signal.SIG_IGN)
-        _refuse("Stopped. Finished work is kept: the same command continues from there.", launched_rank())
+        _refuse(_STOPPED, launched_rank())
         end_all_ranks(130)
         return 130
 
@@ -187,6 +190,7 @@ def _refuse(message: str, rank: int) -> int:
     if rank > 0:
         time.sleep(PATIENCE)  # if the first rank has the same error, it ends this one meanwhile
         message = f"rank {rank}: {message}"
+    tell_failure(message)
     print(message, file=sys.stderr, flush=True)
     return 1
 

@@ -2,7 +2,7 @@
 
 A thread keeps the clock of the bar going, and writes the lines of the log, while one unit of work takes long. A
 process that started this one, `softprint run`, may follow it by a file that the environment variable FOLLOWED names:
-lines of count, total, unit and description.
+lines of count, total, unit and description, and a line of FAILED and the reason where it fails.
 """
 
 from __future__ import annotations
@@ -23,7 +23,16 @@ LOG_AFTER = 10.0  # s until the first line in a log
 LOG_INTERVAL = 30.0  # s between two lines
 _TICK = 1.0  # s between two looks at the clock
 FOLLOWED = "SOFTPRINT_PROGRESS"
+FAILED = "failed"
 _TELL_INTERVAL = 0.5  # s between two lines for the process that follows
+
+
+def tell_failure(message: str) -> None:
+    """Tell a process that follows this one why it fails: what it prints may be among lines of MPI."""
+    path = os.environ.get(FOLLOWED)
+    if path:
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(f"{FAILED}\t{' '.join(message.split())}\n")
 
 
 class Progress:

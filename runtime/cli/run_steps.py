@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO
 
 from softprint.runtime.cli.context import Context
-from softprint.runtime.cli.progress import FOLLOWED
+from softprint.runtime.cli.progress import FAILED, FOLLOWED
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import ModelSpec
 from softprint.runtime.forked_workers import worker_count
@@ -129,10 +129,21 @@ def _run(context: Context, step: Step, log: Path) -> Iterator[tuple[float, str]]
             while process.poll() is None:
                 time.sleep(_LOOK)
                 yield how_far(followed.read_text(encoding="utf-8"), step)
+        told = followed.read_text(encoding="utf-8")
     if process.returncode:
-        lines = log.read_text(errors="replace").strip().splitlines()
-        last = lines[-1] if lines else f"exit status {process.returncode}"
-        raise SoftprintError(f"softprint {step.verb}: {last} ({log} has all that was said)")
+        why = why_failed(told) or _last_line(log) or f"exit status {process.returncode}"
+        raise SoftprintError(f"softprint {step.verb}: {why} ({log} has all that was said)")
+
+
+def why_failed(told: str) -> str:
+    """The first reason that a process has told, of several ranks the one that failed first; empty without any."""
+    reasons = (line.partition("\t") for line in told.splitlines())
+    return next((why for kind, _, why in reasons if kind == FAILED), "")
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_text(errors="replace").strip().splitlines()
+    return lines[-1] if lines else ""
 
 
 def _command(context: Context, step: Step) -> list[str]:

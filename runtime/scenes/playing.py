@@ -192,14 +192,20 @@ def corrected_model(
 ) -> ReducedModel:
     """The subspace with the correction that was trained under that name; see `ModelName` for two in one."""
     own = ModelName.of(name)
+    return model_of_file(experiment, body, scene, correction_path(out, own.correction), own.internal)
+
+
+def check_model(out: Path, name: str) -> None:
+    """Raises SoftprintError where `build_model` finds no model of that name."""
+    own = ModelName.of(name)
     path = correction_path(out, own.correction)
-    if not path.is_file():
-        known = ", ".join([BARE, CONDENSED, *trained_models(out), *internal_models(out)])
-        raise SoftprintError(
-            f"there is no model {own.correction!r}: looked for {path}. Known models: {known}; `softprint train` makes "
-            f"corrections; models of installed packages: {', '.join(_announced()) or 'no others'}"
-        )
-    return model_of_file(experiment, body, scene, path, own.internal)
+    if name in (BARE, CONDENSED, *_announced()) or internal_path(out, name).is_file() or path.is_file():
+        return
+    known = ", ".join([BARE, CONDENSED, *trained_models(out), *internal_models(out)])
+    raise SoftprintError(
+        f"there is no model {own.correction!r}: looked for {path}. Known models: {known}; `softprint train` makes "
+        f"corrections; models of installed packages: {', '.join(_announced()) or 'no others'}"
+    )
 
 
 def model_of_file(
@@ -246,6 +252,7 @@ def build_model(
         if point.name == name:
             factory: ModelFactory = point.load()
             return factory(experiment, body, scene, out)
+    check_model(out, name)
     if internal_path(out, name).is_file():
         return internal_model(experiment, body, scene, internal_path(out, name))
     return corrected_model(experiment, body, scene, out, name)

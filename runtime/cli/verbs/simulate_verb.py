@@ -33,7 +33,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     from softprint.runtime.cli.run_body import body_of_run
     from softprint.runtime.errors import SoftprintError
     from softprint.runtime.linalg.one_thread import one_thread_by_default
-    from softprint.runtime.scenes.playing import usual_models
+    from softprint.runtime.scenes.playing import check_model, usual_models
     from softprint.runtime.scenes.scene import find_scene
     from softprint.runtime.scenes.simulate import simulate_scene
 
@@ -45,6 +45,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
     scenes = [with_replaced_colliders(args, experiment, find_scene(experiment, name)) for name in names]
     body = body_of_run(context)
     models = args.model or usual_models(context.out_dir)
+    for model in models:
+        check_model(context.out_dir, model)
     for changed, scene in scenes:
         for model in models:
             played = simulate_scene(context, body, scene, model, changed)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from softprint.runtime.cli import run_steps
-from softprint.runtime.cli.progress import FOLLOWED, Progress
-from softprint.runtime.cli.run_steps import Step, how_far, usable_ranks
+from softprint.runtime.cli.progress import FOLLOWED, Progress, tell_failure
+from softprint.runtime.cli.run_steps import Step, how_far, usable_ranks, why_failed
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.forked_workers import worker_count
@@ -46,6 +46,18 @@ def test_the_bar_of_training_ends_with_its_last_network(tmp_path, monkeypatch):
             bar.update(4)
         shares.append(how_far(told.read_text(), step)[0])
     assert shares == pytest.approx(np.arange(1, 7) / 6)
+
+
+def test_why_a_process_failed_is_found_among_lines_of_mpi(tmp_path, monkeypatch):
+    """The first reason that was told: other ranks may fail because the first one has."""
+    told = tmp_path / "told"
+    monkeypatch.setenv(FOLLOWED, str(told))
+    with Progress(4, "contacts", "truth", quiet=True) as bar:
+        bar.update(1)
+    assert why_failed(told.read_text()) == ""
+    tell_failure("truth.h5 contains finished work\nof a different experiment")
+    tell_failure("rank 1: stopped")
+    assert why_failed(told.read_text()) == "truth.h5 contains finished work of a different experiment"
 
 
 def test_ranks(monkeypatch):
