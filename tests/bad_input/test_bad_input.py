@@ -120,6 +120,12 @@ CONFIG = {
     ),
     "solid collider in 2D": ('shape = "circle"', 'shape = "sphere"', ("[colliders[0].shape]", "2")),
     "unknown shape": ('shape = "circle"', 'shape = "cirle"', ("[colliders[0].shape]", "circle")),
+    "collider that is no name of a group": (
+        'name = "disc"\nshape',
+        'name = "my disc/x"\nshape',
+        ("[colliders[0].name]", '"my disc/x"'),
+    ),
+    "model called full": ('name = "ours"', 'name = "full"', ("[training.models[2].name]", "choose another name")),
     "unknown collider": (
         'colliders = [{ name = "disc"',
         'colliders = [{ name = "disk"',
@@ -514,6 +520,7 @@ def test_commands_out_of_order(bench2d):
     ("command", "words"),
     [
         (["simulate", "--model=nobody"], ("nobody", "bare")),
+        (["simulate", "--model=bare", "--model=nobody"], ("nobody", "bare")),
         (["simulate", "--scene=nowhere"], ("nowhere", "press, held_out")),
         (["simulate", "--model=../body"], ("../body",)),
         (["train", "--model=nobody"], ("nobody", "thesis5, mechanics, ours")),

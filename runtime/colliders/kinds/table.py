@@ -35,7 +35,13 @@ class ColliderTable(BaseModel, ABC):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     examples: ClassVar[Tables]
 
-    name: str = Field("", description="what scenes and corrections call it; parts of a combination need none")
+    # Motion files have a group of this name.
+    name: str = Field(
+        "",
+        pattern=r"^([A-Za-z0-9][A-Za-z0-9_. -]*)?$",
+        max_length=80,
+        description="what scenes and corrections call it; parts of a combination need none",
+    )
     position: Vector | None = Field(None, description="place in the collider's coordinates [m]")
     rotation: Vector | float | None = Field(None, description="an angle in 2D, axis times angle in 3D [rad]")
     shape: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from softprint.runtime.experiment.schema.section import Count, Name, NotNegative, Positive, Section
 from softprint.runtime.learned.registry import FORMS
@@ -14,6 +14,18 @@ if TYPE_CHECKING:
 else:
     Form = Literal[tuple(FORMS)]
 
+# What simulations and reports have of their own.
+_RESERVED = ("full", "bare", "condensed", "linear_response", "truth", "statics")
+
+
+def _not_reserved(name: str) -> str:
+    if name in _RESERVED:
+        raise ValueError(f"{name!r} is what simulations or reports call a model of their own: choose another name")
+    return name
+
+
+CorrectionName = Annotated[Name, AfterValidator(_not_reserved)]
+
 
 class ModelSpec(Section):
     """`[[training.models]]`: one correction to train. The network of thesis chapter 5 is
@@ -21,7 +33,7 @@ class ModelSpec(Section):
     form = "thesis5", hidden = [250, 250], activation = "tanh".
     """
 
-    name: Name = Field(description="name of the correction in files, simulations and reports")
+    name: CorrectionName = Field(description="name of the correction in files, simulations and reports")
     form: Form = Field(
         "force",
         description="; ".join(f"{name}: {form.description}" for name, form in FORMS.items()),
@@ -90,7 +102,7 @@ class InternalSpec(Section):
     The thesis has hidden = [100, 100], components = 15, linear = false, derivatives = false (table 4.1).
     """
 
-    name: Name = Field(description="name of the correction in files, simulations and reports")
+    name: CorrectionName = Field(description="name of the correction in files, simulations and reports")
     on: Literal["subspace", "condensation"] = Field(
         "subspace", description="what it is added to: U q alone, or static condensation as well"
     )
