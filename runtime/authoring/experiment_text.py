@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -93,7 +94,7 @@ def _body(contents: Contents, settings: Settings) -> str:
         f"{moves}: {enough if settings.sag <= 1.01 * SAG else 'softer than chosen by itself, as asked for'}."
     )
     return f"""[body]
-mesh = "{contents.mesh}"
+mesh = {json.dumps(str(contents.mesh), ensure_ascii=False)}
 
 [body.handles]
 points = {settings.points}                                       # more: nearer without a correction, and slower

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -116,8 +117,13 @@ def run(args: argparse.Namespace, context: Context) -> int:
         f"{extent} m, held at {args.hold}; Young's modulus {settings.young:g} Pa; colliders of "
         f"{2e3 * settings.collider:.3g} mm, up to {1e3 * settings.max_depth:.2g} mm deep"
     )
-    context.say(f"{made.mesh} and {made.experiment} written. Next: softprint run {made.experiment}")
+    context.say(f"{made.mesh} and {made.experiment} written. Next: softprint run {_quoted(made.experiment)}")
     return 0
+
+
+def _quoted(path: Path) -> str:
+    """As a shell takes it, and no option."""
+    return shlex.quote(f"./{path}" if str(path).startswith("-") else str(path))
 
 
 @contextmanager

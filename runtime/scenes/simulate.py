@@ -125,7 +125,9 @@ def simulate_scene(
             pierced += [(depth, name, frame) for name, depth in intrusions.items() if depth > limit]
             untouched -= {name for name, contact in result.contacts.items() if contact.points}
             if not result.converged:
-                not_converged += 1
+                not_converged += 1 if frame else 0
+                if not frame:
+                    log.info("%s (%s): the start is not balanced: %s", scene.name, model, result.reason)
                 log.debug("%s (%s), frame %d: %s", scene.name, model, frame, result.reason)
             if frame:
                 seconds += result.timings["total"]

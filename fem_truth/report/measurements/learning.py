@@ -86,7 +86,7 @@ def read_json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise SoftprintError(f"{path}: not readable as JSON ({error}): make it again") from error
+        raise SoftprintError(f"{path}: not readable as JSON ({error}): remove it, or make it again") from error
 
 
 def load_learning(
