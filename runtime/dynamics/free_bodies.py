@@ -35,6 +35,8 @@ _HOP = 0.3
 _ROOM = 0.25
 # A force that moves a collider in a step by less than this fraction of its size counts as balanced.
 _NEGLIGIBLE_SHIFT = 1e-6
+# The least scale of the forces on one free collider, of that of all: forces by the contact solve are no more exact.
+_LEAST_SCALE = 1e-3
 # As in `step_energy.py`.
 _ROUND_OFF = 1e-13
 
@@ -272,5 +274,17 @@ class FreeStep:
             noise=body.noise + _ROUND_OFF * abs(own.energy),
             gradient=np.concatenate([body.gradient, flying + touching]),
             second_derivative=joint,
-            scale=max(body.scale, self.floor, float(np.linalg.norm(flying)), float(np.linalg.norm(touching))),
+            scale=self._scale(body, flying, touching),
         )
+
+    def _scale(self, body: Linearisation, flying: Array, touching: Array) -> Array:
+        """(n,) [N] of all unknowns: the largest of the forces that balance, of the body and of each free collider by
+        itself. By that of all together, the weight of a light one would count as balanced."""
+        sizes = float(np.linalg.norm(flying)), float(np.linalg.norm(touching))
+        most = max(float(np.max(body.scale)), self.floor, *sizes)
+        scale = np.full(len(flying), _LEAST_SCALE * most)
+        for name in self.flights:
+            at = self.bodies.slot(name)
+            own = max(float(np.linalg.norm(flying[at])), float(np.linalg.norm(touching[at])))
+            scale[at] = max(own, _LEAST_SCALE * most)
+        return np.concatenate([np.full(len(body.gradient), most), scale])

@@ -26,14 +26,15 @@ class Linearisation:
     """E at a point, to second order in tangent coordinates (n,).
 
     energy [J]; noise [J]: smaller differences of the energy are round-off; gradient (n,); second_derivative: computes
-    the Hessian, called only where an iteration needs it; scale: the residual is |gradient| / scale.
+    the Hessian, called only where an iteration needs it; scale: of all or of each (n,): the residual is
+    |gradient / scale|.
     """
 
     energy: float
     noise: float
     gradient: Array
     second_derivative: Hessian
-    scale: float
+    scale: float | Array
 
     @lazy
     def hessian(self) -> Array:
@@ -47,7 +48,7 @@ class Linearisation:
 
     @property
     def residual(self) -> float:
-        return float(np.linalg.norm(self.gradient)) / self.scale
+        return float(np.linalg.norm(self.gradient / self.scale))
 
 
 class Problem(Protocol[Point]):

@@ -293,3 +293,22 @@ def test_a_box_that_a_body_pushes_feels_coulombs_force(dim, condensed, jelly_bod
     assert force[:, -1].max() < 3.0 * limit.max()  # at first it is set in motion, too
     # In the last 0.2 s the push varies by a hundredth, since the block still swings a little.
     np.testing.assert_allclose(force[12:, -1], limit[12:], rtol=0.03)
+
+
+@contacts
+def test_a_light_collider_falls_beside_a_heavy_body(jelly_body, dim, condensed):
+    """By its own weight, however small beside that of the body, with the tolerance of a real scene."""
+    gravity = down(dim)
+    mechanics = compute_mechanics(jelly_body, 400, True, gravity) if condensed else None
+    crumb = placed(Sphere(0.001, dim, "crumb"), at(dim, 0.0, 0.0, 0.3), density=100.0)
+    weight = crumb.free.mass.mass * 9.81
+    assert weight < 1e-3 * 9.81 * jelly_body.node_mass.sum()
+    simulator = block(jelly_body, [crumb], None, gravity, NewtonSettings(20, 1e-4), mechanics=mechanics)
+    state = simulator.settle(newton=NewtonSettings(60, 1e-6)).state
+    for _ in range(10):
+        result = simulator.step(state)
+        assert result.converged
+        state = result.state
+    # Backward Euler: h^2 g (1 + 2 + ... + 10). Of each step's weight a tenth may be left, by the least scale of forces.
+    fall = 0.3 - state.poses["crumb"].translation[-1]
+    assert fall == pytest.approx(55 * H**2 * 9.81, rel=0.01)
