@@ -50,20 +50,34 @@ def poses_at(
     free collider."""
     if not np.isfinite(time):
         raise SoftprintError(f"the time is {time}: it must be a finite number of seconds")
-    given = dict(poses or {})
-    placed = {}
+    given, placed = dict(poses or {}), {}
+    unknown = sorted(given.keys() - {collider.name for collider in colliders})
+    if unknown:
+        raise SoftprintError(f"a pose was given for {', '.join(unknown)}, which is no collider of this scene")
     for collider in colliders:
         if collider.name in given:
-            placed[collider.name] = given.pop(collider.name)
+            placed[collider.name] = _checked(given[collider.name], collider)
         elif collider.free is not None:
             placed[collider.name] = collider.free.pose
         elif collider.path is not None:
             placed[collider.name] = collider.path.pose(time)
         else:
             raise SoftprintError(f"collider {collider.name!r} has no path: give its pose with every step")
-    if given:
-        raise SoftprintError(f"a pose was given for {', '.join(given)}, which is no collider of this scene")
     return placed
+
+
+def _checked(pose: object, collider: PlacedCollider) -> RigidPose:
+    """A given pose. Raises SoftprintError for one of another kind or dimension."""
+    if not isinstance(pose, RigidPose):
+        raise SoftprintError(
+            f"the pose of collider {collider.name!r} must be a RigidPose, not a {type(pose).__name__}"
+        )
+    if pose.translation.size != collider.collider.dim:
+        raise SoftprintError(
+            f"the pose of collider {collider.name!r} is {pose.translation.size}D, and the collider is "
+            f"{collider.collider.dim}D"
+        )
+    return pose
 
 
 def poses_after(
@@ -87,6 +101,9 @@ def check_colliders(
     contact: PenaltyContact,
 ) -> None:
     """Raises SoftprintError where names, dimensions, sizes or corrections do not fit together."""
+    for placed in colliders:
+        if not isinstance(placed, PlacedCollider):
+            raise SoftprintError(f"a collider must be a PlacedCollider, not a {type(placed).__name__}")
     dim, of_contact = body.dim, list[ContactCorrection]()
     names = [placed.name for placed in colliders]
     if len(set(names)) != len(names):

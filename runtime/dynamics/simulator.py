@@ -22,7 +22,7 @@ from softprint.runtime.contact.condensed.contact_evaluation import ContactEvalua
 from softprint.runtime.contact.contact_force import ContactForce
 from softprint.runtime.contact.lagged_friction import SlipStart
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
-from softprint.runtime.dynamics.body_checks import check_internal, check_mechanics
+from softprint.runtime.dynamics.body_checks import check_internal, check_kind, check_mechanics, check_state
 from softprint.runtime.dynamics.corrected_nodes import CorrectedNodes, Corrections, Snapshot
 from softprint.runtime.dynamics.deformed_surface import reduced_search
 from softprint.runtime.dynamics.free_bodies import FreeBodies, FreeStep
@@ -87,6 +87,12 @@ class Simulator:
         self.body, self.colliders, self.contact = body, tuple(colliders), contact
         self.settings = settings or DynamicsSettings()
         self._gravity = acceleration(body, gravity)
+        check_kind("contact", contact, PenaltyContact)
+        check_kind("settings", self.settings, DynamicsSettings)
+        for handle in kinematic:
+            check_kind("a kinematic handle", handle, KinematicHandle)
+        if friction is not None:
+            check_kind("friction", friction, CoulombFriction)
         check_mechanics(body, mechanics)
         check_internal(internal, mechanics, self._gravity)
         check_colliders(self.colliders, body, mechanics, contact)
@@ -128,6 +134,7 @@ class Simulator:
         self, state: ReducedState, poses: Mapping[str, RigidPose] | None = None
     ) -> StepResult[ReducedState]:
         """One time step. ``poses``: of colliders at the *end* of the step, instead of their paths."""
+        check_state(state, (collider.name for collider in self.colliders))
         self.body.handles.check_rows(state.rows, "rows of the state")
         timings, h = Timings(), self.settings.time_step
         end = state.time + h

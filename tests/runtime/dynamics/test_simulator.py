@@ -358,3 +358,35 @@ def test_inconsistent_inputs_are_refused():
         DynamicsSettings(time_step=0.0)
     with pytest.raises(SoftprintError, match="only frames have a rotation"):
         HandleSpring(0, 1.0, KeyframedPath([0.0], [[0.0, 0.0, 0.0]]), rotation_stiffness=1.0)
+
+
+def test_slips_are_refused_in_a_sentence(jelly_body, dim):
+    """Each says what is wrong, and none is noticed only in a later step."""
+    law, ball = PenaltyContact(1e10), PlacedCollider("ball", Sphere(0.02, dim, "ball"))
+
+    def made(colliders=(ball,), **other):
+        return Simulator(jelly_body, colliders, **{"contact": law, **other})
+
+    for slip, sentence in (
+        ({"colliders": [ball.collider]}, "a collider must be a PlacedCollider, not a Sphere"),
+        ({"contact": 1e10}, "contact must be a PenaltyContact, not a float"),
+        ({"kinematic": ["base"]}, "a kinematic handle must be a KinematicHandle, not a str"),
+        ({"friction": 0.3}, "friction must be a CoulombFriction, not a float"),
+        ({"mechanics": "mechanics.safetensors"}, "mechanics must be a BodyMechanics, not a str"),
+        ({"settings": 0.01}, "settings must be a DynamicsSettings, not a float"),
+    ):
+        with pytest.raises(SoftprintError, match=sentence):
+            made(**slip)
+    simulator, above = made(), RigidPose(np.eye(dim), 0.2 * np.eye(dim)[-1])
+    with pytest.raises(SoftprintError, match="a pose was given for bal, which is no collider"):
+        simulator.rest_state(poses={"bal": above})
+    with pytest.raises(SoftprintError, match="must be a RigidPose, not a ndarray"):
+        simulator.rest_state(poses={"ball": above.translation})
+    flat = RigidPose(np.eye(5 - dim), np.zeros(5 - dim))
+    with pytest.raises(SoftprintError, match=f"is {5 - dim}D, and the collider is {dim}D"):
+        simulator.rest_state(poses={"ball": flat})
+    with pytest.raises(SoftprintError, match=r"other colliders \(ball in one of the two\)"):
+        simulator.step(made([]).rest_state(), {"ball": above})
+    result = simulator.step(simulator.rest_state(poses={"ball": above}), {"ball": above})
+    with pytest.raises(SoftprintError, match="the state must be a ReducedState, not a StepResult"):
+        simulator.step(result, {"ball": above})
