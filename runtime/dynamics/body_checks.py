@@ -38,6 +38,7 @@ def check_mechanics(body: ReducedBody, mechanics: BodyMechanics | None) -> None:
     """Raises SoftprintError for mechanics of another body."""
     if mechanics is not None:
         check_kind("mechanics", mechanics, BodyMechanics)
+        mechanics.check_body(body)
     condensation = None if mechanics is None else mechanics.condensation
     if condensation is not None and len(condensation) != body.n_nodes:
         raise SoftprintError(

@@ -21,11 +21,12 @@ class BodyMechanics(NamedTuple):
     """compliance: response to forces on the surface, None for penalty contact at the surface samples; condensation:
     response to the reduced state and gravity, None where the reduced positions are U q alone; spread: response to
     forces that are spread in the body under its contact nodes, which learned corrections use, None with no
-    compliance."""
+    compliance; body_hash: `content_hash` of their body, empty where it is not known."""
 
     compliance: SurfaceCompliance | None
     condensation: StaticCondensation | None
     spread: SurfaceCompliance | None = None
+    body_hash: str = ""
 
     @property
     def surface_compliance(self) -> SurfaceCompliance:
@@ -44,6 +45,14 @@ class BodyMechanics(NamedTuple):
                 "these mechanics have no spread compliance: make them with `compute_mechanics`"
             )
         return self.spread
+
+    def check_body(self, body: ReducedBody) -> None:
+        """Raises SoftprintError for another body than theirs."""
+        if self.body_hash and self.body_hash != body.content_hash:
+            raise SoftprintError(
+                f"these are the mechanics of another body (hash {self.body_hash[:12]}) than {body.name!r} "
+                f"({body.content_hash[:12]}): compute them for this one"
+            )
 
     def under(self, gravity: Array) -> BodyMechanics:
         """The same body under another gravity (dim,) [m/s^2]."""
@@ -67,4 +76,5 @@ def compute_mechanics(
         surface,
         compute_static_condensation(body, gravity, response) if condensation else None,
         compute_spread_compliance(body, response, surface, progress),
+        body.content_hash,
     )

@@ -58,7 +58,8 @@ def save_mechanics(
     path: str | Path, mechanics: BodyMechanics, body: ReducedBody, contact_nodes: int | None = None
 ) -> MechanicsHeader:
     """Write the mechanics of a body; atomic. contact_nodes: the number that was requested, by default the
-    actual number. Returns the header of the file."""
+    actual number. Returns the header of the file. Raises SoftprintError for mechanics of another body."""
+    mechanics.check_body(body)
     arrays, internal = _arrays(mechanics), mechanics.condensation
     header = MechanicsHeader(
         body_hash=body.content_hash,
@@ -87,7 +88,7 @@ def read_mechanics(path: str | Path, body: ReducedBody) -> tuple[MechanicsHeader
             f"({body.content_hash[:12]}): {REMEDY}"
         )
     try:
-        return header, _mechanics(arrays)
+        return header, _mechanics(arrays)._replace(body_hash=header.body_hash)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise SoftprintError(f"{path}: the mechanics are incomplete ({error}): {REMEDY}") from error
 
@@ -105,7 +106,7 @@ def mechanics_hash(mechanics: BodyMechanics) -> str:
 def as_saved(mechanics: BodyMechanics) -> BodyMechanics:
     """The mechanics as loaded from a file, with the compliance rounded to half precision: corrections are trained with
     the values that the runtime uses."""
-    return _mechanics(_arrays(mechanics))
+    return _mechanics(_arrays(mechanics))._replace(body_hash=mechanics.body_hash)
 
 
 def _arrays(mechanics: BodyMechanics) -> dict[str, NDArray[Any]]:

@@ -67,4 +67,5 @@ def on_corrected_body(correction: Correction, own: CorrectedBody) -> Correction:
 
 def condensed_mechanics(body: ReducedBody, gravity: Array) -> BodyMechanics:
     """Static condensation alone, without a compliance of the surface; gravity: (dim,) [m/s^2]."""
-    return BodyMechanics(None, compute_static_condensation(body, gravity, NullSpaceCompliance(body)))
+    condensation = compute_static_condensation(body, gravity, NullSpaceCompliance(body))
+    return BodyMechanics(None, condensation, body_hash=body.content_hash)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ import pytest
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.run_mechanics import RunMechanics
+from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import Simulator
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mechanics.mechanics_file import (
@@ -75,6 +78,18 @@ def test_without_static_condensation(tmp_path, jelly2d_body, mechanics):
 def test_another_body_is_refused(path, jelly3d_body):
     with pytest.raises(SoftprintError, match=r"of another body .*: make it again with `softprint mechanics`"):
         load_mechanics(path, jelly3d_body)
+
+
+def test_mechanics_of_another_body_are_refused_before_they_are_in_a_file(tmp_path, jelly2d_body, mechanics):
+    """As those of a stiffness that was tried before: by a simulator, and by what would write a file of them."""
+    material = replace(jelly2d_body.material, young=10.0 * jelly2d_body.material.young)
+    stiffer = replace(jelly2d_body, material=material)
+    with pytest.raises(SoftprintError, match="mechanics of another body"):
+        save_mechanics(tmp_path / "m.safetensors", mechanics, stiffer)
+    assert not list(tmp_path.glob("m*"))
+    for refused in (mechanics, as_saved(mechanics)):
+        with pytest.raises(SoftprintError, match="mechanics of another body"):
+            Simulator(stiffer, contact=PenaltyContact(1e9), mechanics=refused)
 
 
 def test_bad_files_are_refused(path, jelly2d_body, tmp_path):
