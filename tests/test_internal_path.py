@@ -131,7 +131,7 @@ def test_from_states_to_report(experiment, tmp_path, dim, capsys):
     [
         ('on = "subspace"', 'on = "nothing"', "training.internal"),
         ('name = "ours"', 'name = "thesis4"', "is used twice"),
-        ('name = "ours"', 'name = "condensed"', "that of another model"),
+        ('name = "ours"', 'name = "condensed"', "choose another name"),
         ("components = 4", "components = 0", "components"),
         ("hidden = [12, 12]", "hidden = []", "hidden"),
         ("equilibrium = true", "equilibrium = true\nhidden = [8]\nsteps = 9", "leave hidden, steps out"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from softprint.runtime.colliders.surface_mesh.mesh_collider import SUFFIXES
 from softprint.runtime.errors import SoftprintError
-from softprint.runtime.experiment.experiment import CONDENSED, LIBRARY, MODELS, RESERVED, Experiment
+from softprint.runtime.experiment.experiment import CONDENSED, LIBRARY, RESERVED, Experiment
 from softprint.runtime.experiment.own_shapes import matches
 from softprint.runtime.experiment.problems import Problem
 from softprint.runtime.experiment.schema.colliders import LibraryTable
@@ -55,7 +55,7 @@ def _repeated_names(experiment: Experiment) -> Iterator[Problem]:
         for number, name in enumerate(names):
             if name in names[:number]:
                 yield Problem(f"{key}[{number}].name", "is used twice", "give each its own name", name)
-    taken = {*lists["training.models"], *MODELS}
+    taken = lists["training.models"]
     for number, name in enumerate(lists["training.internal"]):
         if name in taken:
             yield Problem(

@@ -28,8 +28,6 @@ RESERVED = {LIBRARY: "stands for all shapes of [library]", ANY_COLLIDER: "stands
 
 FULL = "full"  # the model of full space
 CONDENSED = "condensed"  # the model of static condensation alone
-# Models that are not learned, whose names no internal correction may have.
-MODELS = (FULL, "bare", CONDENSED)
 
 
 class ExperimentSpec(Section):

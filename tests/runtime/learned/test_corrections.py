@@ -63,7 +63,7 @@ def make_correction(
     if form in FORCES:
         if body.name not in mechanics:
             mechanics[body.name] = compute_mechanics(body, 200, condensation=True)
-        compliance, condensation, spread = mechanics[body.name]
+        compliance, condensation, spread, _ = mechanics[body.name]
         if double:
             modes, weight = condensation.modes.astype(np.float64), condensation.weight.astype(np.float64)
             condensation = replace(condensation, modes=modes, weight=weight)
