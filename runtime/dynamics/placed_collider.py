@@ -13,6 +13,7 @@ from softprint.runtime.colliders.path import KeyframedPath
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.colliders.size_check import check_size
 from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.dynamics.body_checks import check_kind
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.correction import ContactCorrection, Correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics
@@ -68,10 +69,8 @@ def poses_at(
 
 def _checked(pose: object, collider: PlacedCollider) -> RigidPose:
     """A given pose. Raises SoftprintError for one of another kind or dimension."""
-    if not isinstance(pose, RigidPose):
-        raise SoftprintError(
-            f"the pose of collider {collider.name!r} must be a RigidPose, not a {type(pose).__name__}"
-        )
+    check_kind(f"the pose of collider {collider.name!r}", pose, RigidPose)
+    assert isinstance(pose, RigidPose)
     if pose.translation.size != collider.collider.dim:
         raise SoftprintError(
             f"the pose of collider {collider.name!r} is {pose.translation.size}D, and the collider is "
@@ -102,8 +101,7 @@ def check_colliders(
 ) -> None:
     """Raises SoftprintError where names, dimensions, sizes or corrections do not fit together."""
     for placed in colliders:
-        if not isinstance(placed, PlacedCollider):
-            raise SoftprintError(f"a collider must be a PlacedCollider, not a {type(placed).__name__}")
+        check_kind("a collider", placed, PlacedCollider)
     dim, of_contact = body.dim, list[ContactCorrection]()
     names = [placed.name for placed in colliders]
     if len(set(names)) != len(names):

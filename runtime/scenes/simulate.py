@@ -124,10 +124,10 @@ def simulate_scene(
             writer.add(result, player.rows(result.state), x, intrusions)
             pierced += [(depth, name, frame) for name, depth in intrusions.items() if depth > limit]
             untouched -= {name for name, contact in result.contacts.items() if contact.points}
-            if not result.converged:
-                not_converged += 1 if frame else 0
-                if not frame:
-                    log.info("%s (%s): the start is not balanced: %s", scene.name, model, result.reason)
+            if not result.converged and not frame:
+                log.info("%s (%s): the start is not balanced: %s", scene.name, model, result.reason)
+            elif not result.converged:
+                not_converged += 1
                 log.debug("%s (%s), frame %d: %s", scene.name, model, frame, result.reason)
             if frame:
                 seconds += result.timings["total"]

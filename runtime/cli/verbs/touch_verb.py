@@ -100,6 +100,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     SCENE_MODEL_camera.h5, and SCENE_MODELS_camera.png."""
     from softprint.runtime.cli.run_body import body_of_run
     from softprint.runtime.errors import SoftprintError
+    from softprint.runtime.scenes.playing import check_model
     from softprint.runtime.scenes.scene import find_scene
     from softprint.runtime.touch.camera_series import draw_images
 
@@ -115,6 +116,8 @@ def run(args: argparse.Namespace, context: Context) -> int:
         raise SoftprintError("--side and --field are of the camera: add --markers or --depth-image")
     body = body_of_run(context)
     models = list(dict.fromkeys(args.model or ["bare"]))
+    for model in models:
+        check_model(context.out_dir, model)
     seen = {model: _play(args, context, experiment, scene, body, model) for model in models}
     cameras = [camera for camera, _ in seen.values() if camera is not None]
     if cameras:
