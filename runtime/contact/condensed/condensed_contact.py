@@ -21,22 +21,17 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.contact.condensed.all_points import AllPoints
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
-from softprint.runtime.contact.condensed.pushed_points import pushed_in
+from softprint.runtime.contact.condensed.contact_group import ContactGroup
+from softprint.runtime.contact.condensed.near_colliders import NearColliders
+from softprint.runtime.contact.condensed.pushed_points import with_pushed_in
 from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.contact.solver.candidate_search import CandidateSearch
-from softprint.runtime.contact.solver.candidates import (
-    Candidates,
-    PointDistance,
-    PosedCollider,
-    carried,
-    merge,
-)
+from softprint.runtime.contact.solver.candidates import PosedCollider, carried
 from softprint.runtime.contact.solver.contact_point_kernels import are_among
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints
-from softprint.runtime.contact.solver.contact_solve import ContactProblem
 from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.sharp_search import Dent, SharpSearch, bearing_facets, sharp_colliders
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
@@ -214,23 +209,21 @@ class CondensedContact:
         """pressed: the points that sharp points of the colliders press, None where these are to be found; halvings: how
         often the way from the warm start may be cut in half where it is too long for a prediction. Where Newton's
         method loses the contact it is cut once: finer parts hardly ever end elsewhere."""
-        bounded = points.bounded_positions(rows)
-        near = self._near(points, rows, poses, warm_start, bounded)
+        colliders, last = NearColliders(self.searches, points, rows, poses), None
+        if warm_start is not None:
+            last = warm_start.solved
         if pressed is None:
-            pressed = self._pressed(points, rows, poses, warm_start, bounded[0])
-        both = self._candidates(near, pressed, points, rows, poses, warm_start)
-        if both is None:
+            pressed = self._pressed(points, rows, poses, warm_start, points.bounded_positions(rows)[0])
+        bore = np.empty(0, dtype=np.int64) if last is None else last.active
+        group = ContactGroup.of(colliders, self.all_points(pressed), colliders.candidates(last), bore)
+        if group is None:
             return None
-        candidates, distance = both
-        together = self.all_points(pressed)
-        every = together.in_frame(points)
-        problem = self._problem(every, together, rows, candidates, distance)
+        tight = self.learned is not None
+        problem = group.problem(tight)
         if warm_start is None:
             solution, followed = problem.solve(), False
         else:
-            which = candidates.may_be_active
-            index, own = candidates.index[which], distance.among(which)
-            start = warm_start.predict(index, problem, poses, own, together.compliance)
+            start = warm_start.predict(group.index, problem, poses, group.among, group.together.compliance)
             if start is None:
                 return self._from_afar(points, rows, poses, warm_start, halvings)
             found = problem.follow(start, _GROWN * warm_start.solved.solution.energy or np.inf)
@@ -238,29 +231,30 @@ class CondensedContact:
             if found is None and halvings:
                 return self._in_halves(points, rows, poses, warm_start, 0)
             if found is None:
-                found = problem.descend(problem.lowest(start, warm_start.held(index, problem, poses)))
+                held = warm_start.held(group.index, problem, poses)
+                found = problem.descend(problem.lowest(start, held))
             solution = found
         for _ in range(_SEARCHES if solution.converged else 0):
-            pushed = pushed_in(every, together.compliance, rows, candidates, problem, solution, distance)
-            if not pushed.any():
+            wider = with_pushed_in(group, problem, solution)
+            if wider is None:
                 break
-            before, candidates = candidates.may_be_active, candidates.with_possibly_active(pushed)
-            problem = self._problem(every, together, rows, candidates, distance)
-            solution = problem.solve(solution.extended(before[candidates.may_be_active]))
+            before, group = group.index, wider
+            problem = group.problem(tight)
+            solution = problem.solve(solution.extended(are_among(group.index, before)))
             if not solution.converged:
                 break
-        if not (solution.active.size or candidates.any_inside):
+        if not (solution.active.size or group.candidates.any_inside):
             return None
         return SolvedContact(
             rows=rows,
             frame_rows=points.frame_rows,
             poses=dict(poses),
-            near={name: NearPoints(poses[name], own.index, own.position) for name, own in near.items()},
-            index=candidates.index[candidates.may_be_active],
-            owner=distance.owner[candidates.may_be_active],
+            near={name: NearPoints(poses[name], own.index, own.position) for name, own in group.near.items()},
+            index=group.index,
+            owner=group.among.owner,
             position=problem.position,
             carriers=problem.carriers,
-            depth=candidates.depth,
+            depth=group.candidates.depth,
             solution=solution,
             pressed=pressed,
             followed=followed,
@@ -320,80 +314,5 @@ class CondensedContact:
         return self.sharp.find(points, solved.rows, poses, x, self._dent(solved))
 
     def _dent(self, solved: SolvedContact) -> Dent:
-        return Dent(*self.drawn_forces(solved), solved.solution.largest_displacement)
-
-    def _candidates(
-        self,
-        near: dict[str, Candidates],
-        pressed: PressedPoints | None,
-        points: CorotatedPoints,
-        rows: Array,
-        poses: Poses,
-        warm_start: WarmStart | None,
-    ) -> tuple[Candidates, PointDistance] | None:
-        """The candidates on the facets and those pressed by sharp points, and their distance; None where nothing is
-        inside. Colliders of which only sharp points touch are added to those near."""
-        if pressed is not None:
-            every, names = self.all_points(pressed).in_frame(points), list(self.searches)
-            x = every.positions(rows, pressed.index)
-            at = [poses[name] for name in names]
-            distance = pressed.planes(slice(None)).placed(pressed.collider, at).value(x)
-            for number in sorted(set(pressed.collider[distance < 0.0].tolist())):
-                near.setdefault(names[number], Candidates.none(x.shape[1]))
-        if not near:
-            return None
-        candidates, owner = merge(list(near.values()))
-        colliders = tuple(PosedCollider(self.searches[name].collider, poses[name]) for name in near)
-        if pressed is None:
-            return candidates, PointDistance(tuple(near), colliders, owner)
-        number = np.array([list(near).index(name) if name in near else -1 for name in names])
-        mine = np.flatnonzero(number[pressed.collider] >= 0)
-        was_active = np.zeros(len(mine), dtype=bool)
-        if warm_start is not None:
-            was_active = are_among(pressed.index[mine], warm_start.solved.active)
-        candidates = candidates.followed_by(pressed.index[mine], distance[mine], x[mine], was_active)
-        owner = np.concatenate([owner, number[pressed.collider[mine]]])
-        if not candidates.may_be_active.any():
-            return None
-        planes = pressed.planes(mine) if len(mine) else None
-        return candidates, PointDistance(tuple(near), colliders, owner, planes)
-
-    def _near(
-        self,
-        points: CorotatedPoints,
-        rows: Array,
-        poses: Poses,
-        warm_start: WarmStart | None,
-        bounded: tuple[Array, Array],
-    ) -> dict[str, Candidates]:
-        """The candidates on the facets, of every collider that some are inside. bounded: see
-        `CorotatedPoints.bounded_positions`."""
-        last = None if warm_start is None else warm_start.solved
-        found = {}
-        for name, search in self.searches.items():
-            active, depth = (None, 0.0) if last is None else (last.active_set(name), last.depth)
-            near = search.find(points, rows, poses[name], bounded, active, depth)
-            if near is not None:
-                found[name] = near
-        return found
-
-    def _problem(
-        self,
-        points: CorotatedPoints,
-        together: AllPoints,
-        rows: Array,
-        candidates: Candidates,
-        distance: PointDistance,
-    ) -> ContactProblem:
-        """The contact problem of the points that may be active; distance: of all candidates."""
-        which = candidates.may_be_active
-        index = candidates.index[which]
-        return ContactProblem(
-            together.compliance.among(index),
-            points.carriers(rows, index),
-            together.stiffness[index],
-            candidates.position[which],
-            candidates.depth,
-            distance.among(which),
-            tight=self.learned is not None,
-        )
+        nodes, forces = self.drawn_forces(solved)
+        return Dent(nodes, forces, self.of_nodes.farthest(nodes, forces) if len(nodes) else 0.0)

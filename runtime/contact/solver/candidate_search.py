@@ -38,13 +38,14 @@ class CandidateSearch:
         """The candidates at handle rows (n_rows, dim); None where no point is inside. bounded: see
         `CorotatedPoints.bounded_positions`; active: the active set of a nearby state. Its points that the collider
         pushes into the body stay candidates even where their reduced position has passed the collider, so that a thin
-        wall stays on its side. last_depth: of the contact of that state [m]; it changes the cost and not the result."""
+        wall stays on its side, or has not reached it, so that what another collider's dent pushes into this one stays
+        there. last_depth: of the contact of that state [m]; it changes the cost and not the result."""
         searched = max(self.band, _AHEAD * MARGIN * last_depth)
-        index, distance, x = self._near(points, rows, pose, searched, bounded)
+        index, distance, x = self.closer(points, rows, pose, searched, bounded)
         depth = max(-float(distance.min(initial=0.0)), 0.0)
         wanted = max(self.band, MARGIN * depth, _passed(active, depth))
         if wanted > searched:
-            index, distance, x = self._near(points, rows, pose, wanted, bounded)
+            index, distance, x = self.closer(points, rows, pose, wanted, bounded)
         elif wanted < searched:
             near = distance < wanted
             index, distance, x = index[near], distance[near], x[near]
@@ -53,7 +54,7 @@ class CandidateSearch:
             found = _with_active_set(found, active, points, rows)
         return found if found.depth > 0.0 else None
 
-    def _near(
+    def closer(
         self,
         points: CorotatedPoints,
         rows: Array,
@@ -61,8 +62,8 @@ class CandidateSearch:
         distance: float,
         bounded: tuple[Array, Array],
     ) -> tuple[IntArray, Array, Array]:
-        """The points closer to the collider than `distance` [m], their signed distance and position (m, dim) [m]. Exact
-        positions are computed only for points whose bounds allow this."""
+        """The points (m,) closer to the collider than `distance` [m], their signed distance and position (m, dim) [m].
+        Exact positions are computed only for points whose bounds allow this."""
         x, reach = bounded
         if np.isfinite(self.collider.upper).all():
             box = self.collider.lower - distance, self.collider.upper + distance

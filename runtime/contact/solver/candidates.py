@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -200,9 +201,17 @@ class Candidates:
         return replace(self, may_be_active=self.may_be_active | more)
 
 
-def merge(parts: Sequence[Candidates]) -> tuple[Candidates, IntArray]:
+class Faces(Protocol):
+    """Which of the points (m,) at x (m, dim) [m] the collider of a part, by its number, faces from outside of the
+    body."""
+
+    def __call__(self, number: int, index: IntArray, x: Array) -> BoolArray: ...
+
+
+def merge(parts: Sequence[Candidates], faces: Faces) -> tuple[Candidates, IntArray]:
     """The candidates of several colliders together: every point once, ascending, and its owner, the number of the part
-    in which it is deepest. A point may be active if it may be in any part."""
+    in which it is deepest, of those whose colliders face it if any do: what is inside a ball that is pressed through a
+    sheet is on the ground below it. A point may be active if it may be in any part."""
     if len(parts) == 1:
         return parts[0], np.zeros(len(parts[0].index), dtype=np.int64)
     index = np.concatenate([part.index for part in parts])
@@ -210,9 +219,21 @@ def merge(parts: Sequence[Candidates]) -> tuple[Candidates, IntArray]:
     position = np.concatenate([part.position for part in parts])
     may_be_active = np.concatenate([part.may_be_active for part in parts])
     owner = np.repeat(np.arange(len(parts)), [len(part.index) for part in parts])
-    order = np.lexsort((distance, index))
+    order = np.lexsort((distance, _turned_away(index, position, owner, faces), index))
     starts = np.flatnonzero(np.diff(index[order], prepend=-1) > 0)
     first = order[starts]
     anywhere = np.logical_or.reduceat(may_be_active[order], starts) if len(starts) else may_be_active
     depth = max(part.depth for part in parts)
     return Candidates(index[first], distance[first], position[first], depth, anywhere), owner[first]
+
+
+def _turned_away(index: IntArray, position: Array, owner: IntArray, faces: Faces) -> BoolArray:
+    """(n,) which are of a collider that does not face them, of those that are near several."""
+    turned = np.zeros(len(index), dtype=bool)
+    if len(index) == 0:
+        return turned
+    shared = np.flatnonzero(np.bincount(index)[index] > 1)
+    for number in sorted(set(owner[shared].tolist())):
+        mine = shared[owner[shared] == number]
+        turned[mine] = ~faces(number, index[mine], position[mine])
+    return turned

@@ -87,6 +87,11 @@ class ContactPoints:
             (loaded.nodes, loaded.shares),
         )
 
+    @property
+    def largest_scale(self) -> float:
+        """That of the compliance [1], at any deformation."""
+        return 1.0 if self.scale is None else self.scale.largest
+
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
         condensation = None if self.condensation is None else self.condensation.corotated(frame_rows)
@@ -170,7 +175,7 @@ class CorotatedPoints:
             else:
                 x, reach = self._bounded(rows)
             if self.given is not None:
-                reach = reach + self.given.largest * (1.0 if self.points.scale is None else self.points.scale.largest)
+                reach = reach + self.given.farthest * self.points.largest_scale
             last = rows, x if internal is None else x + internal.displacement(rows), reach
             self._last[:] = [last]
         return last[1:]

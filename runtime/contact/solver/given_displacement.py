@@ -22,8 +22,8 @@ class GivenDisplacement:
         self._compliance, self._nodes, self._forces = compliance, nodes, forces
         self._known = np.zeros(len(compliance), dtype=bool)
         self._displacement = np.zeros((len(compliance), forces.shape[1]))
-        #: The largest [m], as no other node is displaced farther than those that bear the forces.
-        self.largest = float(np.linalg.norm(self.of_nodes(nodes), axis=1).max())
+        #: No node is displaced farther [m].
+        self.farthest = compliance.farthest(nodes, forces)
 
     def of_nodes(self, nodes: IntArray) -> Array:
         """c (m, dim) [m] of contact nodes (m,)."""

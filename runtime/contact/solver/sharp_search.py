@@ -58,11 +58,11 @@ _LEAST_SHARE = 0.05
 
 class Dent(NamedTuple):
     """The displacement by contact that is known before a solve: forces (k, dim) [N] on contact nodes (k,), in rest
-    coordinates, and the largest displacement of a point by them [m]."""
+    coordinates, and how far no point is displaced by them [m]."""
 
     nodes: IntArray
     forces: Array
-    largest: float
+    farthest: float
 
 
 class _Undented(NamedTuple):
@@ -172,10 +172,11 @@ class SharpSearch:
         """The points pressed at handle rows (n_rows, dim), and those that soon may be; None where there are none. x:
         approximate positions (n, dim) [m] of the contact points on the facets; dent: None without a warm start."""
         lower, upper = bounds(x)
+        margin = 0.0 if dent is None else dent.farthest
         parts = []
         for first, sharp in self._sharp:
             p = poses[sharp.name].apply(sharp.points)
-            which = in_box(p, lower, upper)
+            which = in_box(p, lower - margin, upper + margin)
             if not len(which):
                 continue
             own = self._undented(sharp, p[which], points, rows, poses[sharp.name], x, dent)
@@ -248,8 +249,8 @@ class SharpSearch:
     ) -> _Undented:
         """About sharp points of a collider, at p (j, dim) [m]. The last is kept, as these are looked for again with
         another dent."""
-        largest = 0.0 if dent is None else dent.largest
-        farthest = largest + (0.0 if points.given is None else points.given.largest)
+        farthest = 0.0 if dent is None else dent.farthest
+        farthest += 0.0 if points.given is None else points.given.farthest
         last, key = self._last.get(sharp.number), (points, rows, pose)
         if last is not None and all(map(operator.is_, last[0], key)) and farthest <= last[1].farthest:
             return last[1]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from softprint.runtime.arrays import Array, IntArray, same
+from softprint.runtime.linalg.means import means
 from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
 from softprint.runtime.mechanics.compliance.surface_compliance_kernels import NodalCompliance
 from softprint.runtime.mechanics.loaded_points import LoadedPoints
@@ -35,4 +34,8 @@ class InterpolatedCompliance:
         rest coordinates."""
         own, corners, shares = self._points.among(at)
         moved = self._of_nodes.displacement(own, nodes, forces)
-        return np.asarray((shares[..., None] * moved[corners]).sum(axis=1))
+        return means(moved, corners, shares)
+
+    def farthest(self, nodes: IntArray, forces: Array) -> float:
+        """See `LocalCompliance`: no point is displaced farther than the nodes that it is between."""
+        return self._of_nodes.farthest(nodes, forces)

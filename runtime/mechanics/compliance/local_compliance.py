@@ -7,6 +7,7 @@ may be shared by states, simulators and threads.
 
 from __future__ import annotations
 
+from functools import partial
 from threading import Lock
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray, same
+from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.compliance.surface_compliance_kernels import (
     copy_pairs,
     displacement,
@@ -26,6 +28,10 @@ _ROOM = 768
 # The displacement of so many times as many nodes as there are with forces is read from the rows of these, in the order
 # of memory: less work than to copy all of it into the cache.
 _MANY = 4
+# The nodes whose displacement tells of that of all others, and the most by which another goes farther than these and
+# those that bear forces. With 15,000 loads on up to 30 neighbouring nodes of beams with one frame and 0 to 8 points it
+# is 1.20; with the nodes that bear forces alone up to 10, where the load is near the frame and moves the far end.
+_TELLING, _FARTHER = 32, 1.25
 
 
 class LocalCompliance:
@@ -71,6 +77,31 @@ class LocalCompliance:
             return displacement_of_many(self._all_pairs, at, nodes, forces)
         slots, pairs = self._slots(np.concatenate([at, nodes]))
         return displacement(pairs, slots[: len(at)], slots[len(at) :], forces)
+
+    def farthest(self, nodes: IntArray, forces: Array) -> float:
+        """How far [m] no node is displaced by forces phi (m, dim) [N] on nodes (m,), at least one: those that bear the
+        forces need not go farthest, as the free end of a limb does that is pressed near its frame."""
+        moved = self.displacement(np.concatenate([nodes, self._telling]), nodes, forces)
+        return _FARTHER * float(np.sqrt(np.einsum("ia,ia->i", moved, moved).max()))
+
+    @lazy
+    def _telling(self) -> IntArray:
+        """Nodes by whose displacement that of the others is known best: the pivots of a Cholesky factorisation of the
+        traces of G. Forces phi do not displace a node farther than sqrt(G_jj . phi G phi), with what is left of G_jj
+        where these nodes are held."""
+        traces = partial(np.einsum, "jaa->j", dtype=np.float64)
+        every = np.arange(len(self))
+        left, columns, chosen = traces(self._all_pairs[every, every]), np.zeros((len(self), _TELLING)), []
+        for k in range(min(_TELLING, len(self))):
+            pivot = int(np.argmax(left))
+            if left[pivot] <= 0.0:
+                break
+            column = traces(self._all_pairs[pivot]) - columns[:, :k] @ columns[pivot, :k]
+            columns[:, k] = column / np.sqrt(left[pivot])
+            left -= np.square(columns[:, k])
+            left[pivot] = 0.0
+            chosen.append(pivot)
+        return np.array(chosen, dtype=np.int64)
 
     def _slots(self, nodes: IntArray) -> tuple[IntArray, NDArray[np.float32]]:
         """The slots of the nodes (m,) in the cache, and the cache. Only one thread at a time changes the slots; the

