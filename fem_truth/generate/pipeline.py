@@ -27,7 +27,13 @@ from softprint.fem_truth.generate.farm import (
     wait_idly,
 )
 from softprint.fem_truth.generate.merge import merge_shards
-from softprint.fem_truth.generate.plan_hash import check_manifest, fingerprint, refuse_changes, write_manifest
+from softprint.fem_truth.generate.plan_hash import (
+    check_manifest,
+    fingerprint,
+    has_begun_after,
+    refuse_changes,
+    write_manifest,
+)
 from softprint.fem_truth.generate.shards import is_whole, write_shard
 from softprint.fem_truth.generate.state_stage import Columns, find_states
 from softprint.fem_truth.parts.body_part import part_of_body
@@ -91,7 +97,7 @@ def generate(
     on_first_rank(comm, lambda: _refuse_unchosen(experiment))
     made_from = on_first_rank(comm, lambda: fingerprint(experiment, body))
     with _only_generator(comm, out):
-        if on_first_rank(comm, lambda: options.resume and _is_complete(truth, made_from)):
+        if on_first_rank(comm, lambda: options.resume and _is_complete(truth, folder, made_from)):
             on_first_rank(comm, lambda: _tidy_up(truth, folder))
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
@@ -175,9 +181,10 @@ def _shard(folder: Path, unit: int) -> Path:
     return folder / f"contact_{unit:06d}.shard"
 
 
-def _is_complete(truth: Path, made_from: dict[str, str]) -> bool:
-    """Whether the truth file exists and is complete; raises SoftprintError if it was made from other inputs."""
-    if not truth.exists():
+def _is_complete(truth: Path, folder: Path, made_from: dict[str, str]) -> bool:
+    """Whether the truth file exists and is complete, and no run has begun to make it anew since then; raises
+    SoftprintError if it was made from other inputs."""
+    if not truth.exists() or has_begun_after(folder, truth):
         return False
     try:
         with load_truth(truth) as data:

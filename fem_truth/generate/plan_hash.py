@@ -70,6 +70,12 @@ def check_manifest(folder: Path, present: Mapping[str, str]) -> bool:
     return True
 
 
+def has_begun_after(folder: Path, truth: Path) -> bool:
+    """Whether the run of the shards in ``folder`` began after a truth file was written."""
+    path = folder / MANIFEST
+    return path.is_file() and path.stat().st_mtime_ns > truth.stat().st_mtime_ns
+
+
 def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str, str]) -> None:
     """Raise SoftprintError naming each difference between the inputs of ``where`` and the present experiment."""
     before, present = without_absent(before), without_absent(present)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +15,13 @@ from softprint.runtime.errors import SoftprintError
 
 if TYPE_CHECKING:
     from softprint.runtime.experiment import Experiment
+
+
+def run_directory(text: str) -> Path:
+    """The argument of `--out`. An empty one, as of a shell variable that is not set, would be the present folder."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the name of the run directory is empty: give one, or leave --out away")
+    return Path(text)
 
 
 @dataclass

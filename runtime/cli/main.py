@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.context import Context, run_directory
 from softprint.runtime.cli.discover import FoundVerb, find_verbs
 from softprint.runtime.cli.progress import LogHandler, tell_failure
 from softprint.runtime.cli.ranks import end_all_ranks, launched_rank
@@ -120,7 +120,7 @@ def _add_experiment_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, metavar="N", help="short for --set experiment.seed=N")
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME_OF_EXPERIMENT)"
+        "--out", type=run_directory, metavar="DIR", help="run directory (default: runs/NAME_OF_EXPERIMENT)"
     )
     parser.add_argument(
         "--resume",

@@ -4,11 +4,13 @@ body or each other."""
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Protocol
 
 import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.dynamics.state import ReducedState
 from softprint.runtime.elasticity.displacement_field import InternalField
 from softprint.runtime.errors import SoftprintError
@@ -21,16 +23,35 @@ def check_kind(what: str, value: object, kind: type) -> None:
         raise SoftprintError(f"{what} must be a {kind.__name__}, not a {type(value).__name__}")
 
 
-def check_state(state: object, names: Iterable[str]) -> None:
-    """Raises SoftprintError for what is no state, and for one of a scene with other colliders than those with these
-    names."""
+class Named(Protocol):
+    """What has a name."""
+
+    @property
+    def name(self) -> str: ...
+
+
+def check_state(
+    state: object, body: ReducedBody, colliders: Iterable[Named], contact: CondensedContact | None
+) -> None:
+    """Raises SoftprintError for what is no state of this body with these colliders, and for one that stores contact at
+    points that its condensed contact does not have: points are numbered."""
     check_kind("the state", state, ReducedState)
     assert isinstance(state, ReducedState)
-    other = sorted({*names} ^ state.poses.keys())
+    other = sorted({collider.name for collider in colliders} ^ state.poses.keys())
     if other:
         raise SoftprintError(
             f"the state is of a scene with other colliders ({', '.join(other)} in one of the two): start from "
             "`rest_state` of this simulator"
+        )
+    body.handles.check_rows(state.rows, "rows of the state")
+    if contact is None:
+        return
+    points = -1 if state.contact is None else int(state.contact.index.max(initial=-1))
+    nodes = -1 if state.friction is None else int(state.friction.nodes.max(initial=-1))
+    if points >= len(contact.stiffness) or nodes >= len(contact.nodes):
+        raise SoftprintError(
+            "the state stores contact at points that this simulator does not have: build it with the body, the "
+            "mechanics, the colliders and the contact law that the state was made with, or start from its `rest_state`"
         )
 
 

@@ -16,7 +16,7 @@ from softprint.runtime.dynamics.kinematic import KinematicHandle, free_dofs
 from softprint.runtime.dynamics.settings import DynamicsSettings
 from softprint.runtime.dynamics.step.step_energy import Unknowns
 from softprint.runtime.dynamics.step.step_start import StepStart
-from softprint.runtime.dynamics.terms.springs import HandleSpring, PointSpring, Springs
+from softprint.runtime.dynamics.terms.springs import HandleSpring, PointSpring, Springs, check_spring
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,9 @@ class Hold:
         kinematic: Sequence[KinematicHandle],
         time_step: float,
     ) -> Hold:
-        """Raises SoftprintError for a handle that the body does not have."""
+        """Raises SoftprintError for a handle that the body does not have, and for what is no spring of this body."""
+        for spring in springs:
+            check_spring(spring, body.handles)
         free = free_dofs(body.handles, kinematic)
         return cls(
             Springs(springs, body.handles),
@@ -64,8 +66,8 @@ def held(
     settings: DynamicsSettings | None = None,
 ) -> Held:
     """The same simulator, held otherwise; settings: of its steps, the same by default. It steps the states of the first
-    one, too, once they are without its factorisation, which is of other unknowns (`replace(state,
-    factorisation=None)`); an elastic Hessian that they keep is used only if the same coordinates are free."""
+    one, too; the factorisation and the elastic Hessian that they keep are used only if the same coordinates are
+    free."""
     other = copy.copy(simulator)
     other.settings = settings or simulator.settings
     other.hold = Hold.of(simulator.body, springs, kinematic, other.settings.time_step)

@@ -57,6 +57,8 @@ from softprint.runtime.optimise import Minimum, Newton, NewtonSettings, Status
 
 # Forces of a strain below this count as balanced: the floor of the scale of residuals.
 _NEGLIGIBLE_STRAIN = 1e-9
+# The terms that cancel in the elastic energy near rest are as large as the stiffness: their round-off, of one cell.
+_ROUND_OFF = 2e-16
 
 
 class Simulator:
@@ -106,6 +108,7 @@ class Simulator:
         stiffness = float(np.mean(body.material.young)) * body.mesh.size ** (body.dim - 1)
         weight = float(body.node_mass.sum() * np.linalg.norm(self._gravity))
         self._force_floor = max(_NEGLIGIBLE_STRAIN * stiffness, weight)
+        self._energy_floor = _ROUND_OFF * float((body.material.young * body.mesh.cell_volumes).sum())
         shapes = {placed.name: placed.collider for placed in self.colliders}
         bodies = free_colliders(self.colliders)
         among = ColliderContact(bodies, shapes, contact, friction)
@@ -134,8 +137,7 @@ class Simulator:
         self, state: ReducedState, poses: Mapping[str, RigidPose] | None = None
     ) -> StepResult[ReducedState]:
         """One time step. ``poses``: of colliders at the *end* of the step, instead of their paths."""
-        check_state(state, (collider.name for collider in self.colliders))
-        self.body.handles.check_rows(state.rows, "rows of the state")
+        check_state(state, self.body, self.colliders, self._corrections.contact)
         timings, h = Timings(), self.settings.time_step
         end = state.time + h
         end_poses = poses_after(self.colliders, end, poses, state.poses)
@@ -175,7 +177,7 @@ class Simulator:
         their poses and motions. The status is MAX_ITERATIONS also where forces balance in a corotated frame that is not
         yet that of the result (`step/static_solve.py`)."""
         begin = state or self.rest_state()
-        self.body.handles.check_rows(begin.rows, "rows of the state")
+        check_state(begin, self.body, self.colliders, self._corrections.contact)
         optimiser = Newton(newton or NewtonSettings(max_iterations=100, tolerance=1e-6))
         timings = Timings()
         solved = solve_static(begin, lambda at: self._static(at, timings), self._rotations, optimiser)
@@ -274,9 +276,8 @@ class Simulator:
             inertia.constant + springs.constant + height,
         )
         blocks = by_axis(quadratic.matrix, self.body.dim)
-        return StepEnergy(
-            self.hold.unknowns, quadratic, springs, blocks, free, None, self._force_floor, timings
-        )
+        floors = self._force_floor, self._energy_floor
+        return StepEnergy(self.hold.unknowns, quadratic, springs, blocks, free, None, *floors, timings)
 
     def _reached(
         self, solved: Minimum[StepPoint], time: float, velocity: Array, free: FreeStep | None

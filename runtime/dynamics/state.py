@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses, RigidPose
 from softprint.runtime.contact.contact_force import ContactForce, FrictionForces
 from softprint.runtime.contact.piercing import Piercing
@@ -31,9 +31,11 @@ class Configuration(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KeptFactorisation:
-    """contact_gradient: of the contact energy by the unknowns (n_free,) [N] at a state whose forces balance; descent:
-    the factorised Hessian of the last iteration before it."""
+    """free: (n_free,) the free minimal coordinates that are its unknowns; contact_gradient: of the contact energy by
+    these (n_free,) [N] at a state whose forces balance; descent: the factorised Hessian of the last iteration before
+    it."""
 
+    free: IntArray
     contact_gradient: Array
     descent: Descent
 

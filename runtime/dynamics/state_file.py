@@ -19,6 +19,7 @@ from softprint.runtime.contact.contact_force import FrictionForces
 from softprint.runtime.contact.solver.contact_solve import ContactSolution
 from softprint.runtime.contact.solver.pressed_points import PressedPoints
 from softprint.runtime.contact.solver.solved_contact import NearPoints, SolvedContact
+from softprint.runtime.dynamics.body_checks import check_kind
 from softprint.runtime.dynamics.state import KeptFactorisation, ReducedState
 from softprint.runtime.dynamics.terms.kept_elastic_hessian import KeptHessian
 from softprint.runtime.errors import SoftprintError
@@ -26,7 +27,7 @@ from softprint.runtime.io.files import create_softprint_h5, fixed_text, open_sof
 from softprint.runtime.optimise.descent import Descent
 from softprint.runtime.rigid.flight import RigidMotion
 
-KIND, VERSION = "state", 8
+KIND, VERSION = "state", 9
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (
@@ -48,7 +49,8 @@ _MAPPING, _NONE = "mapping", "none"
 
 
 def save_state(path: str | Path, state: ReducedState) -> None:
-    """Write a state; atomic."""
+    """Write a state; atomic. Raises SoftprintError for what is none, such as the result of a step."""
+    check_kind("what is saved", state, ReducedState)
     with create_softprint_h5(path, KIND, VERSION) as file:
         _write(file, "state", state)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.context import Context, run_directory
 from softprint.runtime.cli.verb import Verb
 
 PORT = 8712
@@ -30,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="change one key of the experiment, as in --set dynamics.max_iterations=4; repeatable",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME_OF_EXPERIMENT)"
+        "--out", type=run_directory, metavar="DIR", help="run directory (default: runs/NAME_OF_EXPERIMENT)"
     )
     parser.add_argument(
         "--scene",

@@ -7,6 +7,7 @@ An undisturbed run on one rank is the reference for all others: their truth file
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -342,6 +343,26 @@ def test_a_changed_experiment_is_refused_until_restarted(experiment: Path) -> No
     with load_truth(out / "truth.h5") as truth:
         assert len(truth.contacts) == 2
         assert truth.samples["depth"].max() <= 0.004
+
+
+def test_a_new_start_that_was_stopped_goes_on(experiment: Path, reference: Path) -> None:
+    """The finished truth stays until the new one replaces it, and is not taken for that."""
+    out = experiment.parent / "anew"
+    shutil.copytree(reference, out)
+    before = (out / "truth.h5").stat().st_mtime_ns
+    run = subprocess.Popen(command(experiment, "--out", out, "--no-resume"), env=environment())
+    while not any((out / "shards").glob("contact_*.shard")):
+        assert run.poll() is None
+        time.sleep(0.01)
+    run.kill()
+    run.wait()
+    assert (out / "truth.h5").stat().st_mtime_ns == before
+    finished = generate(experiment, "--out", out)
+    assert finished.returncode == 0, finished.stderr
+    assert "this run: 0 contacts" not in finished.stdout
+    assert (out / "truth.h5").stat().st_mtime_ns > before
+    assert content(out) == content(reference)
+    assert not (out / "shards").exists()
 
 
 def test_a_finished_truth_is_not_computed_again(experiment: Path, reference: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.context import Context, run_directory
 from softprint.runtime.cli.verb import Verb
 
 
@@ -13,7 +13,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """The two files, and the values that they do not contain."""
     parser.add_argument("dataset", type=Path, metavar="DATASET.h5", help="q, z, x")
     parser.add_argument("meshes", type=Path, metavar="MESHES.h5", help="W, q_ref, tris, tets; W, z_ref, tris")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="run directory to create")
+    parser.add_argument("--out", type=run_directory, required=True, metavar="DIR", help="run directory to create")
     parser.add_argument("--young", type=float, required=True, metavar="PA", help="Young's modulus [Pa]")
     parser.add_argument("--poisson", type=float, required=True, metavar="NU", help="Poisson's ratio")
     parser.add_argument(

@@ -106,8 +106,8 @@ class StepEnergy:
 
     quadratic: inertia, gravity and springs; springs: these alone; blocks: the matrix of `quadratic` for all axes
     (n_rows*dim, n_rows*dim); free_bodies: colliders that are solved for, None if all poses are prescribed; lagged: see
-    `LaggedFriction`, None without friction; force_floor [N]: smaller forces count as balanced; limit: iterates that it
-    does not allow are not taken.
+    `LaggedFriction`, None without friction; force_floor [N]: smaller forces count as balanced; energy_floor [J]:
+    smaller differences are round-off; limit: iterates that it does not allow are not taken.
     """
 
     unknowns: Unknowns
@@ -117,6 +117,7 @@ class StepEnergy:
     free_bodies: FreeStep | None
     lagged: LaggedFriction | None
     force_floor: float
+    energy_floor: float
     timings: Timings
     limit: IterateLimit | None = None
 
@@ -294,7 +295,8 @@ class StepPoint:
         single = body.frame.terms.points.corrected
         found = Linearisation(
             energy=quadratic + elastic + contact,
-            noise=_ROUND_OFF * (abs(problem.quadratic.constant) + abs(quadratic))
+            noise=problem.energy_floor
+            + _ROUND_OFF * (abs(problem.quadratic.constant) + abs(quadratic))
             + (_SINGLE_ROUND_OFF if single else _ROUND_OFF) * (elastic + contact),
             gradient=parts[0] + parts[1] + parts[2],
             second_derivative=hessian,

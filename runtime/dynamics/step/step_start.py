@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, same
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.pose import Poses
 from softprint.runtime.dynamics.kinematic import KinematicHandle, place_kinematic
@@ -40,7 +40,7 @@ class StepStart:
         """The starting point of the step from a state to a time [s] with the colliders at poses, and the factorised
         Hessian that predicted it, None at constant velocity. begin: the body at the state, in the frame of the step."""
         kept = state.factorisation
-        if kept is not None and _same_poses(state.poses, poses):
+        if kept is not None and same(kept.free, problem.unknowns.free) and _same_poses(state.poses, poses):
             at = (
                 Configuration(self._at_constant_velocity(state, time), poses)
                 if begin.frame.terms.points.corrected
@@ -75,7 +75,7 @@ def kept_factorisation(solved: Minimum[StepPoint], predicted_by: Descent | None)
     descent = solved.descent or predicted_by
     if not (solved.converged and own_state_only) or descent is None:
         return None
-    return KeptFactorisation(x.contact_gradient, descent)
+    return KeptFactorisation(problem.unknowns.free, x.contact_gradient, descent)
 
 
 def _same_poses(one: Poses, other: Poses) -> bool:

@@ -59,6 +59,27 @@ class PointSpring:
             )
 
 
+def check_spring(spring: object, handles: Handles) -> None:
+    """Raises SoftprintError for what is no spring, and for one of another dimension or subspace than the handles."""
+    if not isinstance(spring, HandleSpring | PointSpring):
+        raise SoftprintError(f"a spring must be a HandleSpring or a PointSpring, not a {type(spring).__name__}")
+    if spring.target.dim != handles.dim:
+        raise SoftprintError(
+            f"a spring pulls to a path in {spring.target.dim}D, and the body is {handles.dim}D: give a path in "
+            f"{handles.dim}D"
+        )
+    if isinstance(spring, PointSpring) and np.shape(spring.weights) != (handles.n_rows,):
+        raise SoftprintError(
+            f"a spring on a point has weights of shape {np.shape(spring.weights)}, and the body has {handles.n_rows} "
+            "handle rows: give the row of `body.basis` of the point"
+        )
+    if isinstance(spring, HandleSpring) and spring.anchor is not None and np.shape(spring.anchor) != (handles.dim,):
+        raise SoftprintError(
+            f"the anchor of the spring on {spring.handle!r} has shape {np.shape(spring.anchor)}: it is a point of the "
+            f"rest body, of {handles.dim} numbers"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class QuadraticForm:
     """1/2 tr(rows^T matrix rows) - tr(linear^T rows) + constant [J]; matrix (n_rows, n_rows) [N/m]

@@ -112,11 +112,13 @@ def test_unavailable_verbs_say_why(capsys):
 
 def test_wrong_command_lines_are_status_2(capsys):
     assert main.main([]) == 2
-    for arguments in (["nonsense"], ["toy"], ["toy", "x.toml", "--seed", "many"]):
+    for arguments in (["nonsense"], ["toy"], ["toy", "x.toml", "--seed", "many"], ["toy", "x.toml", "--out", ""]):
         with pytest.raises(SystemExit) as ended:
             main.main(arguments)
         assert ended.value.code == 2
-    assert "usage: softprint" in capsys.readouterr().err
+    complaints = capsys.readouterr().err
+    assert "usage: softprint" in complaints
+    assert "the name of the run directory is empty" in complaints
 
 
 def test_options_reach_the_verb(tmp_path):

@@ -46,7 +46,7 @@ def test_held_otherwise_is_the_same_as_made_otherwise(dim, jelly_body):
 
 
 def test_a_state_passes_from_one_hold_to_another(dim, jelly_body, monkeypatch):
-    """The elastic Hessian that it carries is of other free coordinates, though of as many."""
+    """The elastic Hessian and the factorisation that it carries are of other free coordinates, though of as many."""
     monkeypatch.setattr(kept_elastic_hessian, "_EXPENSIVE", 0.0)
     settings = DynamicsSettings(1 / 100, NewtonSettings(max_iterations=20, tolerance=1e-9))
     one, other = ([KinematicHandle("base"), KinematicHandle(k)] for k in (0, jelly_body.handles.n_points - 1))
@@ -56,14 +56,14 @@ def test_a_state_passes_from_one_hold_to_another(dim, jelly_body, monkeypatch):
     state = first.rest_state()
     for _ in range(3):
         state = first.step(state).state
-    state = replace(state, factorisation=None)
     assert state.elastic_hessian is not None
-    carried, fresh = state, replace(state, elastic_hessian=None)
+    assert state.factorisation is not None
+    carried, fresh = state, replace(state, elastic_hessian=None, factorisation=None)
     for _ in range(3):
         results = [second.step(carried), second.step(fresh)]
         assert all(result.converged for result in results)
         carried, fresh = (result.state for result in results)
-        # The same Hessians, so the same bits.
+        # The same starts and Hessians, so the same bits.
         assert np.array_equal(carried.rows, fresh.rows)
     assert np.abs(carried.rows - state.rows).max() > 1e-5
 
@@ -84,3 +84,15 @@ def test_a_spring_on_the_point_of_a_handle_is_the_spring_of_that_handle(dim, jel
 def test_a_spring_pushes_nothing_where_it_should(dim, jelly_body):
     with pytest.raises(SoftprintError, match="positive"):
         PointSpring(jelly_body.basis[0], -1.0, KeyframedPath([0.0], [np.zeros(dim)]))
+
+
+def test_what_is_no_spring_of_this_body_is_refused(dim, jelly_body):
+    here, elsewhere = (KeyframedPath([0.0], [np.zeros(d)]) for d in (dim, 5 - dim))
+    for slip, sentence in (
+        ("base", "a spring must be a HandleSpring or a PointSpring, not a str"),
+        (HandleSpring("base", 1.0, elsewhere), f"a path in {5 - dim}D, and the body is {dim}D"),
+        (PointSpring(jelly_body.basis[0, :-1], 1.0, here), "give the row of `body.basis` of the point"),
+        (HandleSpring("base", 1.0, here, anchor=np.zeros(5 - dim)), "a point of the rest body"),
+    ):
+        with pytest.raises(SoftprintError, match=sentence):
+            Simulator(jelly_body, contact=LAW, springs=[slip])

@@ -169,7 +169,10 @@ def test_threads_that_share_a_simulator_come_to_the_same_bits(motion):
 
 
 def test_a_file_that_is_no_state_is_refused_in_one_sentence(motion, tmp_path):
-    _, states = motion
+    simulator, states = motion
+    with pytest.raises(SoftprintError, match="what is saved must be a ReducedState, not a StepResult"):
+        save_state(tmp_path / "result.h5", simulator.step(states[0]))
+    assert not (tmp_path / "result.h5").exists()
     with pytest.raises(SoftprintError, match="there is no such state file"):
         load_state(tmp_path / "missing.h5")
     path = tmp_path / "state.h5"
@@ -191,3 +194,13 @@ def test_a_collider_that_is_put_elsewhere_leaves_its_contact_behind(jelly_body, 
     anew = replace(lifted, contact=None)
     np.testing.assert_array_equal(simulator.positions(lifted), simulator.positions(anew))
     assert np.abs(simulator.positions(lifted) - simulator.positions(pressed)).max() > 1e-4
+
+
+def test_a_state_with_contact_at_points_that_are_not_there_is_refused(jelly_body):
+    """Of mechanics with more contact nodes: it was an IndexError."""
+    many, few = (simulator_of(jelly_body, compute_mechanics(jelly_body, n, True), None) for n in (300, 10))
+    touching = play(many, many.settle().state, STEPS)[BRANCH]
+    assert touching.contact.index.max() >= 10
+    for slip in (few.step, few.settle):
+        with pytest.raises(SoftprintError, match="contact at points that this simulator does not have"):
+            slip(touching)

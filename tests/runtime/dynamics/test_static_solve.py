@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,17 @@ def test_what_has_not_settled_says_so(cantilever, monkeypatch):
     # In the frame of the result, and not 1e-7 in that of the last solve: rotations still change by 1e-2 rad per frame.
     assert 0.01 < result.residual < 1.0
     assert f"residual {result.residual:.1e}" in result.reason
+
+
+@pytest.mark.parametrize("moved", [1e-4, 1e-3, 5e-3])
+def test_what_nothing_loads_settles_at_rest(jelly_body, dim, moved):
+    """Forces are compared with those of a strain of 1e-9, and energies there are round-off of what cancels in them."""
+    root = KinematicHandle(jelly_body.handles.frames[0].name)
+    simulator = Simulator(jelly_body, contact=PenaltyContact(1e9), gravity=[0.0] * dim, kinematic=[root])
+    rest, points = simulator.rest_state(), jelly_body.handles.n_points
+    rows = rest.rows.copy()
+    rows[:points] += moved * np.random.default_rng(0).normal(size=(points, dim))
+    settled = simulator.settle(replace(rest, rows=rows))
+    assert settled.converged
+    # Balanced to 1e-6 of those forces: a strain of 1e-15, to round-off of positions of 0.1 m.
+    np.testing.assert_allclose(settled.state.rows, rest.rows, atol=1e-14)
