@@ -8,7 +8,7 @@ and where a correction displaces the body also what the correction changes in el
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -43,25 +43,34 @@ class StaticContact:
         """h (n_rows, dim) [N] at handle rows (n_rows, dim), with the colliders at the last of several poses; contact is
         followed along them. Every pose is a step, with a frame of its own: within one, sharp points of colliders press
         the same points of the body."""
-        body = self._at(rows, way[0])
-        for poses in way[1:]:
-            body = self._at(rows, poses, body)
-        force = body.surface.linearise(body.field, None, {}, len(rows))[0]
-        if body.contact is not None:
-            force = force + body.contact.gradient
-        if body.frames is not None:
-            force = force + body.frames.linearise({})[0]
-        if body.field is not None:
-            alone = body.frame.elastic.evaluate(rows, None).linearise(None)[0]
-            force = force + body.elastic.linearise(body.field)[0] - alone
-        return force
+        *_, last = self._followed(Configuration(rows, poses) for poses in way)
+        return _handle_force(last)
 
-    def _at(self, rows: Array, poses: Poses, before: BodyEvaluation | None = None) -> BodyEvaluation:
-        """before: from whose contact that here is followed, None for none."""
-        contact = None if before is None else before.contact
-        start = None if contact is None else contact.warm_start
-        frame = self._terms.in_frame(rows)
-        return BodyEvaluation(frame, Configuration(rows, poses), start, None, Timings())
+    def along(self, motion: Iterable[Configuration]) -> Iterator[Array]:
+        """h (n_rows, dim) [N] at each state of a motion; contact is followed from one to the next."""
+        return map(_handle_force, self._followed(motion))
+
+    def _followed(self, way: Iterable[Configuration]) -> Iterator[BodyEvaluation]:
+        start = None
+        for at in way:
+            frame = self._terms.in_frame(at.rows)
+            body = BodyEvaluation(frame, at, start, None, Timings())
+            yield body
+            start = None if body.contact is None else body.contact.warm_start
+
+
+def _handle_force(body: BodyEvaluation) -> Array:
+    """h at one state."""
+    rows = body.at.rows
+    force = body.surface.linearise(body.field, None, {}, len(rows))[0]
+    if body.contact is not None:
+        force = force + body.contact.gradient
+    if body.frames is not None:
+        force = force + body.frames.linearise({})[0]
+    if body.field is not None:
+        alone = body.frame.elastic.evaluate(rows, None).linearise(None)[0]
+        force = force + body.elastic.linearise(body.field)[0] - alone
+    return force
 
 
 class HandleCoordinates:

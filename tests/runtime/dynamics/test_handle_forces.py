@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from softprint.runtime.colliders import Box, RigidPose, Sphere
+from softprint.runtime.colliders import Box, KeyframedPath, RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.dynamics import KinematicHandle, Simulator
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates, StaticContact
 from softprint.runtime.dynamics.placed_collider import PlacedCollider
+from softprint.runtime.dynamics.state import Configuration
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 
@@ -45,6 +47,26 @@ def test_with_mechanics_it_balances_the_force_on_the_ball(jelly_body, dim):
     rigid = jelly_body.handles.affine_part @ bare.handle_force(jelly_body.rest_rows, way)
     # The ball is pushed up, and less than by a surface that does not give way.
     assert 0.0 < total[-1] < 0.9 * rigid[-1]
+
+
+def test_along_a_motion_it_is_the_force_of_each_step(jelly_body, dim):
+    ball, (*_, deep) = pressed(jelly_body)
+    mechanics = compute_mechanics(jelly_body, 400, condensation=False)
+    above = RigidPose(np.eye(dim), deep["ball"].translation + np.append(np.zeros(dim - 1), 0.007))
+    path = KeyframedPath([0.0, 0.2], [above.translation, deep["ball"].translation])
+    held, placed = [KinematicHandle("base")], PlacedCollider("ball", ball, path)
+    simulator = Simulator(jelly_body, [placed], contact=LAW, mechanics=mechanics, kinematic=held)
+    results = [simulator.step(simulator.rest_state())]
+    for _ in range(11):
+        results.append(simulator.step(results[-1].state))
+    states = [Configuration(result.state.rows, result.state.poses) for result in results]
+    along = StaticContact(jelly_body, [placed], LAW, mechanics).along(states)
+    forces = np.array([jelly_body.handles.affine_part @ h for h in along])
+    expected = np.array([result.contacts["ball"].force for result in results])
+    # Both balance contact to 1e-6 of its depth.
+    np.testing.assert_allclose(forces, expected, atol=1e-4 * np.abs(expected).max())
+    assert np.abs(expected).max() > 0.1
+    assert not forces[0].any()
 
 
 def test_sharp_points_press_where_the_collider_is(jelly_body, dim):
