@@ -3,8 +3,8 @@
 The contact displacement of a state is an equilibrium, so the energy of that displacement and of contact together is a
 function of the reduced state alone, W(q); its gradient and Hessian are in `runtime/contact/linearised/`. No cubature
 of the body's volume has to resolve a dent. All colliders that the body touches are solved together: on the small Jelly
-two balls pressed in 3 contact radii apart push back 11 % more than each alone, because what one pushes aside the other
-has to push too, and 20 % less where their dents overlap. One collider is a group of one.
+two balls pressed in 3 contact radii apart push back 6 % more than each alone, because what one pushes aside the other
+has to push too, and 21 % less where their dents overlap. One collider is a group of one.
 """
 
 from __future__ import annotations
