@@ -113,7 +113,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--stiffness", type=float, nargs="+", default=[1.0, 10.0, 100.0], metavar="FACTOR")
     options = parser.parse_args(words)
     context = Context(experiment_path=options.experiment, overrides=(), out=options.out, quiet=True)
-    experiment, out = context.experiment, context.out
+    experiment, out = context.experiment, context.out_dir
     body = load_body(out / "body.h5")
     with load_truth(out / "truth.h5", body) as truth:
         count = len(truth.contacts)

@@ -101,7 +101,7 @@ def thrown(experiment: Experiment, body: ReducedBody, throw: Throw, rate: int) -
     """The arguments of a simulator, reduced or full, of one throw."""
     diameter, mass, speed = throw
     ball, top = Sphere(0.5 * diameter, 3, "ball"), body.mesh.points[:, 2].max()
-    start = RigidPose(np.eye(3), [1e-3, 2e-3, top + 0.5 * diameter + 1e-3])
+    start = RigidPose(np.eye(3), np.array([1e-3, 2e-3, top + 0.5 * diameter + 1e-3]))
     free = free_collider(ball, start, mass=mass, velocity=[0.0, 0.0, -speed])
     return {
         "body": body,

@@ -70,7 +70,7 @@ class Triangles:
     @classmethod
     def of(cls, solid: trimesh.Trimesh) -> Triangles:
         """A solid in millimetres, with edges of at most 4 mm."""
-        fine = solid.subdivide_to_size(4.0)
+        fine = _subdivided(solid, 4.0)
         return cls._lowered(1e-3 * np.asarray(fine.vertices), np.asarray(fine.faces, dtype=np.int64))
 
     @classmethod
@@ -179,7 +179,7 @@ class Block:
 
     def intrusion(self, solid: Triangles, x: Array, depth: float) -> float:
         """How deep the solid is inside the block [m]."""
-        dense = trimesh.Trimesh(solid.vertices, solid.faces).subdivide_to_size(5e-4)
+        dense = _subdivided(trimesh.Trimesh(solid.vertices, solid.faces), 5e-4)
         return intrusion(_at(SIZE[2] - depth).apply(np.asarray(dense.vertices)), self.mesh, x).depth
 
 
@@ -236,8 +236,15 @@ class _Barrier:
         return float(contact.gradient(x)[:, 2].sum()), contact.gap(x)
 
 
+def _subdivided(surface: trimesh.Trimesh, longest: float) -> trimesh.Trimesh:
+    """With edges of at most this length."""
+    fine = surface.subdivide_to_size(longest)
+    assert isinstance(fine, trimesh.Trimesh)  # it is a tuple only where the numbers of the faces are asked for
+    return fine
+
+
 def _at(height: float) -> RigidPose:
-    return RigidPose(np.eye(3), [0.0, 0.0, height])
+    return RigidPose(np.eye(3), np.array([0.0, 0.0, height]))
 
 
 def _until_failure(pressed: Iterator[Pressed], count: int) -> list[Pressed | None]:

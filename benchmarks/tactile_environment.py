@@ -32,7 +32,7 @@ from softprint.runtime.environments.tactile_pad import INDENTER, TactilePad
 from softprint.runtime.touch import TactileCamera
 
 SENSES = ("markers", "depth", "force")
-Policy = Callable[[Any, dict[str, Array]], Array]
+Policy = Callable[..., Any]
 TASKS: dict[str, tuple[type[TactileEnv], Policy]] = {
     "press to force": (PressToForceEnv, press_to_force),
     "find edge": (FindEdgeEnv, find_edge),
@@ -57,8 +57,8 @@ def episodes(
         seen, info = env.reset(seed=seed)
         over = False
         while not over:
-            action = env.action_space.sample() if policy is None else policy(env, seen)  # type: ignore[arg-type]
-            seen, _, done, stopped, info = env.step(action)  # type: ignore[arg-type]
+            action = env.action_space.sample() if policy is None else policy(env, seen)
+            seen, _, done, stopped, info = env.step(action)
             over = done or stopped
         solved += info["success"]
         poses.append(env.poses)

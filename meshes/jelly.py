@@ -17,13 +17,14 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
+from softprint.runtime.arrays import Array
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.mesh import Mesh, in_morton_order, oriented_mesh, write_mesh
 
 BASE_RADIUS, TOP_RADIUS, HEIGHT, FILLET = 0.05, 0.038, 0.06, 0.01
 
 
-def rounded_corner() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rounded_corner() -> tuple[Array, Array, Array]:
     """Where the fillet leaves the side, its centre, and where it meets the top: (radius, height) each."""
     corner = np.array([TOP_RADIUS, HEIGHT])
     down = np.array([BASE_RADIUS - TOP_RADIUS, -HEIGHT]) / np.hypot(BASE_RADIUS - TOP_RADIUS, HEIGHT)

@@ -51,7 +51,7 @@ class GridOfDescriptors:
         self.spacing = float((upper - lower).max()) / cells
         self.origin = lower - self.spacing
         self.shape = np.ceil((upper - lower) / self.spacing).astype(int) + 3
-        nodes = self.origin + self.spacing * np.stack(np.indices(self.shape), axis=-1).reshape(-1, dim)
+        nodes = self.origin + self.spacing * np.indices(self.shape).reshape(dim, -1).T
         self.used = np.flatnonzero(collider.sdf(nodes) < d + np.sqrt(dim) * self.spacing)
         there = nodes[self.used]
         self.place = np.full(len(nodes), -1)

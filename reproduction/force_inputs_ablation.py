@@ -26,6 +26,7 @@ from torch import Tensor
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.script import run_script
+from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.confidence import Confidence
 from softprint.runtime.learned.force.entry import options as force_options
@@ -36,7 +37,7 @@ from softprint.runtime.truth.truth_file import load_truth
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.data import ForceData
 from softprint.surrogate.force.entry import force_data, metric
-from softprint.surrogate.force.task import ForceTask
+from softprint.surrogate.force.task import ForceTask, Samples
 from softprint.surrogate.registry import training_settings
 from softprint.surrogate.train import train
 
@@ -107,7 +108,7 @@ def main() -> None:
     overrides = (f"training.steps={options.steps}",)
     context = Context(experiment_path=options.experiment, overrides=overrides, out=options.out, quiet=True)
     body, spec = body_of_run(context), ModelSpec(name="ours")
-    own = force_options(spec, body, context.experiment.contact.stiffness)
+    own = force_options(spec, body, PenaltyContact.of(context.experiment.contact))
     with load_truth(context.out_dir / "truth.h5", body) as truth:
         whole = TrainingData(truth, body, context)
         collider = truth.contacts["collider"][truth.samples["contact"]]
@@ -128,7 +129,8 @@ def main() -> None:
             make, (learned, *judged) = partial(UnguidedTask, scale), map(unguided, data)
         else:
             make, (learned, *judged) = ForceTask, (told(part, VARIANTS[name]) for part in data)
-        tasks = [make(own, measured_in, learned, side, body.n_rows) for side in judged]
+        samples = Samples.of(measured_in, learned)
+        tasks = [make(own, samples, Samples.of(measured_in, side), body.n_rows) for side in judged]
         found = []
         for k in range(options.seeds):
             settings = training_settings(context.experiment.training, spec.form, context.seed + k)

@@ -27,6 +27,7 @@ from softprint.runtime.arrays import BoolArray, IntArray
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.script import run_script
+from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.force.entry import options as force_options
@@ -60,7 +61,7 @@ class Parts:
     state that is learned from."""
 
     def __init__(self, data: TrainingData, spec: ModelSpec) -> None:
-        self.options = force_options(spec, data.body, data.context.experiment.contact.stiffness)
+        self.options = force_options(spec, data.body, PenaltyContact.of(data.context.experiment.contact))
         truth, train_rows = data.truth, data.split.train
         testing = np.flatnonzero(truth.usable & _of_shapes(truth, names("test")))
         self.metric = metric(data, spec)

@@ -49,8 +49,9 @@ from softprint.runtime.learned.internal.correction import JACOBIANS, InternalCor
 from softprint.runtime.learned.internal.file import load_internal
 from softprint.runtime.learned.internal.model import ModesModel
 from softprint.runtime.learned.internal_correction import internal_correction
-from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_static_condensation
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
 from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
+from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.scenes.playing import internal_models
 from softprint.runtime.scenes.scene import scene_parts, scene_steps

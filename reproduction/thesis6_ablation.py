@@ -38,6 +38,7 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Sphere
+from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
 from softprint.runtime.experiment.schema.training import ModelSpec
@@ -90,7 +91,7 @@ class Course:
 
     def __init__(self, learned: TrainingData, sets: int, most: int) -> None:
         spec = THESIS6.model_copy(update={"differences": sets})
-        options = thesis6_options(spec, learned.body, learned.context.experiment.contact.stiffness)
+        options = thesis6_options(spec, learned.body, PenaltyContact.of(learned.context.experiment.contact))
         sides = dict(zip(SIDES, _samples(learned, most), strict=True))
         self.data = {
             side: descriptors(learned, options, samples, drawing(learned)) for side, samples in sides.items()
@@ -139,7 +140,7 @@ def trained(context: Context, learned: TrainingData, course: Course, name: str, 
     """One variant from one seed; read where it is there."""
     changes, consistency = VARIANTS[name]
     options = thesis6_options(
-        THESIS6.model_copy(update=changes), learned.body, context.experiment.contact.stiffness
+        THESIS6.model_copy(update=changes), learned.body, PenaltyContact.of(context.experiment.contact)
     )
     path, settings = variant_path(context.out_dir, name, seed), context.experiment.training.thesis6
     recipe = {"truth": learned.truth.content_hash, "settings": settings.model_dump(mode="json")}

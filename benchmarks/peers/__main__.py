@@ -26,6 +26,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,7 @@ def laws(scene: Scene) -> Iterator[str]:
     """Lines of a table: elasticity alone."""
     flex, vbd = mujoco_flex.MujocoFlex, newton_vbd.NewtonVbd
     peers: list[tuple[str, str, Callable[[Scene], Any]]] = [
-        (mujoco_flex.NAME, law, lambda own, i=i: flex(own, mujoco_flex.Options(FRAME, i)))
+        (mujoco_flex.NAME, law, partial(flex, options=mujoco_flex.Options(FRAME, i)))
         for i, law in enumerate(mujoco_flex.LAWS)
     ]
     cells = mujoco_flex.Options(FRAME, contact="firm", cells=(12, 12, 8))

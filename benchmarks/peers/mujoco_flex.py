@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.peers.engine import Setting, engine_module, relax, steps_of
 from benchmarks.peers.scene import FRAME, Scene
-from softprint.runtime.arrays import Array
+from softprint.runtime.arrays import Array, IntArray
 
 NAME, CELLS, PACKAGES = "MuJoCo flex", "MuJoCo flex, cells", "mujoco-core==4.0.0"
 # solref and solimp. Of the flex models that come with MuJoCo (model/flex), and two that give way less.
@@ -233,5 +233,5 @@ def _setting(options: Options) -> Setting:
     )
 
 
-def _words(numbers: Sequence[float] | Array) -> str:
+def _words(numbers: Sequence[float] | Array | IntArray) -> str:
     return " ".join(f"{number:.9g}" for number in numbers)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,30 +87,24 @@ def reduced(
 
 def settings(mechanics: BodyMechanics, trained: Path | None) -> Iterator[Setting]:
     """All rows of this project; trained: the correction file of `ours`."""
-    for step in STEPS:
-        yield Setting("full space", LAW, "", step, 0, lambda scene, h=step: full_space(scene, h))
-    for step in STEPS:
-        yield Setting("bare", LAW, "", step, 0, lambda scene, h=step: reduced(scene, h, None, None))
-    for step in STEPS:
-        yield Setting(
-            "mechanics",
-            LAW,
-            "",
-            step,
-            0,
-            lambda scene, h=step: reduced(scene, h, mechanics, _untrained(scene, mechanics)),
-        )
-    for step in STEPS if trained else ():
-        yield Setting(
-            "ours",
-            LAW,
-            "",
-            step,
-            0,
-            lambda scene, h=step: reduced(
-                scene, h, mechanics, load_correction(trained, scene.body, scene.collider, mechanics)
-            ),
-        )
+
+    def with_mechanics(scene: Scene, step: float) -> SoftprintEngine:
+        return reduced(scene, step, mechanics, _untrained(scene, mechanics))
+
+    def learned(path: Path, scene: Scene, step: float) -> SoftprintEngine:
+        correction = load_correction(path, scene.body, scene.collider, mechanics)
+        return reduced(scene, step, mechanics, correction)
+
+    rows: dict[str, Callable[..., SoftprintEngine]] = {
+        "full space": full_space,
+        "bare": partial(reduced, mechanics=None, correction=None),
+        "mechanics": with_mechanics,
+    }
+    if trained:
+        rows["ours"] = partial(learned, trained)
+    for name, make in rows.items():
+        for step in STEPS:
+            yield Setting(name, LAW, "", step, 0, partial(make, step=step))
 
 
 def _full(scene: Scene, law: PenaltyContact, own: DynamicsSettings) -> SoftprintEngine:

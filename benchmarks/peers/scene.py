@@ -78,7 +78,7 @@ class Scene:
 
     def pulled(self, gravity: Array) -> Scene:
         """With another gravity, and the collider out of reach."""
-        away = KeyframedPath.constant(RigidPose(np.eye(3), [0.0, 0.0, 100.0 * self.body.mesh.size]))
+        away = KeyframedPath.constant(RigidPose(np.eye(3), np.array([0.0, 0.0, 100.0 * self.body.mesh.size])))
         return replace(self, gravity=gravity, path=away)
 
     @cached_property
