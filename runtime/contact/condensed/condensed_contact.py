@@ -209,9 +209,8 @@ class CondensedContact:
         """pressed: the points that sharp points of the colliders press, None where these are to be found; halvings: how
         often the way from the warm start may be cut in half where it is too long for a prediction. Where Newton's
         method loses the contact it is cut once: finer parts hardly ever end elsewhere."""
-        colliders, last = NearColliders(self.searches, points, rows, poses), None
-        if warm_start is not None:
-            last = warm_start.solved
+        colliders = NearColliders(self.searches, points, rows, poses)
+        last = None if warm_start is None else warm_start.solved
         if pressed is None:
             pressed = self._pressed(points, rows, poses, warm_start, points.bounded_positions(rows)[0])
         bore = np.empty(0, dtype=np.int64) if last is None else last.active
