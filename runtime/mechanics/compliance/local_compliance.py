@@ -29,8 +29,8 @@ _ROOM = 768
 # of memory: less work than to copy all of it into the cache.
 _MANY = 4
 # The nodes whose displacement tells of that of all others, and the most by which another goes farther than these and
-# those that bear forces. With 3,000 loads on up to 29 neighbouring nodes of beams with one frame and 0, 2 or 8 points it
-# is 1.15; with the nodes that bear forces alone up to 7.6, where the load is near the frame and moves the far end.
+# those that bear forces. With 3,000 loads on up to 29 neighbouring nodes of beams with one frame and 0, 2 or 8 points
+# it is 1.15; with the nodes that bear forces alone up to 7.6, where the load is near the frame and moves the far end.
 _TELLING, _FARTHER = 32, 1.25
 
 

@@ -64,7 +64,7 @@ def test_a_copy_in_another_process_keeps_nothing_but_finds_the_same(all_pairs):
 
 @pytest.mark.parametrize("points", [0, 2, 8])
 def test_no_node_is_displaced_farther(points, dim):
-    """By loads on neighbouring nodes of a beam that is held at its end. Without points the free end goes up to seven
+    """By loads on neighbouring nodes of a beam that is held at its end. Without points the free end goes seven
     times as far as the nodes that bear them."""
     upper, cells = [0.2, 0.02, 0.02][:dim], [24, 3, 3][:dim]
     mesh = box_mesh([0.0] * dim, upper, cells)
