@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import pyvista
 
-from benchmarks.thin_shapes import SHAPES, Bench, Played, about_the_axis, rms, shape_of
+from benchmarks.thin_shapes import SHAPES, Bench, about_the_axis, rms, shape_of
 from softprint.runtime.arrays import Array
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
@@ -29,13 +29,12 @@ from softprint.runtime.experiment import load_experiment
 from softprint.runtime.mesh import Mesh
 
 
-def turned_back(played: Played, mesh: Mesh, turn: float) -> tuple[Array, Array]:
-    """Positions (t, n_nodes, 3) [m] and forces (t, 3) [N] of a motion that was turned, as if it had not been."""
+def turned_back(x: Array, mesh: Mesh, turn: float) -> Array:
+    """Positions (t, n_nodes, 3) [m] of a motion that was turned, as if it had not been."""
     rotation = about_the_axis(turn)
     cells, weights = places(mesh, mesh.points @ rotation.T)
-    displacement = (played.x - mesh.points)[:, mesh.cells[cells]]
-    there = np.einsum("nc,tncd->tnd", weights, displacement)
-    return mesh.points + there @ rotation, played.force @ rotation
+    there = np.einsum("nc,tncd->tnd", weights, (x - mesh.points)[:, mesh.cells[cells]])
+    return np.asarray(mesh.points + there @ rotation)
 
 
 def places(mesh: Mesh, points: Array) -> tuple[Array, Array]:
@@ -79,7 +78,7 @@ def main(words: Sequence[str] | None = None) -> None:
             continue
         full, bare = bench.play(shape, "full"), bench.play(shape, "bare")
         other, mechanics = bench.play(shape, "full", turn), bench.play(shape, "mechanics")
-        x, force = turned_back(other, bench.body.mesh, turn)
+        x, force = turned_back(other.x, bench.body.mesh, turn), other.force @ about_the_axis(turn)
         there = np.abs(full.force).sum(axis=1) > 0.0
         whole, strength = rms((bare.x - full.x)[there]), rms(full.force[there])
         cells = [name, f"{strength:.2f}", f"{1e3 * whole:.2f}"]

@@ -383,6 +383,15 @@ FIGURES: Mapping[str, Figure] = {
         (FORCES,),
         ("jelly_library_small",),
     ),
+    "reference_floor_motions": Figure(
+        (
+            f"python -m benchmarks.reference_floor_motions {_SMALL} "
+            "runs/jelly_library_small/motions/{push,press}_with_*_full.h5 "
+            "runs/jelly_library_small/motions/{held_out,pointy}_full.h5",
+        ),
+        (FORCES,),
+        ("motions_of_shapes",),
+    ),
     "forces_along_motions": Figure(
         (
             f"python -m benchmarks.forces_along_motions {_SMALL} "
