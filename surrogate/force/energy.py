@@ -10,7 +10,7 @@ Gauss-Newton iterations on
 over samples i and three kinds of residual k: h~ - h_true along the coordinates of the handles, its sum, which is the
 force on the collider, and W~ - W_true; s_ik is the square of what is true. Samples in which the collider presses a
 rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
-from what no p fits (Huber 1964), as where the truth is in another equilibrium. How the compliance changes with the
+from what no p fits, as where the truth is in another equilibrium. How the compliance changes with the
 strain, c, is learned only from several states: no other could bear out that of one, and it would count most where a
 body is strained much more than in training.
 
@@ -46,15 +46,15 @@ from softprint.surrogate.force.shared_contacts import SharedContacts
 ITERATIONS = 3
 # Of the folds of cross-validation: the first costs nothing, and the third changes little.
 _FOLD_ITERATIONS = 2
-# kappa: samples count by their squares up to some times the mean. Where small ones count as much as large ones, they
+# kappa: samples count by their squares up to about the mean. Where small ones count as much as large ones, they
 # decide, and small forces on the spikes of a Ball scatter by a quarter.
-_SHALLOW = 3.0
+_SHALLOW = 1.0
 # The same of the residuals that are compared with their median: relative ones, but for the smallest samples.
 _COMPARED = 0.1
 # Samples to learn from, and to measure the error on: five numbers are learned.
 SAMPLES = 600
-# Of the median relative residual, that from which on a sample loses weight.
-_HUBER = 2.0
+# Of the median relative residual, that from which on a sample loses weight, with the square of its own.
+_FAR = 2.0
 # The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
 _RIDGE = 1e-3
 # Parts t of what was learned, of which the best on validation samples is kept.
@@ -155,7 +155,7 @@ def _weights(true: Array, miss: Array) -> Array:
     """(s,) of the squared residuals (s, n_k) of one kind, from what is true (s, n_k)."""
     size = np.square(true).sum(axis=1)
     relative = np.sqrt(np.square(miss).sum(axis=1) / (size + _COMPARED * size.mean()))
-    robust = np.minimum(1.0, _HUBER * np.median(relative) / np.maximum(relative, 1e-30))
+    robust = np.minimum(1.0, _FAR * np.median(relative) / np.maximum(relative, 1e-30)) ** 2
     return np.asarray(robust / (size + _SHALLOW * size.mean()))
 
 
