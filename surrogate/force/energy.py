@@ -10,19 +10,16 @@ Gauss-Newton iterations on
 over samples i and three kinds of residual k: h~ - h_true along the coordinates of the handles, its sum, which is the
 force on the collider, and W~ - W_true; s_ik is the square of what is true. Samples in which the collider presses a
 rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
-from what no p fits, as where the truth is in another equilibrium. How the compliance changes with the
-strain, c, is learned only from several states: no other could bear out that of one, and it would count most where a
-body is strained much more than in training.
-
-Of p, as much is kept as validation samples bear out: a part t p, with t from 0, which is linear mechanics, to 1.
-Nothing is kept where the gain over linear mechanics is not significant (`energy_gain.py`), on validation samples and,
-by cross-validation, on those to learn from: as much of what is learned from parts of them, on others of other states
-and shapes.
+from what no p fits (Huber 1964), as where the truth is in another equilibrium. Of p, as much is kept as validation
+samples bear out: a part t p, with t from 0, which is linear mechanics, to 1; and nothing, where the gain of the best
+part over linear mechanics is not significant (`energy_gain.py`). How the compliance changes with the strain, c, is
+learned only from several states: no other could bear out that of one, and it would count most where a body is strained
+much more than in training.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, Protocol
 
@@ -37,24 +34,18 @@ from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.scenes.scene import held_frames
 from softprint.runtime.truth.shared_samples import workers_for
-from softprint.surrogate.data.folds import Fold
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.energy_gain import gain_of
 from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled, SampledContacts
 from softprint.surrogate.force.shared_contacts import SharedContacts
 
 ITERATIONS = 3
-# Of the folds of cross-validation: the first costs nothing, and the third changes little.
-_FOLD_ITERATIONS = 2
-# kappa: samples count by their squares up to about the mean. Where small ones count as much as large ones, they
-# decide, and small forces on the spikes of a Ball scatter by a quarter.
-_SHALLOW = 1.0
-# The same of the residuals that are compared with their median: relative ones, but for the smallest samples.
-_COMPARED = 0.1
+# kappa, as of `task.py`.
+_SHALLOW = 0.1
 # Samples to learn from, and to measure the error on: five numbers are learned.
 SAMPLES = 600
-# Of the median relative residual, that from which on a sample loses weight, with the square of its own.
-_FAR = 2.0
+# Of the median relative residual, that from which on a sample loses weight.
+_HUBER = 2.0
 # The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
 _RIDGE = 1e-3
 # Parts t of what was learned, of which the best on validation samples is kept.
@@ -83,8 +74,6 @@ class Contacts(Protocol):
 
     def n_states(self, samples: IntArray) -> int: ...
 
-    def folds(self, samples: IntArray) -> list[Fold]: ...
-
 
 def learn_energy(
     contacts: Contacts,
@@ -98,65 +87,34 @@ def learn_energy(
     mechanics = LearnedEnergy.of_mechanics()
     alone = contacts.at(train, mechanics, progress)
     before = contacts.at(held_out, mechanics, progress)
-    compared, alone = before.comparable, alone.among(alone.samples[~alone.on_frames])
-    best = of_mechanics = before.errors(compared)
-    of_nothing = None, EnergyErrors(of_mechanics, of_mechanics, len(compared), 0.0)
-    if not len(alone.samples) or not len(compared):
-        return of_nothing
-    learned = _learned(contacts, alone, labels, ITERATIONS, progress)
+    compared, train = before.comparable, alone.samples[~alone.on_frames]
+    of_mechanics = best = before.errors(compared)
+    if not len(train) or not len(compared):
+        return None, EnergyErrors(of_mechanics, best, len(compared), 0.0)
+    learned, free = mechanics, np.full(N_PARAMETERS, True)
+    free[:N_COEFFICIENTS] = contacts.n_states(train) > 1
+    for _ in range(ITERATIONS):
+        learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels, free))
     kept, part, nearest = None, 0.0, before
     for share in _PARTS:
-        tried = _part_of(learned, share)
+        tried = _with_parameters(learned, share * _parameters(learned))
         found = contacts.at(held_out, tried, progress)
         errors = found.errors(compared)
         if _sum(errors, labels) < _sum(best, labels):
             best, kept, part, nearest = errors, tried, share, found
-    if kept is None:
-        return of_nothing
-    crossed = _crossed(contacts, alone, part, labels, progress)
-    after, before = (Sampled.joined(both) for both in zip((nearest, before), *crossed, strict=True))
-    if not gain_of(after, before, before.comparable, labels).significant:
-        return of_nothing
+    if not gain_of(nearest, before, compared, labels).significant:
+        kept, part, best = None, 0.0, of_mechanics
     return kept, EnergyErrors(of_mechanics, best, len(compared), part)
-
-
-def _learned(
-    contacts: Contacts,
-    alone: Sampled,
-    labels: tuple[str, ...],
-    iterations: int,
-    progress: Callable[[int], None],
-) -> LearnedEnergy:
-    """From samples, as they are with linear mechanics."""
-    learned, sampled, free = LearnedEnergy.of_mechanics(), alone, np.full(N_PARAMETERS, True)
-    free[:N_COEFFICIENTS] = contacts.n_states(alone.samples) > 1
-    for iteration in range(iterations):
-        if iteration:
-            sampled = contacts.at(alone.samples, learned, progress)
-        learned = _stepped(learned, _step(sampled, learned, labels, free))
-    return learned
-
-
-def _crossed(
-    contacts: Contacts, alone: Sampled, part: float, labels: tuple[str, ...], progress: Callable[[int], None]
-) -> Iterator[tuple[Sampled, Sampled]]:
-    """Samples of each fold with a part of what is learned without their states and shapes, and with mechanics."""
-    for fold in contacts.folds(alone.samples):
-        learn, judge = (alone.among(alone.samples[rows]) for rows in (fold.learn, fold.judge))
-        learned = _part_of(_learned(contacts, learn, labels, _FOLD_ITERATIONS, progress), part)
-        yield contacts.at(judge.samples, learned, progress), judge
 
 
 def _sum(errors: Mapping[str, float], labels: tuple[str, ...]) -> float:
     return sum(errors[kind] for kind in labels)
 
 
-def _weights(true: Array, miss: Array) -> Array:
-    """(s,) of the squared residuals (s, n_k) of one kind, from what is true (s, n_k)."""
+def _weights(true: Array) -> Array:
+    """(s,) of the squared residuals of one kind, from what is true (s, n_k)."""
     size = np.square(true).sum(axis=1)
-    relative = np.sqrt(np.square(miss).sum(axis=1) / (size + _COMPARED * size.mean()))
-    robust = np.minimum(1.0, _FAR * np.median(relative) / np.maximum(relative, 1e-30)) ** 2
-    return np.asarray(robust / (size + _SHALLOW * size.mean()))
+    return np.asarray(1.0 / (size + _SHALLOW * size.mean()))
 
 
 def with_forces(data: TrainingData, samples: IntArray) -> IntArray:
@@ -188,9 +146,7 @@ def energy_of(
     if not len(train) or not len(held_out):
         return None
     contacts = contacts_of(data, contact_of)
-    folds = contacts.folds(train)
-    crossed = sum((_FOLD_ITERATIONS - 1) * len(fold.learn) + len(fold.judge) for fold in folds)
-    total = ITERATIONS * len(train) + (1 + len(_PARTS)) * len(held_out) + crossed
+    total = (1 + ITERATIONS) * len(train) + (1 + len(_PARTS)) * len(held_out)
     both = np.union1d(train, held_out)
     data.build_colliders(both)
     with (
@@ -212,8 +168,9 @@ def _step(sampled: Sampled, learned: LearnedEnergy, labels: tuple[str, ...], fre
     normal, right = np.zeros((N_PARAMETERS, N_PARAMETERS)), np.zeros(N_PARAMETERS)
     for kind in labels:
         true, slopes = sampled.truth[kind], sampled.slopes[kind]
-        miss = true - sampled.found[kind]
-        weight = _weights(true, miss)
+        miss, weight = true - sampled.found[kind], _weights(true)
+        relative = np.sqrt(weight * np.square(miss).sum(axis=1))
+        weight = weight * np.minimum(1.0, _HUBER * np.median(relative) / np.maximum(relative, 1e-30))
         normal += np.einsum("s,sfk,sfl->kl", weight, slopes, slopes)
         right += np.einsum("s,sfk,sf->k", weight, slopes, miss)
     ridge = _RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.trace(normal) * np.eye(N_PARAMETERS)
@@ -232,11 +189,6 @@ def _stepped(learned: LearnedEnergy, change: Array) -> LearnedEnergy:
     *coefficients, first, growth = _parameters(learned) + change
     first, growth = np.clip(first, -_FIRST, _FIRST), np.clip(growth, LEAST, MOST)
     return _with_parameters(learned, [*coefficients, first, growth])
-
-
-def _part_of(learned: LearnedEnergy, share: float) -> LearnedEnergy:
-    """A share of its parameters."""
-    return _with_parameters(learned, share * _parameters(learned))
 
 
 def _with_parameters(learned: LearnedEnergy, parameters: Sequence[float] | Array) -> LearnedEnergy:

@@ -37,7 +37,6 @@ from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.force.contact_state import ContactStateProbe
 from softprint.runtime.truth.truth_file import TruthData
-from softprint.surrogate.data.folds import Fold, folds_of
 
 #: The kinds of residuals: forces on the handles, the force on the collider, and the energy.
 LABELS = ("handles", "collider", "energy")
@@ -79,19 +78,6 @@ class Sampled:
         samples = np.array([one.sample for one in touching])
         on_frames = np.array([one.on_frame for one in touching])
         return cls(samples, truth.samples["contact"][samples], of_truth, of_contact, slopes, on_frames)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Sampled]) -> Sampled:
-        """Of several sets of samples."""
-        of_truth, found, slopes = (
-            {kind: np.concatenate([getattr(part, name)[kind] for part in parts]) for kind in LABELS}
-            for name in ("truth", "found", "slopes")
-        )
-        samples, contacts, on_frames = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("samples", "contacts", "on_frames")
-        )
-        return cls(samples, contacts, of_truth, found, slopes, on_frames)
 
     def among(self, samples: IntArray) -> Sampled:
         """Those of some samples."""
@@ -178,10 +164,6 @@ class SampledContacts:
     def n_states(self, samples: IntArray) -> int:
         """How many states samples (n,) are of."""
         return len(np.unique(self._truth.sample_state[samples]))
-
-    def folds(self, samples: IntArray) -> list[Fold]:
-        """Of samples (n,), as positions among these."""
-        return folds_of(self._truth, samples, seed=0)
 
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""

@@ -12,7 +12,6 @@ from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnerg
 from softprint.runtime.forked_workers import ForkedWorkers
 from softprint.runtime.truth.shared_samples import in_order, shares_of
 from softprint.runtime.truth.truth_file import TruthData
-from softprint.surrogate.data.folds import Fold
 from softprint.surrogate.force.sampled_contacts import Sampled, SampledContacts, TouchingSample
 
 
@@ -38,10 +37,6 @@ class SharedContacts:
     def n_states(self, samples: IntArray) -> int:
         """See `SampledContacts.n_states`."""
         return self._contacts.n_states(samples)
-
-    def folds(self, samples: IntArray) -> list[Fold]:
-        """See `SampledContacts.folds`."""
-        return self._contacts.folds(samples)
 
     def __enter__(self) -> SharedContacts:
         return self
