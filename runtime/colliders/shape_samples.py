@@ -23,7 +23,7 @@ def shape_samples(collider: Collider) -> Array:
     return np.concatenate([lower, upper, collider.sdf(lower + drawn * (upper - lower))])
 
 
-def is_same_shape(collider: Collider, samples: Sequence[float]) -> bool:
+def is_same_shape(collider: Collider, samples: Sequence[float] | Array) -> bool:
     """Whether the collider has these `shape_samples`, about."""
     own, other = shape_samples(collider), np.asarray(samples, dtype=float)
     if own.shape != other.shape:

@@ -11,6 +11,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.path import KeyframedPath
 from softprint.runtime.colliders.pose import Poses, RigidPose
+from softprint.runtime.colliders.shape_samples import is_same_shape, shape_samples
 from softprint.runtime.colliders.size_check import check_size
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.dynamics.body_checks import check_kind
@@ -150,7 +151,15 @@ def _check_contact_correction(
     mechanics: BodyMechanics | None,
     contact: PenaltyContact,
 ) -> None:
-    """Raises SoftprintError where its mechanics or contact law are not those of the simulator."""
+    """Raises SoftprintError where its shape is not that of the collider, or its mechanics or contact law are not those
+    of the simulator."""
+    if placed.collider is not correction.shape and not is_same_shape(
+        placed.collider, shape_samples(correction.shape)
+    ):
+        raise SoftprintError(
+            f"correction {correction.name!r} was made for a collider {placed.collider.name!r} of another shape or size "
+            "than the one that is placed: make it for this one (`load_correction`, or `on` of a loaded one)"
+        )
     own = correction.mechanics.compliance
     given = None if mechanics is None else mechanics.compliance
     if own is None or given is None or not own.equals(given):

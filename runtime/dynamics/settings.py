@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-
-import numpy as np
+from math import inf
+from numbers import Integral, Real
 
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.optimise import Newton, NewtonSettings, Optimiser
@@ -22,10 +22,14 @@ class DynamicsSettings:
     optimiser: Optimiser | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.time_step) and self.time_step > 0):
-            raise SoftprintError(f"the time step must be a positive number of seconds, not {self.time_step}")
-        if self.friction_updates < 1:
-            raise SoftprintError(f"friction_updates must be at least 1, not {self.friction_updates}")
+        if not isinstance(self.time_step, Real) or not 0 < self.time_step < inf:
+            raise SoftprintError(
+                f"the time step must be a positive number of seconds, not {self.time_step!r}"
+            )
+        if not isinstance(self.friction_updates, Integral) or self.friction_updates < 1:
+            raise SoftprintError(
+                f"friction_updates must be a whole number, at least 1, not {self.friction_updates!r}"
+            )
 
     @property
     def method(self) -> Optimiser:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
+from numbers import Integral, Real
 
 from softprint.runtime.errors import SoftprintError
 
@@ -16,7 +18,9 @@ class NewtonSettings:
     tolerance: float = 1e-4
 
     def __post_init__(self) -> None:
-        if self.max_iterations < 1:
-            raise SoftprintError(f"max_iterations must be at least 1, not {self.max_iterations}")
-        if not self.tolerance > 0:
-            raise SoftprintError(f"the Newton tolerance must be positive, not {self.tolerance}")
+        if not isinstance(self.max_iterations, Integral) or self.max_iterations < 1:
+            raise SoftprintError(
+                f"max_iterations must be a whole number, at least 1, not {self.max_iterations!r}"
+            )
+        if not isinstance(self.tolerance, Real) or not 0 < self.tolerance < inf:
+            raise SoftprintError(f"the Newton tolerance must be a positive number, not {self.tolerance!r}")

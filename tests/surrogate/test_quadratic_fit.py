@@ -87,7 +87,5 @@ def test_more_directions_than_fit_into_memory_are_refused(body, truth_path, monk
     monkeypatch.setattr("softprint.surrogate.internal.quadratic._MOST", 3)
     with load_truth(truth_path, body) as truth:
         data = read_internal_data(truth, body, None)
-        with pytest.raises(
-            SoftprintError, match="directions, and a quadratic correction has all their products"
-        ):
+        with pytest.raises(SoftprintError, match="directions, and a quadratic correction has all their products"):
             fit_quadratic(truth, body, data, None, 4)

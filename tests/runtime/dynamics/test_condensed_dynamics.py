@@ -345,6 +345,18 @@ def test_a_correction_needs_the_mechanics_and_the_stiffness_it_was_trained_with(
     assert pressed(jelly_body, dim, [ball], mechanics).mechanics.compliance is mechanics.compliance
 
 
+def test_a_correction_is_refused_on_another_shape_of_its_name(jelly_body, dim):
+    ball = corrected(jelly_body, dim)
+    mechanics, radius = ball.correction.mechanics, ball.collider.radius
+    larger = replace(ball, collider=Sphere(1.02 * radius, dim, ball.collider.name))
+    with pytest.raises(
+        SoftprintError, match="of another shape or size than the one that is placed: make it for"
+    ):
+        pressed(jelly_body, dim, [larger], mechanics)
+    again = replace(ball, collider=Sphere(radius, dim, ball.collider.name))
+    assert pressed(jelly_body, dim, [again], mechanics).colliders[0] is again
+
+
 def test_the_gravity_of_mechanics_is_that_of_the_simulator(jelly_body, dim):
     ball = corrected(jelly_body, dim)
     mechanics, (poses,) = ball.correction.mechanics, poses_above(dim, 0.003)

@@ -116,10 +116,31 @@ def test_a_failed_line_search_is_reported():
     np.testing.assert_array_equal(result.x, np.ones(2))
 
 
-@pytest.mark.parametrize("options", [{"max_iterations": 0}, {"tolerance": 0.0}])
-def test_settings_that_make_no_sense_are_refused(options):
+@pytest.mark.parametrize(
+    ("settings", "options"),
+    [
+        (NewtonSettings, {"max_iterations": 0}),
+        (NewtonSettings, {"max_iterations": 2.5}),
+        (NewtonSettings, {"tolerance": 0.0}),
+        (NewtonSettings, {"tolerance": np.nan}),
+        (NewtonSettings, {"tolerance": np.inf}),
+        (NewtonSettings, {"tolerance": "1e-4"}),
+        (DynamicsSettings, {"time_step": 0.0}),
+        (DynamicsSettings, {"time_step": np.nan}),
+        (DynamicsSettings, {"time_step": "1/60"}),
+        (DynamicsSettings, {"friction_updates": 0}),
+        (DynamicsSettings, {"friction_updates": 1.5}),
+    ],
+    ids=str,
+)
+def test_settings_that_make_no_sense_are_refused(settings, options):
     with pytest.raises(SoftprintError, match="must be"):
-        NewtonSettings(**options)
+        settings(**options)
+
+
+def test_numbers_of_numpy_are_settings():
+    assert NewtonSettings(np.int64(3), np.float32(1e-3)).max_iterations == 3
+    assert DynamicsSettings(np.float64(0.01), friction_updates=np.int32(2)).time_step == 0.01
 
 
 def test_a_jump_beside_the_minimum_is_reported_early():
