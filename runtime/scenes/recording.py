@@ -14,6 +14,7 @@ from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.colliders.pose import RigidPose
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics.placed_collider import PlacedCollider
+from softprint.runtime.dynamics.state import StepResult
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh import Mesh
 
@@ -50,7 +51,13 @@ class Recording:
         self._poses: dict[str, list[RigidPose]] = {placed.name: [] for placed in simulator.colliders}
 
     def add(self, state: Any) -> None:
-        """Record a state of the simulator. Raises SoftprintError if it is not later than the last."""
+        """Record a state of the simulator. Raises SoftprintError if it is none, or is not later than the last."""
+        if isinstance(state, StepResult):
+            raise SoftprintError("a recording takes states, and this is the result of a step: give result.state")
+        if not hasattr(state, "poses") or state.poses.keys() != self._poses.keys():
+            raise SoftprintError(
+                f"this is no state of the recorded simulator, whose colliders are {', '.join(self._poses) or 'none'}"
+            )
         if self._times and state.time <= self._times[-1]:
             raise SoftprintError(
                 f"the recording is at {self._times[-1]:g} s, and this state at {state.time:g} s is not later"

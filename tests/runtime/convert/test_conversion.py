@@ -219,6 +219,21 @@ def test_planes_have_no_surface(jelly_body, tmp_path):
     convert_motion(recording, tmp_path / "floor.glb")
 
 
+def test_what_is_no_state_of_the_simulator_is_not_recorded(jelly2d_body):
+    ball = PlacedCollider("ball", colliders.Sphere(0.02, 2, "ball"))
+    law, poses = PenaltyContact(1e10), {"ball": RigidPose.identity(2)}
+    simulator, other = (Simulator(jelly2d_body, own, contact=law) for own in ([ball], []))
+    recording = Recording(simulator)
+    for thing, told in [
+        (simulator.step(simulator.rest_state(poses=poses), poses), "give result.state"),
+        (other.rest_state(), "no state of the recorded simulator, whose colliders are ball"),
+        (None, "no state of the recorded simulator"),
+    ]:
+        with pytest.raises(SoftprintError, match=told):
+            recording.add(thing)
+    assert len(recording) == 0
+
+
 def test_a_recording_is_shown_and_converted_as_a_motion(jelly_body, tmp_path):
     dim = jelly_body.dim
     ball = PlacedCollider("ball", colliders.Sphere(0.02, dim, "ball"))
