@@ -2,7 +2,7 @@
 
     python -m benchmarks.reference_floor_motions EXPERIMENT.toml RUN/motions/SCENE_full.h5 ... [--turns 37 101 223]
 
-For a body of revolution whose frames are all held, as the Jelly's is: to turn the collider and its path about the axis
+For a body of revolution whose frames are all held, without springs and friction, as the Jelly's is: to turn the collider and its path about the axis
 turns the answer, but the collider meets other facets. Each motion of full space is played again for every turn, and
 turned back, so that it is the same motion on another mesh of the same fineness. RMS over the frames in which the motion
 in the file is in contact, as a share of its force, and in mm over all nodes:
@@ -138,6 +138,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     run = options.out or Path("runs") / options.experiment.stem
     experiment = load_experiment(options.experiment)
+    if experiment.contact.friction:
+        raise SoftprintError(
+            f"{options.experiment}: contact is rough, and full space is turned without friction"
+        )
     one = partial(figures, experiment, run, options.turns, options.models)
     rows = list[Array]()
     with ProcessPoolExecutor(options.processes) as pool:
