@@ -2,10 +2,10 @@
 
     python -m benchmarks.reference_floor_motions EXPERIMENT.toml RUN/motions/SCENE_full.h5 ... [--turns 37 101 223]
 
-For a body of revolution whose frames are all held, without springs and friction, as the Jelly's is: to turn the collider and its path about the axis
-turns the answer, but the collider meets other facets. Each motion of full space is played again for every turn, and
-turned back, so that it is the same motion on another mesh of the same fineness. RMS over the frames in which the motion
-in the file is in contact, as a share of its force, and in mm over all nodes:
+For a body of revolution whose frames are all held, without springs and friction, as the Jelly's is: to turn the
+collider and its path about the axis turns the answer, but the collider meets other facets. Each motion of full space is
+played again for every turn, and turned back, so that it is the same motion on another mesh of the same fineness. RMS
+over the frames in which the motion in the file is in contact, as a share of its force, and in mm over all nodes:
 
     turned      between full space in the file and the turned ones (RMS over the turns)
     MODEL       between the motion of that model in RUN/motions and full space in the file
