@@ -68,7 +68,7 @@ def of_file(motion: Motion, frames: IntArray) -> Track:
 def turned(experiment: Experiment, body: ReducedBody, motion: Motion, frames: IntArray, turn: float) -> Track:
     """Full space with collider and path turned about the axis by an angle [rad], turned back."""
     rotation = about_the_axis(turn)
-    (name, collider), *_ = motion.build_colliders().items()
+    ((name, collider),) = motion.build_colliders().items()
     poses = [
         {name: RigidPose(rotation @ pose.rotation, rotation @ pose.translation)}
         for pose in motion.colliders[name].poses
