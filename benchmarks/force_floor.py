@@ -150,9 +150,10 @@ def energies(
     for name in models:
         path = correction_path(data.context.out_dir, name)
         correction = load_correction(path, data.body, collider, mechanics(data, spec))
-        if not isinstance(correction, ForceCorrection) or correction.model.options.energy is None:
+        learned = correction.model.options.learned if isinstance(correction, ForceCorrection) else None
+        if learned is None:
             raise SoftprintError(f"{path}: has the energy of mechanics, so that there is nothing to compare")
-        yield name, LearnedEnergy.of(correction.model.options.energy)
+        yield name, learned
 
 
 def main(words: Sequence[str] | None = None) -> None:

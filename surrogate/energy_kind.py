@@ -27,7 +27,6 @@ def summarise(path: Path, part: Part) -> Summary:
         facts = {
             "kept": errors["part"],
             "log of the scale of the compliance, by the strain": list(energy.scale.coefficients),
-            "first factor a": energy.first,
             "growth b": energy.growth,
         }
         compared = {

@@ -1,7 +1,7 @@
 """Learns the energy of contact (`runtime/contact/learned_energy/`) from the energies and forces of a truth.
 
 A sample of the truth has the energy W_true that contact adds, and the generalised contact force h_true = dW_true/dq on
-the handles, which are free: h_true is the Lagrange multiplier of the constraint. The parameters p = (c, log a, b) of
+the handles, which are free: h_true is the Lagrange multiplier of the constraint. The parameters p = (c, b) of
 condensed contact, whose derivatives follow from one contact solve (`sampled_contacts.py`), are found by a few
 Gauss-Newton iterations on
 
@@ -20,14 +20,13 @@ much more than in training.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS
 from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.learned_energy import LEAST, MOST, LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
@@ -42,7 +41,7 @@ from softprint.surrogate.force.shared_contacts import SharedContacts
 ITERATIONS = 3
 # kappa, as of `task.py`.
 _SHALLOW = 0.1
-# Samples to learn from, and to measure the error on: five numbers are learned.
+# Samples to learn from, and to measure the error on: four numbers are learned.
 SAMPLES = 600
 # Of the median relative residual, that from which on a sample loses weight.
 _HUBER = 2.0
@@ -50,8 +49,6 @@ _HUBER = 2.0
 _RIDGE = 1e-3
 # Parts t of what was learned, of which the best on validation samples is kept.
 _PARTS = (0.25, 0.5, 0.75, 1.0)
-# The bound of log a.
-_FIRST = 1.0
 
 
 ContactMaker = Callable[[Collider, LearnedEnergy], ContactStateProbe]
@@ -97,7 +94,7 @@ def learn_energy(
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels, free))
     kept, part, nearest = None, 0.0, before
     for share in _PARTS:
-        tried = _with_parameters(learned, share * _parameters(learned))
+        tried = _with_parameters(share * _parameters(learned))
         found = contacts.at(held_out, tried, progress)
         errors = found.errors(compared)
         if _sum(errors, labels) < _sum(best, labels):
@@ -181,18 +178,15 @@ def _step(sampled: Sampled, learned: LearnedEnergy, labels: tuple[str, ...], fre
 
 def _parameters(learned: LearnedEnergy) -> Array:
     """p (N_PARAMETERS,)."""
-    return np.array([*learned.scale.coefficients, np.log(learned.first), learned.growth])
+    return np.array(learned.values)
 
 
 def _stepped(learned: LearnedEnergy, change: Array) -> LearnedEnergy:
     """With the parameters changed, within their bounds."""
-    *coefficients, first, growth = _parameters(learned) + change
-    first, growth = np.clip(first, -_FIRST, _FIRST), np.clip(growth, LEAST, MOST)
-    return _with_parameters(learned, [*coefficients, first, growth])
+    *coefficients, growth = _parameters(learned) + change
+    return _with_parameters([*coefficients, np.clip(growth, LEAST, MOST)])
 
 
-def _with_parameters(learned: LearnedEnergy, parameters: Sequence[float] | Array) -> LearnedEnergy:
-    """With other parameters p (N_PARAMETERS,)."""
-    *coefficients, first, growth = map(float, parameters)
-    scale = ComplianceScale(tuple(coefficients))
-    return replace(learned, scale=scale, first=float(np.exp(first)), growth=growth)
+def _with_parameters(parameters: Sequence[float] | Array) -> LearnedEnergy:
+    """With parameters p (N_PARAMETERS,)."""
+    return LearnedEnergy.of(tuple(map(float, parameters)))

@@ -1,6 +1,6 @@
 """Solved contacts at samples of a truth, with the derivatives of forces and energy by the parameters of the energy.
 
-Condensed contact with parameters p = (c, log a, b) gives W~ = a W exp[b eta(chi)] with eta = log(1 + chi)
+Condensed contact with parameters p = (c, b) gives W~ = W exp[b eta(chi)] with eta = log(1 + chi)
 (`runtime/contact/learned_energy/`), and
 
     h~ = W~/W h + W~ b eta' dchi/dq.
@@ -40,7 +40,7 @@ from softprint.runtime.truth.truth_file import TruthData
 
 #: The kinds of residuals: forces on the handles, the force on the collider, and the energy.
 LABELS = ("handles", "collider", "energy")
-N_PARAMETERS = N_COEFFICIENTS + 2
+N_PARAMETERS = N_COEFFICIENTS + 1
 
 
 class TouchingSample(NamedTuple):
@@ -197,11 +197,11 @@ def by_parameters(
     _, rate = terms.slope / terms.value
     found = terms.value * (h / W + rate * r)
     by_excess = terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r
-    by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [1.0, eta.value]])
+    by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [eta.value]])
     by_scale = terms.value / W * (force.reshape(*h.shape, -1) + rate * r[..., None] * energy)
     by_scale = by_scale + by_excess[..., None] * of_excess
     by_growth = eta.value * found + terms.value * eta.slope * r
-    return by_energy, np.concatenate([by_scale, found[..., None], by_growth[..., None]], axis=2)
+    return by_energy, np.concatenate([by_scale, by_growth[..., None]], axis=2)
 
 
 def _by_coefficients(

@@ -10,7 +10,7 @@ from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.surrogate.force.energy import EnergyErrors
 from softprint.surrogate.force.kept_energy import energy_path, kept_energy
 
-ENERGY = LearnedEnergy.of((*np.linspace(-0.3, 0.2, N_VALUES - 2), 1.25, 0.5))
+ENERGY = LearnedEnergy.of((*np.linspace(-0.3, 0.2, N_VALUES - 1), 0.5))
 ERRORS = EnergyErrors({"handles": 0.2}, {"handles": 0.1}, 40, 0.75)
 
 

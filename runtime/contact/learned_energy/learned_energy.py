@@ -5,11 +5,11 @@ Linear mechanics gives the energy W of a contact and of its dent as a function o
 (`runtime/contact/carriers/compliance_scale.py`), which changes W. And the body hardens as its dent grows, for which the
 excess chi of the dent (`dent_excess.py`) is the measure:
 
-    W~ = a W (1 + chi)^b.
+    W~ = W (1 + chi)^b.
 
-The material and linear mechanics give chi; only how much of it counts is learned, so that it holds for dents much
-deeper than those of training. With exp(b chi) shallow dents would be too stiff where deep ones are right
-(docs/method.md, the learned energy). Contacts that lie apart are dents of their own, with energies that add up.
+The material and linear mechanics give chi; only how much of it counts, b, is learned, so that it holds for dents much
+deeper than those of training. The smaller a dent is, the nearer is its energy to that of linear mechanics; with
+exp(b chi) shallow dents would be too stiff where deep ones are right (docs/method.md, the learned energy). Contacts that lie apart are dents of their own, with energies that add up.
 Derivatives of W~ by W and chi are in closed form, so that forces are exact, whatever the solve depends on
 (`hardened_contact.py`).
 """
@@ -26,7 +26,7 @@ from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, 
 from softprint.runtime.contact.learned_energy.continued_logarithm import ContinuedLogarithm
 
 #: The number of values of `LearnedEnergy.values`.
-N_VALUES = N_COEFFICIENTS + 2
+N_VALUES = N_COEFFICIENTS + 1
 #: The least and the largest b. From the least on W~ grows with the dent: chi grows by at most 10 d|H|/|H|, as no solid
 #: here has an energy of more than the twelfth power of H where that is large, and W grows with H^2 at least. At the
 #: largest nothing relaxes that linear mechanics displaces too much.
@@ -48,43 +48,43 @@ def hardening(excess: float) -> ContinuedLogarithm:
 
 @dataclass(frozen=True)
 class LearnedEnergy:
-    """scale: of the compliance; first: a, and growth: b of the module."""
+    """scale: of the compliance; growth: b of the module; ratio: to the energy of the module, one but where the hardening
+    of a contact is `held`."""
 
     scale: ComplianceScale
-    first: float
     growth: float
+    ratio: float = 1.0
 
     @classmethod
     def of_mechanics(cls) -> LearnedEnergy:
         """W~ = W: that of linear mechanics."""
-        return cls(ComplianceScale((0.0,) * N_COEFFICIENTS), 1.0, 0.0)
+        return cls(ComplianceScale((0.0,) * N_COEFFICIENTS), 0.0)
 
     @classmethod
     def of(cls, values: tuple[float, ...]) -> LearnedEnergy:
         """From `values`. Raises ValueError where they are not of an energy that grows with that of mechanics."""
         if len(values) != N_VALUES or not np.isfinite(values).all():
             raise ValueError(f"a learned energy has {N_VALUES} finite values, not {values}")
-        *coefficients, first, growth = values
-        if first <= 0.0 or not LEAST <= growth <= MOST:
+        *coefficients, growth = values
+        if not LEAST <= growth <= MOST:
             raise ValueError(
-                f"a learned energy with a = {first:g} and b = {growth:g} does not grow: it needs a > 0 and "
-                f"{LEAST:g} <= b <= {MOST:g}"
+                f"a learned energy with b = {growth:g} does not grow: it needs {LEAST:g} <= b <= {MOST:g}"
             )
-        return cls(ComplianceScale(tuple(coefficients)), first, growth)
+        return cls(ComplianceScale(tuple(coefficients)), growth)
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The coefficients of the scale, a and b (N_VALUES,)."""
-        return *self.scale.coefficients, self.first, self.growth
+        """The coefficients of the scale, and b (N_VALUES,)."""
+        return *self.scale.coefficients, self.growth
 
     def held(self, ratio: float) -> LearnedEnergy:
         """W~ = ratio W, with the same scale."""
-        return LearnedEnergy(self.scale, ratio, 0.0)
+        return LearnedEnergy(self.scale, 0.0, ratio)
 
     def terms(self, energy: float, excess: float) -> EnergyTerms:
         """W~ at an energy W [J] of mechanics and an excess chi."""
         eta = hardening(excess)
-        value = self.first * energy * float(np.exp(self.growth * eta.value))
+        value = self.ratio * energy * float(np.exp(self.growth * eta.value))
         slope = np.array([1.0, self.growth * eta.slope])
         curvature = np.outer(slope, slope)
         curvature[1, 1] += self.growth * eta.bend

@@ -50,18 +50,18 @@ def _with_hardening_held(begin: BodyEvaluation) -> BodyEvaluation | None:
     condensed = frame.terms.condensed
     if condensed is None or condensed.learned is None or contact is None:
         return None
-    learned = condensed.learned.held(_force_ratio(contact, condensed.learned.first))
+    learned = condensed.learned.held(_force_ratio(contact))
     terms = replace(frame.terms, condensed=replace(condensed, learned=learned))
     return BodyEvaluation(
         terms.in_frame(frame.rows, frame.friction), begin.at, contact.warm_start, begin.kept_hessian, begin.timings
     )
 
 
-def _force_ratio(contact: ContactEvaluation, otherwise: float) -> float:
-    """c, by least squares over the handles; otherwise: where nothing touches the body, or the forces are opposed."""
+def _force_ratio(contact: ContactEvaluation) -> float:
+    """c, by least squares over the handles; one where nothing touches the body, or the forces are opposed."""
     if contact.contact is None:
-        return otherwise
+        return 1.0
     of_mechanics = contact.contact.gradient
     size = float(np.vdot(of_mechanics, of_mechanics))
     ratio = float(np.vdot(contact.gradient, of_mechanics)) / size if size > 0.0 else 0.0
-    return ratio if ratio > 0.0 else otherwise
+    return ratio if ratio > 0.0 else 1.0

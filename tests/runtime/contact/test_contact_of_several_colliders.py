@@ -161,7 +161,7 @@ def test_corrections_of_contact_on_facets_are_for_contact_on_facets(jelly_body, 
         Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS, refinement=0), mechanics=mechanics)
 
 
-LEARNED = replace(OPTIONS, energy=(0.5, -0.8, -0.4, 1.3, 1.0))
+LEARNED = replace(OPTIONS, energy=(0.5, -0.8, -0.4, 1.0))
 
 
 def test_corrections_of_one_body_have_one_energy(jelly_body, dim):
@@ -208,8 +208,8 @@ def test_what_is_learned_moves_the_body(jelly_body, dim):
     moved = np.abs(rows["mechanics"] - jelly_body.rest_rows).max()
     assert np.abs(rows["learned"] - rows["mechanics"]).max() > 0.01 * moved
     change = np.linalg.norm(forces["learned"] - forces["mechanics"])
-    # It hardens: by x / (x + 0.1), some tens of per cent.
-    assert change > 0.05 * np.linalg.norm(forces["mechanics"])
+    # The dents are shallow, and harden by some per cent; steps are solved to 1e-4.
+    assert change > 0.005 * np.linalg.norm(forces["mechanics"])
 
 
 @pytest.mark.parametrize("given", ["none", "other nodes", "of another material"])
