@@ -2,8 +2,8 @@
 number of numpy's calls is what costs, not the arithmetic.
 
 What is compiled is kept on disk beside the source, or, where that cannot be written, in the user's cache; with neither
-it is compiled anew in every process. What was kept is used until its file changes, so a kernel may call kernels of its
-own file only. None of them holds Python's lock, so that other threads run beside them.
+it is compiled anew in every process. What was kept (`kernel_cache.py`) is used until its file changes, so a kernel may
+call kernels of its own file only. None of them holds Python's lock, so that other threads run beside them.
 
 Beside a kernel stands its reference, the same in a line or a few of numpy, which is never called but by the test that
 they agree: it takes the same arguments and returns what the kernel returns, followed by what the kernel writes into its
@@ -16,6 +16,8 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast, overload
 
 from numba import njit
+
+from softprint.runtime.kernel_cache import keep_by_key
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 Reference = Callable[..., object]
@@ -60,6 +62,8 @@ def _decorator(reference: Reference | None, **options: Any) -> Callable[[Kernel]
 
 def _compiled(kernel: Kernel, **options: Any) -> Kernel:
     try:
-        return cast(Kernel, njit(cache=True, nogil=True, error_model="numpy", **options)(kernel))
+        ready = njit(cache=True, nogil=True, error_model="numpy", **options)(kernel)
     except RuntimeError:  # numba found no place to keep it
         return cast(Kernel, njit(nogil=True, error_model="numpy", **options)(kernel))
+    keep_by_key(ready)
+    return cast(Kernel, ready)

@@ -9,7 +9,8 @@ excess chi of the dent (`dent_excess.py`) is the measure:
 
 The material and linear mechanics give chi; only how much of it counts, b, is learned, so that it holds for dents much
 deeper than those of training. The smaller a dent is, the nearer is its energy to that of linear mechanics; with
-exp(b chi) shallow dents would be too stiff where deep ones are right (docs/method.md, the learned energy). Contacts that lie apart are dents of their own, with energies that add up.
+exp(b chi) shallow dents would be too stiff where deep ones are right (docs/method.md, the learned energy). Contacts
+that lie apart are dents of their own, with energies that add up.
 Derivatives of W~ by W and chi are in closed form, so that forces are exact, whatever the solve depends on
 (`hardened_contact.py`).
 """
@@ -48,8 +49,8 @@ def hardening(excess: float) -> ContinuedLogarithm:
 
 @dataclass(frozen=True)
 class LearnedEnergy:
-    """scale: of the compliance; growth: b of the module; ratio: to the energy of the module, one but where the hardening
-    of a contact is `held`."""
+    """scale: of the compliance; growth: b of the module; ratio: to the energy of the module, one but where hardening is
+    `held`."""
 
     scale: ComplianceScale
     growth: float
