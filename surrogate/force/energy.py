@@ -5,21 +5,23 @@ the handles, which are free: h_true is the Lagrange multiplier of the constraint
 condensed contact, whose derivatives follow from one contact solve (`sampled_contacts.py`), are found by a few
 Gauss-Newton iterations on
 
-    sum_i sum_k w_ik |r_ik|^2 / (s_ik + kappa <s_k>)
+    sum_i sum_k w_ik |r_ik|^2 / <|true_k|^2>
 
 over samples i and three kinds of residual k: h~ - h_true along the coordinates of the handles, its sum, which is the
-force on the collider, and W~ - W_true; s_ik is the square of what is true. Samples in which the collider presses a
-rigid frame as well are left out: a frame bears by itself (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight
-from what no p fits (Huber 1964), as where the truth is in another equilibrium. Of p, as much is kept as validation
-samples bear out: a part t p, with t from 0, which is linear mechanics, to 1; and nothing, where the gain of the best
-part over linear mechanics is not significant (`energy_gain.py`). How the compliance changes with the strain, c, is
+force on the collider, and W~ - W_true. So strong contacts count most: they move bodies, and where forces are weak,
+linear mechanics with few contact points errs in ways that no p changes (docs/results_bodies.md, the small Ball).
+Samples in which the collider presses a rigid frame as well are left out: a frame bears by itself
+(`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight from what no p fits (Huber 1964), as where the truth is
+in another equilibrium. Of p, as much is kept as validation samples bear out: a part t p, with t from 0, which is linear
+mechanics, to 1, the one whose gain over linear mechanics has the largest lower confidence bound (`energy_gain.py`); and
+nothing, where none is significant. How the compliance changes with the strain, c, is
 learned only from several states: no other could bear out that of one, and it would count most where a body is strained
 much more than in training.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -39,11 +41,9 @@ from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sam
 from softprint.surrogate.force.shared_contacts import SharedContacts
 
 ITERATIONS = 3
-# kappa, as of `task.py`.
-_SHALLOW = 0.1
 # Samples to learn from, and to measure the error on: four numbers are learned.
 SAMPLES = 600
-# Of the median relative residual, that from which on a sample loses weight.
+# Of the median residual, that from which on a sample loses weight.
 _HUBER = 2.0
 # The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
 _RIDGE = 1e-3
@@ -92,26 +92,14 @@ def learn_energy(
     free[:N_COEFFICIENTS] = contacts.n_states(train) > 1
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels, free))
-    kept, part, nearest = None, 0.0, before
+    kept, part, certain = None, 0.0, 0.0
     for share in _PARTS:
         tried = _with_parameters(share * _parameters(learned))
         found = contacts.at(held_out, tried, progress)
-        errors = found.errors(compared)
-        if _sum(errors, labels) < _sum(best, labels):
-            best, kept, part, nearest = errors, tried, share, found
-    if not gain_of(nearest, before, compared, labels).significant:
-        kept, part, best = None, 0.0, of_mechanics
+        gain = gain_of(found, before, compared, labels).certain
+        if gain > certain:
+            certain, kept, part, best = gain, tried, share, found.errors(compared)
     return kept, EnergyErrors(of_mechanics, best, len(compared), part)
-
-
-def _sum(errors: Mapping[str, float], labels: tuple[str, ...]) -> float:
-    return sum(errors[kind] for kind in labels)
-
-
-def _weights(true: Array) -> Array:
-    """(s,) of the squared residuals of one kind, from what is true (s, n_k)."""
-    size = np.square(true).sum(axis=1)
-    return np.asarray(1.0 / (size + _SHALLOW * size.mean()))
 
 
 def with_forces(data: TrainingData, samples: IntArray) -> IntArray:
@@ -165,9 +153,10 @@ def _step(sampled: Sampled, learned: LearnedEnergy, labels: tuple[str, ...], fre
     normal, right = np.zeros((N_PARAMETERS, N_PARAMETERS)), np.zeros(N_PARAMETERS)
     for kind in labels:
         true, slopes = sampled.truth[kind], sampled.slopes[kind]
-        miss, weight = true - sampled.found[kind], _weights(true)
-        relative = np.sqrt(weight * np.square(miss).sum(axis=1))
-        weight = weight * np.minimum(1.0, _HUBER * np.median(relative) / np.maximum(relative, 1e-30))
+        miss = true - sampled.found[kind]
+        off = np.linalg.norm(miss, axis=1)
+        weight = np.minimum(1.0, _HUBER * np.median(off) / np.maximum(off, 1e-30))
+        weight /= np.square(true).sum(axis=1).mean()
         normal += np.einsum("s,sfk,sfl->kl", weight, slopes, slopes)
         right += np.einsum("s,sfk,sf->k", weight, slopes, miss)
     ridge = _RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.trace(normal) * np.eye(N_PARAMETERS)

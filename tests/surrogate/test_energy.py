@@ -174,7 +174,7 @@ def test_an_energy_is_found_again_from_its_forces(contacts, labels):
 
 def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts, monkeypatch):
     """The samples of one contact were made with them. That one contact tells nothing is not looked at here."""
-    monkeypatch.setattr(Gain, "significant", True)
+    monkeypatch.setattr(Gain, "certain", property(lambda gain: gain.mean))
     n, each = STATES * PLACES, len(DEPTHS)
     learned, errors = learn_energy(
         contacts, np.arange((n - 1) * each), np.arange((n - 1) * each, n * each), lambda count: None
@@ -207,7 +207,7 @@ def test_nothing_is_learned_where_all_samples_press_a_frame(contacts, monkeypatc
 
 def test_one_state_does_not_tell_how_the_strain_counts(contacts, monkeypatch):
     """No other could bear it out. The gain on three contacts is not significant, either; that is not looked at here."""
-    monkeypatch.setattr(Gain, "significant", True)
+    monkeypatch.setattr(Gain, "certain", property(lambda gain: gain.mean))
     of_one = np.arange(2 * PLACES * len(DEPTHS), 3 * PLACES * len(DEPTHS))
     learned, errors = learn_energy(contacts, of_one, of_one, lambda count: None)
     assert learned is not None
