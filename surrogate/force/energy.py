@@ -13,8 +13,8 @@ linear mechanics with few contact points errs in ways that no p changes (docs/re
 Samples in which the collider presses a rigid frame as well are left out: a frame bears by itself
 (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight from what no p fits (Huber 1964), as where the truth is
 in another equilibrium. Of p, as much is kept as validation samples bear out: a part t p, with t from 0, which is linear
-mechanics, to 1, the one whose gain over linear mechanics has the largest lower confidence bound (`energy_gain.py`); and
-nothing, where none is significant. How the compliance changes with the strain, c, is
+mechanics, to 1. Of those whose gain over linear mechanics is significant it is the one with the largest gain less its
+standard error (`energy_gain.py`), as of a network (`kept_part.py`). How the compliance changes with the strain, c, is
 learned only from several states: no other could bear out that of one, and it would count most where a body is strained
 much more than in training.
 """
@@ -92,13 +92,13 @@ def learn_energy(
     free[:N_COEFFICIENTS] = contacts.n_states(train) > 1
     for _ in range(ITERATIONS):
         learned = _stepped(learned, _step(contacts.at(train, learned, progress), learned, labels, free))
-    kept, part, certain = None, 0.0, 0.0
+    kept, part, most = None, 0.0, -np.inf
     for share in _PARTS:
         tried = _with_parameters(share * _parameters(learned))
         found = contacts.at(held_out, tried, progress)
-        gain = gain_of(found, before, compared, labels).certain
-        if gain > certain:
-            certain, kept, part, best = gain, tried, share, found.errors(compared)
+        gain = gain_of(found, before, compared, labels)
+        if gain.significant and gain.borne_out > most:
+            most, kept, part, best = gain.borne_out, tried, share, found.errors(compared)
     return kept, EnergyErrors(of_mechanics, best, len(compared), part)
 
 

@@ -1,5 +1,5 @@
-"""How much less error a learned energy leaves than linear mechanics on samples that it has not seen, and how much of
-that is certain: the standard error is by leaving out one contact after another (jackknife, Efron and Stein 1981), since
+"""How much less error a learned energy leaves than linear mechanics on samples that it has not seen, and whether that
+is significant: the standard error is by leaving out one contact after another (jackknife, Efron and Stein 1981), since
 the depths of one contact are no independent samples."""
 
 from __future__ import annotations
@@ -26,12 +26,16 @@ class Gain(NamedTuple):
     contacts: int
 
     @property
-    def certain(self) -> float:
-        """The lower confidence bound of the gain, one-sided, by Student's t with one degree of freedom less than there
-        are contacts: significant if positive."""
+    def significant(self) -> bool:
+        """By Student's t-test, one-sided, with one degree of freedom less than there are contacts."""
         if self.contacts < 2:
-            return -np.inf
-        return float(self.mean - stdtrit(self.contacts - 1, 1.0 - _LEVEL) * self.standard_error)
+            return False
+        return bool(self.mean > stdtrit(self.contacts - 1, 1.0 - _LEVEL) * self.standard_error)
+
+    @property
+    def borne_out(self) -> float:
+        """The mean less its standard error."""
+        return self.mean - self.standard_error
 
 
 def gain_of(learned: Sampled, mechanics: Sampled, samples: IntArray, labels: tuple[str, ...]) -> Gain:

@@ -18,6 +18,7 @@ from softprint.surrogate.force.energy_gain import Gain
 from softprint.surrogate.force.sampled_contacts import (
     LABELS,
     N_PARAMETERS,
+    Sampled,
     SampledContacts,
     by_parameters,
 )
@@ -158,6 +159,12 @@ def contacts(pressed, tmp_path_factory):
         )
 
 
+def take_any_gain(monkeypatch):
+    """As if it were known without an error."""
+    monkeypatch.setattr(Gain, "significant", property(lambda gain: gain.mean > 0.0))
+    monkeypatch.setattr(Gain, "borne_out", property(lambda gain: gain.mean))
+
+
 @pytest.mark.parametrize("labels", [LABELS, ("handles",)], ids=["all labels", "handles alone"])
 def test_an_energy_is_found_again_from_its_forces(contacts, labels):
     n, each = STATES * PLACES - 1, len(DEPTHS)
@@ -174,7 +181,7 @@ def test_an_energy_is_found_again_from_its_forces(contacts, labels):
 
 def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts, monkeypatch):
     """The samples of one contact were made with them. That one contact tells nothing is not looked at here."""
-    monkeypatch.setattr(Gain, "certain", property(lambda gain: gain.mean))
+    take_any_gain(monkeypatch)
     n, each = STATES * PLACES, len(DEPTHS)
     learned, errors = learn_energy(
         contacts, np.arange((n - 1) * each), np.arange((n - 1) * each, n * each), lambda count: None
@@ -205,9 +212,54 @@ def test_nothing_is_learned_where_all_samples_press_a_frame(contacts, monkeypatc
     assert errors.samples == 0
 
 
+class _Hardening:
+    """Contacts (n,) of one sample each, with an excess of their own, in a truth with a b of their own."""
+
+    def __init__(self, excess, growth, size):
+        self.eta, self.truth = np.log(1.0 + excess), size * (1.0 + excess) ** growth
+        self.size = size
+
+    def n_states(self, samples):
+        return 1
+
+    def at(self, samples, learned, progress):
+        found = self.size[samples] * np.exp(learned.growth * self.eta[samples])
+        slopes = np.zeros((len(samples), 1, N_PARAMETERS))
+        slopes[:, 0, -1] = found * self.eta[samples]
+        of_truth, of_contact, by = (
+            dict.fromkeys(LABELS, values)
+            for values in (self.truth[samples, None], found[:, None], slopes)
+        )
+        return Sampled(samples, samples, of_truth, of_contact, by, np.full(len(samples), False))
+
+
+def test_a_part_is_kept_where_the_whole_is_too_much():
+    """Training contacts harden twice as much as those to judge by."""
+    rng, n = np.random.default_rng(5), 60
+    excess, size = rng.uniform(0.2, 1.0, 2 * n), rng.uniform(1.0, 3.0, 2 * n)
+    growth = np.repeat([0.8, 0.4], n) + 0.02 * rng.standard_normal(2 * n)
+    of_both = np.arange(n), np.arange(n, 2 * n)
+    learned, errors = learn_energy(_Hardening(excess, growth, size), *of_both, lambda count: None)
+    assert errors.part == 0.5
+    assert learned.growth == pytest.approx(0.4, abs=0.02)  # the ridge, and what scatters
+
+
+def test_strong_contacts_count_most():
+    """Weak ones, of which there are ten times as many, do not harden at all. What a fit to single relative errors finds
+    is nearer to these."""
+    rng, n = np.random.default_rng(6), 220
+    strong = np.arange(n) % 11 == 0
+    excess, size = rng.uniform(0.2, 1.0, n), np.where(strong, 10.0, 0.1)
+    growth = np.where(strong, 0.5, 0.0) + 0.02 * rng.standard_normal(n)
+    contacts = _Hardening(excess, growth, size)
+    learned, errors = learn_energy(contacts, np.arange(n), np.arange(n), lambda count: None)
+    assert errors.part == 1.0
+    assert learned.growth == pytest.approx(0.5, abs=0.02)
+
+
 def test_one_state_does_not_tell_how_the_strain_counts(contacts, monkeypatch):
     """No other could bear it out. The gain on three contacts is not significant, either; that is not looked at here."""
-    monkeypatch.setattr(Gain, "certain", property(lambda gain: gain.mean))
+    take_any_gain(monkeypatch)
     of_one = np.arange(2 * PLACES * len(DEPTHS), 3 * PLACES * len(DEPTHS))
     learned, errors = learn_energy(contacts, of_one, of_one, lambda count: None)
     assert learned is not None

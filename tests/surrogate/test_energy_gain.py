@@ -1,4 +1,4 @@
-"""The gain of a learned energy over linear mechanics: what of it is certain, and its standard error."""
+"""The gain of a learned energy over linear mechanics: when it is significant, and its standard error."""
 
 import numpy as np
 import pytest
@@ -44,22 +44,22 @@ def test_the_standard_error_is_that_of_other_contacts(rng):
 
 def test_a_few_contacts_of_many_make_no_significant_gain(rng):
     size = rng.uniform(0.1, 0.3, (CONTACTS, 1)) * np.ones(DEPTHS)
-    assert gain_of(sampled(0.8 * size), sampled(size), ALL, LABELS).certain > 0.0
+    assert gain_of(sampled(0.8 * size), sampled(size), ALL, LABELS).significant
     # Three of 40 contacts a little nearer, and two as much farther off.
     few = np.ones((CONTACTS, 1))
     few[:3], few[3:5] = 0.8, 1.2
     gain = gain_of(sampled(few * size), sampled(size), ALL, LABELS)
     assert gain.mean > 0.0
-    assert gain.certain < 0.0
+    assert not gain.significant
 
 
 def test_few_contacts_tell_little(rng):
     """The depths of one are no independent samples. Chance is not called significant more often with few contacts than
     with many: Student's t."""
     size = np.full((CONTACTS, DEPTHS), 0.2)
-    assert not gain_of(sampled(0.5 * size), sampled(size), np.arange(DEPTHS), LABELS).certain > 0.0
+    assert not gain_of(sampled(0.5 * size), sampled(size), np.arange(DEPTHS), LABELS).significant
     for few in (2, 3, 5):
         changes = (1.0 + 0.1 * rng.standard_normal((CONTACTS, 1)) for _ in range(1000))
         gains = [gain_of(sampled(c * size), sampled(size), np.arange(few * DEPTHS), LABELS) for c in changes]
         # 2.3 % are meant; with 1,000 draws that has a standard error of 0.5.
-        assert np.mean([gain.certain > 0.0 for gain in gains]) < 0.04, few
+        assert np.mean([gain.significant for gain in gains]) < 0.04, few
