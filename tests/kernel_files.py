@@ -9,7 +9,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 _FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
     "runtime/contact/learned_energy/dent_excess.py",
-    "runtime/contact/learned_energy/dent_strain.py",
+    "runtime/contact/learned_energy/dent_strain_kernels.py",
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
     "runtime/contact/stretched_gaps.py",

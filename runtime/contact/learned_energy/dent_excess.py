@@ -28,7 +28,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.contact.learned_energy.continued_logarithm import ContinuedLogarithm
-from softprint.runtime.contact.learned_energy.dent_strain import CELLS, DentStrain
+from softprint.runtime.contact.learned_energy.dent_strain import CELLS, DentStrain, StrainAmong
 from softprint.runtime.elasticity.materials import Material
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.means import shared
@@ -82,12 +82,12 @@ class _Changes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DentExcess:
-    """chi of a contact with m loaded contact nodes. forces: phi (m, dim) [N] on them; strain: D (m CELLS dim^2, m dim);
+    """chi of a contact with m loaded contact nodes. forces: phi (m, dim) [N] on them; strain: D among these;
     material: of the m CELLS cells, linear: linear elasticity with its moduli, and volumes: theirs (m, CELLS); corners
     and shares: (k, c) the nodes of k points, by their places among these, and their shares of a force on the point."""
 
     forces: Array
-    strain: Array
+    strain: StrainAmong
     material: Material
     linear: Material
     volumes: Array
@@ -99,10 +99,9 @@ class DentExcess:
         """Of forces (k, dim) [N], in rest coordinates, on active points (k,)."""
         nodes, corners, shares = loaded.among(active)
         phi = shared(forces, corners, shares, len(nodes))
-        D = strain.among(nodes).reshape(-1, phi.size)
         cells = (nodes[:, None] * CELLS + np.arange(CELLS)).ravel()
         material, linear = strain.material.at(cells), strain.linear.at(cells)
-        return cls(phi, D, material, linear, strain.volumes[nodes], corners, shares)
+        return cls(phi, strain.among(nodes), material, linear, strain.volumes[nodes], corners, shares)
 
     @lazy
     def value(self) -> float:
@@ -130,7 +129,7 @@ class DentExcess:
         on_points = np.ascontiguousarray(of_points).reshape(-1, dim * n)
         flat = shared(on_points, self.corners, self.shares, m).reshape(m * dim, n)
         weights = np.einsum("ma,man->mn", self.forces, flat.reshape(m, dim, n))
-        return _Changes(flat, 2.0 / self._terms.scale * weights, (self.strain @ flat).reshape(m, -1, n))
+        return _Changes(flat, 2.0 / self._terms.scale * weights, self.strain.strains(flat))
 
     def _crossed(self, one: _Changes, other: _Changes) -> Array:
         """d|phi|^2 dr - dB dchi (n, n'), in B."""
@@ -145,8 +144,8 @@ class DentExcess:
     @lazy
     def _F(self) -> Array:
         """I + H (m CELLS, dim, dim)."""
-        H = (self.strain @ self.forces.ravel()).reshape(-1, self._dim, self._dim)
-        return np.asarray(np.eye(self._dim) + H)
+        H = self.strain.strains(self.forces.reshape(-1, 1))
+        return np.asarray(np.eye(self._dim) + H.reshape(-1, self._dim, self._dim))
 
     @lazy
     def _cells(self) -> _Cells:
@@ -198,6 +197,5 @@ class DentExcess:
     def _by_nodes(self) -> Array:
         """dchi/dphi (m, dim) [1/N]."""
         terms = self._terms
-        by_strain = (terms.weight[:, None] * terms.by_strain).ravel() @ self.strain
         by_weight = 2.0 / terms.scale * terms.excess[:, None] * self.forces
-        return np.asarray(by_weight + by_strain.reshape(self.forces.shape))
+        return by_weight + self.strain.pulled_back(terms.weight[:, None] * terms.by_strain)

@@ -1,7 +1,7 @@
 """The strain that contact forces cause in cells at the contact nodes: the displacement gradient of linear mechanics.
 
 Forces phi_j on contact nodes, at rest, displace the nodes of the mesh by u_X = sum_j G_Xj phi_j
-(`runtime/mechanics/compliance/surface_compliance.py`). In two cells at each contact node i, the largest that it is a
+(`runtime/mechanics/compliance/surface_compliance.py`). In some cells at each contact node i, the largest that it is a
 corner of,
 
     H_ic = sum_v u_v (x) grad N_v = sum_j D_icj phi_j.
@@ -18,15 +18,19 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.compiled import compiled
+from softprint.runtime.contact.learned_energy.dent_strain_kernels import (
+    forces_by,
+    near_among,
+    strain_blocks,
+    strains_by,
+)
 from softprint.runtime.elasticity.materials import Material, make_material
 from softprint.runtime.lazy import lazy
-from softprint.runtime.mechanics.compliance.surface_compliance import CsrParts, SurfaceCompliance, csr_parts
+from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance, csr_parts
 from softprint.runtime.mesh.mesh import Mesh
 
 #: Cells at each contact node. With two, a cone (tip of 2 mm, nodes 3.6 mm apart) meets a tenth more force where it is
@@ -76,9 +80,30 @@ class DentStrain:
         """Linear elasticity with the moduli of the cells (n*CELLS,)."""
         return make_material("linear", self.material.young, self.material.poisson)
 
-    def among(self, nodes: IntArray) -> Array:
-        """D (m, CELLS, dim, dim, m, dim) among some of the contact nodes (m,), ascending."""
-        return blocks_among(nodes, self.starts, self.others, self.blocks)
+    def among(self, nodes: IntArray) -> StrainAmong:
+        """D among some of the contact nodes (m,), ascending."""
+        blocks = self.blocks.reshape(len(self.blocks), -1, self.blocks.shape[-1])
+        return StrainAmong(*near_among(nodes, self.starts, self.others), blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class StrainAmong:
+    """D among m contact nodes. starts: (m + 1,) and others: (q,), those near each, by their places among these; pairs:
+    (q,) their places in the blocks (p, CELLS dim^2, dim) [1/N]."""
+
+    starts: IntArray
+    others: IntArray
+    pairs: IntArray
+    blocks: NDArray[np.float32]
+
+    def strains(self, forces: Array) -> Array:
+        """H (m, CELLS dim^2, n) by forces (m*dim, n) [N]."""
+        by_node = np.ascontiguousarray(forces).reshape(len(self.starts) - 1, -1, forces.shape[1])
+        return strains_by(self.starts, self.others, self.pairs, self.blocks, by_node)
+
+    def pulled_back(self, by_strain: Array) -> Array:
+        """D^T of what there is by strain (m, CELLS dim^2): by force (m, dim)."""
+        return forces_by(self.starts, self.others, self.pairs, self.blocks, by_strain)
 
 
 _KEPT: WeakKeyDictionary[SurfaceCompliance, DentStrain] = WeakKeyDictionary()
@@ -106,98 +131,3 @@ def _modulus(of: Array, cells: IntArray) -> Array:
     """Of some cells (n,), a scalar where it is the same in all: what follows from it is then computed once."""
     own = of[cells] if of.ndim else of
     return own.ravel()[0] if own.size and (own == own.ravel()[0]).all() else own
-
-
-def _dense_blocks(
-    starts: IntArray,
-    others: IntArray,
-    corners: IntArray,
-    gradients: Array,
-    operator: NDArray[np.float32],
-    share: CsrParts,
-    near: CsrParts,
-) -> NDArray[np.float32]:
-    """From the whole of G^T."""
-    n_anchors, dim, n_nodes, _ = operator.shape
-    n = len(starts) - 1
-    P = csr_matrix(share[::-1], shape=(n, n_anchors)).toarray()
-    N = csr_matrix(near[::-1], shape=(n * dim, n_nodes * dim)).toarray()
-    G = np.einsum("jk,keXa->jeXa", P, operator) + N.reshape(n, dim, n_nodes, dim)
-    of = np.repeat(np.arange(n), np.diff(starts))
-    moved = G[others[:, None, None], :, corners[of]]
-    return np.einsum("pcvea,pcvb->pcabe", moved, gradients[of]).astype(np.float32)
-
-
-@compiled(reference=_dense_blocks)
-def strain_blocks(
-    starts: IntArray,
-    others: IntArray,
-    corners: IntArray,
-    gradients: Array,
-    operator: NDArray[np.float32],
-    share: CsrParts,
-    near: CsrParts,
-) -> NDArray[np.float32]:
-    """D (p, c, dim, dim, dim) of pairs of contact nodes. corners (n, c, v) and gradients (n, c, v, dim) of the cells at
-    each; operator, share and near as in `SurfaceCompliance`, the last two as row starts, columns and entries."""
-    n, cells, v, dim = gradients.shape
-    blocks = np.zeros((len(others), cells, dim, dim, dim), dtype=np.float32)
-    G = np.empty((dim, dim))
-    for i in range(n):
-        for pair in range(starts[i], starts[i + 1]):
-            j = others[pair]
-            first = near[0][j * dim]
-            count = near[0][j * dim + 1] - first
-            columns = near[1][first : first + count]
-            for c in range(cells):
-                for k in range(v):
-                    X = corners[i, c, k]
-                    G[:] = 0.0
-                    for entry in range(share[0][j], share[0][j + 1]):
-                        part, column = share[2][entry], operator[share[1][entry]]
-                        for e in range(dim):
-                            for a in range(dim):
-                                G[a, e] += part * column[e, X, a]
-                    # The rows of one contact node have their entries in the same columns, ascending.
-                    at = np.searchsorted(columns, X * dim)
-                    if at < count and columns[at] == X * dim:
-                        for e in range(dim):
-                            for a in range(dim):
-                                G[a, e] += near[2][first + e * count + at + a]
-                    for a in range(dim):
-                        for b in range(dim):
-                            for e in range(dim):
-                                blocks[pair, c, a, b, e] += G[a, e] * gradients[i, c, k, b]
-    return blocks
-
-
-def _looked_up(nodes: IntArray, starts: IntArray, others: IntArray, blocks: NDArray[np.float32]) -> Array:
-    m, (_, cells, dim, _, _) = len(nodes), blocks.shape
-    found = np.zeros((m, cells, dim, dim, m, dim))
-    for r, i in enumerate(nodes):
-        known = {j: k for k, j in enumerate(others[starts[i] : starts[i + 1]], starts[i])}
-        for s, j in enumerate(nodes):
-            if j in known:
-                found[r, :, :, :, s] = blocks[known[j]]
-    return found
-
-
-@compiled(reference=_looked_up)
-def blocks_among(nodes: IntArray, starts: IntArray, others: IntArray, blocks: NDArray[np.float32]) -> Array:
-    """D (m, c, dim, dim, m, dim) among some of the contact nodes (m,), ascending; zero where two are not near."""
-    m, cells, dim = len(nodes), blocks.shape[1], blocks.shape[2]
-    found = np.zeros((m, cells, dim, dim, m, dim))
-    for r in range(m):
-        pair, last = starts[nodes[r]], starts[nodes[r] + 1]
-        for s in range(m):
-            while pair < last and others[pair] < nodes[s]:
-                pair += 1
-            if pair == last:
-                break
-            if others[pair] == nodes[s]:
-                for c in range(cells):
-                    for a in range(dim):
-                        for b in range(dim):
-                            for e in range(dim):
-                                found[r, c, a, b, s, e] = blocks[pair, c, a, b, e]
-    return found

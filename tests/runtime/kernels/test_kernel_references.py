@@ -194,6 +194,13 @@ def strains_of_contact_nodes(rng, dim):
     return *neighbours(rng), *cells, operator.reshape(-1, dim, n, dim), share, near
 
 
+def strains_among(rng, dim):
+    """M contact nodes, those near each, and their places among twice as many blocks."""
+    starts, others = neighbours(rng)
+    pairs = np.sort(rng.permutation(2 * len(others))[: len(others)])
+    return starts, others, pairs, rng.normal(size=(2 * len(others), 2 * dim**2, dim)).astype(np.float32)
+
+
 def cell_groups(rng, dim):
     """Cells, where each group's begin, columns, where each group's begin; and blocks in single precision."""
     felt = [np.array([0, 2]), np.array([1, 3, 4])]
@@ -309,13 +316,11 @@ INPUTS = {
     "colliders.surface_mesh.sweep_kernels": {
         "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
     },
-    "contact.learned_energy.dent_strain": {
+    "contact.learned_energy.dent_strain_kernels": {
         "strain_blocks": strains_of_contact_nodes,
-        "blocks_among": lambda rng, dim: (
-            np.array([0, 2, 3]),
-            *(near := neighbours(rng)),
-            rng.normal(size=(len(near[1]), 2, dim, dim, dim)).astype(np.float32),
-        ),
+        "near_among": lambda rng, dim: (np.array([0, 2, 3]), *neighbours(rng)),
+        "strains_by": lambda rng, dim: (*strains_among(rng, dim), rng.normal(size=(M, dim, 4))),
+        "forces_by": lambda rng, dim: (*strains_among(rng, dim), rng.normal(size=(M, 2 * dim**2))),
     },
     "contact.piercing_kernels": {
         "bounds": lambda rng, dim: (rng.normal(size=(M, dim)),),

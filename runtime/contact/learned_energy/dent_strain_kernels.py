@@ -1,0 +1,159 @@
+"""Compiled kernels of `dent_strain.py`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from softprint.runtime.arrays import Array, IntArray
+from softprint.runtime.compiled import compiled
+from softprint.runtime.mechanics.compliance.surface_compliance import CsrParts
+
+
+def _dense_blocks(
+    starts: IntArray,
+    others: IntArray,
+    corners: IntArray,
+    gradients: Array,
+    operator: NDArray[np.float32],
+    share: CsrParts,
+    near: CsrParts,
+) -> NDArray[np.float32]:
+    """From the whole of G^T."""
+    n_anchors, dim, n_nodes, _ = operator.shape
+    n = len(starts) - 1
+    P = csr_matrix(share[::-1], shape=(n, n_anchors)).toarray()
+    N = csr_matrix(near[::-1], shape=(n * dim, n_nodes * dim)).toarray()
+    G = np.einsum("jk,keXa->jeXa", P, operator) + N.reshape(n, dim, n_nodes, dim)
+    of = np.repeat(np.arange(n), np.diff(starts))
+    moved = G[others[:, None, None], :, corners[of]]
+    return np.einsum("pcvea,pcvb->pcabe", moved, gradients[of]).astype(np.float32)
+
+
+@compiled(reference=_dense_blocks)
+def strain_blocks(
+    starts: IntArray,
+    others: IntArray,
+    corners: IntArray,
+    gradients: Array,
+    operator: NDArray[np.float32],
+    share: CsrParts,
+    near: CsrParts,
+) -> NDArray[np.float32]:
+    """D (p, c, dim, dim, dim) of pairs of contact nodes. corners (n, c, v) and gradients (n, c, v, dim) of the cells at
+    each; operator, share and near as in `SurfaceCompliance`, the last two as row starts, columns and entries."""
+    n, cells, v, dim = gradients.shape
+    blocks = np.zeros((len(others), cells, dim, dim, dim), dtype=np.float32)
+    G = np.empty((dim, dim))
+    for i in range(n):
+        for pair in range(starts[i], starts[i + 1]):
+            j = others[pair]
+            first = near[0][j * dim]
+            count = near[0][j * dim + 1] - first
+            columns = near[1][first : first + count]
+            for c in range(cells):
+                for k in range(v):
+                    X = corners[i, c, k]
+                    G[:] = 0.0
+                    for entry in range(share[0][j], share[0][j + 1]):
+                        part, column = share[2][entry], operator[share[1][entry]]
+                        for e in range(dim):
+                            for a in range(dim):
+                                G[a, e] += part * column[e, X, a]
+                    # The rows of one contact node have their entries in the same columns, ascending.
+                    at = np.searchsorted(columns, X * dim)
+                    if at < count and columns[at] == X * dim:
+                        for e in range(dim):
+                            for a in range(dim):
+                                G[a, e] += near[2][first + e * count + at + a]
+                    for a in range(dim):
+                        for b in range(dim):
+                            for e in range(dim):
+                                blocks[pair, c, a, b, e] += G[a, e] * gradients[i, c, k, b]
+    return blocks
+
+
+def _looked_up(nodes: IntArray, starts: IntArray, others: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    of = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    pairs = np.flatnonzero(np.isin(of, nodes) & np.isin(others, nodes))
+    first = np.searchsorted(of[pairs], nodes)
+    return np.append(first, len(pairs)), np.searchsorted(nodes, others[pairs]), pairs
+
+
+@compiled(reference=_looked_up)
+def near_among(nodes: IntArray, starts: IntArray, others: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Which of some contact nodes (m,), ascending, are near each other: where each begins (m + 1,), their places among
+    these (q,), and among all pairs (q,). starts, others: of all contact nodes, as in `DentStrain`."""
+    m = len(nodes)
+    most = 0
+    for i in nodes:
+        most += min(m, starts[i + 1] - starts[i])
+    first, among, pairs = np.zeros(m + 1, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
+    count = 0
+    for r in range(m):
+        pair, last = starts[nodes[r]], starts[nodes[r] + 1]
+        for s in range(m):
+            while pair < last and others[pair] < nodes[s]:
+                pair += 1
+            if pair == last:
+                break
+            if others[pair] == nodes[s]:
+                among[count], pairs[count] = s, pair
+                count += 1
+        first[r + 1] = count
+    return first, among[:count], pairs[:count]
+
+
+def _dense(starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32]) -> Array:
+    m, (_, strains, dim) = len(starts) - 1, blocks.shape
+    D = np.zeros((m, m, strains, dim))
+    D[np.repeat(np.arange(m), np.diff(starts)), others] = blocks[pairs]
+    return D
+
+
+@compiled(
+    reference=lambda starts, others, pairs, blocks, forces: np.einsum(
+        "ijse,jen->isn", _dense(starts, others, pairs, blocks), forces
+    )
+)
+def strains_by(
+    starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32], forces: Array
+) -> Array:
+    """sum_j D_ij phi_j (m, s, n) by forces (m, dim, n), with the blocks (p, s, dim) of D that are not zero."""
+    m, dim, n = forces.shape
+    size, most = blocks.shape[1], np.diff(starts).max() * dim
+    strains = np.zeros((m, size, n))
+    D, phi = np.empty((most, size)), np.empty((most, n))
+    for i in range(m):
+        # One product of dense matrices for each node.
+        row = 0
+        for k in range(starts[i], starts[i + 1]):
+            block, j = blocks[pairs[k]], others[k]
+            for e in range(dim):
+                for s in range(size):
+                    D[row, s] = block[s, e]
+                phi[row] = forces[j, e]
+                row += 1
+        strains[i] = D[:row].T @ phi[:row]
+    return strains
+
+
+@compiled(
+    reference=lambda starts, others, pairs, blocks, by_strain: np.einsum(
+        "ijse,is->je", _dense(starts, others, pairs, blocks), by_strain
+    )
+)
+def forces_by(
+    starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32], by_strain: Array
+) -> Array:
+    """sum_i D_ij^T y_i (m, dim) of y (m, s)."""
+    m, dim = len(starts) - 1, blocks.shape[2]
+    found = np.zeros((m, dim))
+    for i in range(m):
+        for k in range(starts[i], starts[i + 1]):
+            block, j = blocks[pairs[k]], others[k]
+            for s in range(blocks.shape[1]):
+                for e in range(dim):
+                    found[j, e] += block[s, e] * by_strain[i, s]
+    return found
