@@ -8,8 +8,8 @@ takes everything the server sends (--browser: a real one, drawn in software, whi
 collider goes up and down at the top of the body, so that the contact changes in every step. 60 steps a second are real
 time. Latency is measured from a new target of the collider in this process to the picture in which the body has given
 way, as it is handed to the server; with --browser also from a mouse event to a changed mesh in the browser, drawn in
-software, and with the triangles left out, as if a graphics card drew them in no time. Without a
-trained model of form force an untrained one is used, marked *: it draws as slowly, but has no learned energy.
+software, and with the triangles left out, as if a graphics card drew them in no time. Without a trained model of form
+force an untrained one is used, marked *, which costs as much.
 """
 
 from __future__ import annotations
