@@ -16,9 +16,9 @@ in another equilibrium. Of p, as much is kept as all contacts together bear out,
 those held out: a part t p, with t from 0, which is linear mechanics, to 1. Of those whose gain over linear mechanics is
 significant it is the one with the largest gain less its standard error (`energy_gain.py`), as of a network
 (`kept_part.py`). Four numbers fit hundreds of contacts hardly better than others, while those held out are few, and the
-strongest of them would decide. Nothing is kept that is worse than linear mechanics on these. How the compliance changes with the strain, c, is
-learned only from several states: no other could bear out that of one, and it would count most where a body is strained
-much more than in training.
+strongest of them would decide. Nothing is kept that is worse than linear mechanics on these. How the compliance changes
+with the strain, c, is learned only from several states: no other could bear out that of one, and it would count most
+where a body is strained much more than in training.
 """
 
 from __future__ import annotations
