@@ -242,16 +242,17 @@ def test_a_part_is_kept_where_the_whole_is_too_much():
 
 
 def test_strong_contacts_count_most():
-    """Weak ones, of which there are ten times as many, do not harden at all. What a fit to single relative errors finds
-    is nearer to these."""
+    """Weak ones, of which there are ten times as many, scatter, and do not harden at all. What a fit to single relative
+    errors finds is nearer to these."""
     rng, n = np.random.default_rng(6), 220
     strong = np.arange(n) % 11 == 0
     excess, size = rng.uniform(0.2, 1.0, n), np.where(strong, 10.0, 0.1)
-    growth = np.where(strong, 0.5, 0.0) + 0.02 * rng.standard_normal(n)
+    growth = np.where(strong, 0.5, 0.0) + np.where(strong, 0.02, 0.5) * rng.standard_normal(n)
     contacts = _Hardening(excess, growth, size)
     learned, errors = learn_energy(contacts, np.arange(n), np.arange(n), lambda count: None)
     assert errors.part == 1.0
-    assert learned.growth == pytest.approx(0.5, abs=0.02)
+    # The weak ones have a tenth of a per cent of the squares, and a per cent of the weight.
+    assert learned.growth == pytest.approx(0.5, abs=0.03)
 
 
 def test_one_state_does_not_tell_how_the_strain_counts(contacts, monkeypatch):
