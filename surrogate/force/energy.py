@@ -5,12 +5,11 @@ the handles, which are free: h_true is the Lagrange multiplier of the constraint
 condensed contact, whose derivatives follow from one contact solve (`sampled_contacts.py`), are found by a few
 Gauss-Newton iterations on
 
-    sum_i sum_k w_ik |r_ik|^2 / (s_ik + <s_k>)
+    sum_i sum_k w_ik |r_ik|^2 / <|true_k|^2>
 
 over samples i and three kinds of residual k: h~ - h_true along the coordinates of the handles, its sum, which is the
-force on the collider, and W~ - W_true; s_ik is the square of what is true. So relative errors of strong contacts count,
-and less, the weaker a contact is: where forces are weak, linear mechanics with few contact points errs in ways that no
-p changes (docs/results_bodies.md, the small Ball). By squares alone the few strongest would decide.
+force on the collider, and W~ - W_true. So strong contacts count most: they move bodies, and where forces are weak,
+linear mechanics with few contact points errs in ways that no p changes (docs/results_bodies.md, the small Ball).
 Samples in which the collider presses a rigid frame as well are left out: a frame bears by itself
 (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight from what no p fits (Huber 1964), as where the truth is
 in another equilibrium. Of p, as much is kept as all contacts together bear out, those that it was learned from and
@@ -46,7 +45,7 @@ from softprint.surrogate.force.shared_contacts import SharedContacts
 ITERATIONS = 3
 # Samples to learn from, and to measure the error on: four numbers are learned.
 SAMPLES = 600
-# Of the median relative residual, that from which on a sample loses weight.
+# Of the median residual, that from which on a sample loses weight.
 _HUBER = 2.0
 # The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
 _RIDGE = 1e-3
@@ -162,10 +161,9 @@ def _step(sampled: Sampled, learned: LearnedEnergy, labels: tuple[str, ...], fre
     for kind in labels:
         true, slopes = sampled.truth[kind], sampled.slopes[kind]
         miss = true - sampled.found[kind]
-        square = np.square(true).sum(axis=1)
-        relative = np.linalg.norm(miss, axis=1) / np.sqrt(square + square.mean())
-        weight = np.minimum(1.0, _HUBER * np.median(relative) / np.maximum(relative, 1e-30))
-        weight /= square + square.mean()
+        off = np.linalg.norm(miss, axis=1)
+        weight = np.minimum(1.0, _HUBER * np.median(off) / np.maximum(off, 1e-30))
+        weight /= np.square(true).sum(axis=1).mean()
         normal += np.einsum("s,sfk,sfl->kl", weight, slopes, slopes)
         right += np.einsum("s,sfk,sf->k", weight, slopes, miss)
     ridge = _RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.trace(normal) * np.eye(N_PARAMETERS)
