@@ -12,18 +12,16 @@ force on the collider, and W~ - W_true. So strong contacts count most: they move
 linear mechanics with few contact points errs in ways that no p changes (docs/results_bodies.md, the small Ball).
 Samples in which the collider presses a rigid frame as well are left out: a frame bears by itself
 (`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight from what no p fits (Huber 1964), as where the truth is
-in another equilibrium. Of p, as much is kept as all contacts together bear out, those that it was learned from and
-those held out: a part t p, with t from 0, which is linear mechanics, to 1. Of those whose gain over linear mechanics is
-significant it is the one with the largest gain less its standard error (`energy_gain.py`), as of a network
-(`kept_part.py`). Four numbers fit hundreds of contacts hardly better than others, while those held out are few, and the
-strongest of them would decide. Nothing is kept that is worse than linear mechanics on these. How the compliance changes
-with the strain, c, is learned only from several states: no other could bear out that of one, and it would count most
-where a body is strained much more than in training.
+in another equilibrium. Of p, as much is kept as validation samples bear out: a part t p, with t from 0, which is linear
+mechanics, to 1. Of those whose gain over linear mechanics is significant it is the one with the largest gain less its
+standard error (`energy_gain.py`), as of a network (`kept_part.py`). How the compliance changes with the strain, c, is
+learned only from several states: no other could bear out that of one, and it would count most where a body is strained
+much more than in training.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -49,7 +47,7 @@ SAMPLES = 600
 _HUBER = 2.0
 # The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
 _RIDGE = 1e-3
-# Parts t of what was learned, of which the best is kept.
+# Parts t of what was learned, of which the best on validation samples is kept.
 _PARTS = (0.25, 0.5, 0.75, 1.0)
 
 
@@ -81,12 +79,12 @@ def learn_energy(
     progress: Callable[[int], None],
     labels: tuple[str, ...] = LABELS,
 ) -> tuple[LearnedEnergy | None, EnergyErrors]:
-    """The energy from samples (n,), and its errors on others; None where it is not significantly better than linear
-    mechanics, or worse on these, or where all samples press a rigid frame. labels: the kinds of residuals to learn
-    from."""
-    mechanics, both = LearnedEnergy.of_mechanics(), np.union1d(train, held_out)
-    before = contacts.at(both, mechanics, progress)
-    compared, train = np.intersect1d(before.comparable, held_out), before.free_of_frames(train)
+    """The energy from samples (n,), and its errors on others; None where it is not significantly better on these
+    than linear mechanics, or where all samples press a rigid frame. labels: the kinds of residuals to learn from."""
+    mechanics = LearnedEnergy.of_mechanics()
+    alone = contacts.at(train, mechanics, progress)
+    before = contacts.at(held_out, mechanics, progress)
+    compared, train = before.comparable, alone.samples[~alone.on_frames]
     of_mechanics = best = before.errors(compared)
     if not len(train) or not len(compared):
         return None, EnergyErrors(of_mechanics, best, len(compared), 0.0)
@@ -97,16 +95,11 @@ def learn_energy(
     kept, part, most = None, 0.0, -np.inf
     for share in _PARTS:
         tried = _with_parameters(share * _parameters(learned))
-        found = contacts.at(both, tried, progress)
-        gain, errors = gain_of(found, before, before.comparable, labels), found.errors(compared)
-        nearer = _sum(errors, labels) < _sum(of_mechanics, labels)
-        if nearer and gain.significant and gain.borne_out > most:
-            most, kept, part, best = gain.borne_out, tried, share, errors
+        found = contacts.at(held_out, tried, progress)
+        gain = gain_of(found, before, compared, labels)
+        if gain.significant and gain.borne_out > most:
+            most, kept, part, best = gain.borne_out, tried, share, found.errors(compared)
     return kept, EnergyErrors(of_mechanics, best, len(compared), part)
-
-
-def _sum(errors: Mapping[str, float], labels: tuple[str, ...]) -> float:
-    return sum(errors[kind] for kind in labels)
 
 
 def with_forces(data: TrainingData, samples: IntArray) -> IntArray:
@@ -138,8 +131,8 @@ def energy_of(
     if not len(train) or not len(held_out):
         return None
     contacts = contacts_of(data, contact_of)
+    total = (1 + ITERATIONS) * len(train) + (1 + len(_PARTS)) * len(held_out)
     both = np.union1d(train, held_out)
-    total = ITERATIONS * len(train) + (1 + len(_PARTS)) * len(both)
     data.build_colliders(both)
     with (
         data.context.progress(total, "sample", "learning the energy of contact") as bar,

@@ -88,10 +88,6 @@ class Sampled:
         )
         return Sampled(self.samples[which], self.contacts[which], truth, found, slopes, self.on_frames[which])
 
-    def free_of_frames(self, samples: IntArray) -> IntArray:
-        """Those of some samples that touch, and press no rigid frame."""
-        return np.intersect1d(self.samples[~self.on_frames], samples)
-
     def errors(self, samples: IntArray) -> dict[str, float]:
         """See `EnergyErrors`, over some of the samples; 0 over none."""
         some, least = self.among(samples), np.finfo(np.float64).tiny

@@ -179,8 +179,9 @@ def test_an_energy_is_found_again_from_its_forces(contacts, labels):
         assert errors.learned[kind] < 0.1 * errors.mechanics[kind], kind
 
 
-def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts):
-    """The samples of one contact were made with them."""
+def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts, monkeypatch):
+    """The samples of one contact were made with them. That one contact tells nothing is not looked at here."""
+    take_any_gain(monkeypatch)
     n, each = STATES * PLACES, len(DEPTHS)
     learned, errors = learn_energy(
         contacts, np.arange((n - 1) * each), np.arange((n - 1) * each, n * each), lambda count: None
@@ -193,10 +194,11 @@ def test_mechanics_are_kept_where_validation_samples_ask_for_them(contacts):
 
 
 def test_a_gain_that_is_not_significant_is_not_kept(contacts):
-    """One contact tells nothing, however well it is fitted."""
+    """On the samples of one contact the energy is as good as on all others, but one contact tells nothing."""
     n, each = STATES * PLACES - 1, len(DEPTHS)
-    of_one = np.arange((n - 1) * each, n * each)
-    learned, errors = learn_energy(contacts, of_one, of_one, lambda count: None)
+    learned, errors = learn_energy(
+        contacts, np.arange((n - 1) * each), np.arange((n - 1) * each, n * each), lambda count: None
+    )
     assert learned is None
     assert errors.part == 0.0
     assert errors.learned == errors.mechanics
@@ -225,34 +227,34 @@ class _Hardening:
         slopes = np.zeros((len(samples), 1, N_PARAMETERS))
         slopes[:, 0, -1] = found * self.eta[samples]
         of_truth, of_contact, by = (
-            dict.fromkeys(LABELS, values) for values in (self.truth[samples, None], found[:, None], slopes)
+            dict.fromkeys(LABELS, values)
+            for values in (self.truth[samples, None], found[:, None], slopes)
         )
         return Sampled(samples, samples, of_truth, of_contact, by, np.full(len(samples), False))
 
 
 def test_a_part_is_kept_where_the_whole_is_too_much():
-    """Training contacts harden twice as much as those held out, and both have a say."""
+    """Training contacts harden twice as much as those to judge by."""
     rng, n = np.random.default_rng(5), 60
     excess, size = rng.uniform(0.2, 1.0, 2 * n), rng.uniform(1.0, 3.0, 2 * n)
     growth = np.repeat([0.8, 0.4], n) + 0.02 * rng.standard_normal(2 * n)
     of_both = np.arange(n), np.arange(n, 2 * n)
     learned, errors = learn_energy(_Hardening(excess, growth, size), *of_both, lambda count: None)
-    assert errors.part == 0.75
-    assert learned.growth == pytest.approx(0.6, abs=0.02)  # the ridge, and what scatters
+    assert errors.part == 0.5
+    assert learned.growth == pytest.approx(0.4, abs=0.02)  # the ridge, and what scatters
 
 
 def test_strong_contacts_count_most():
-    """Weak ones, of which there are ten times as many, scatter, and do not harden at all. What a fit to single relative
-    errors finds is nearer to these."""
+    """Weak ones, of which there are ten times as many, do not harden at all. What a fit to single relative errors finds
+    is nearer to these."""
     rng, n = np.random.default_rng(6), 220
     strong = np.arange(n) % 11 == 0
     excess, size = rng.uniform(0.2, 1.0, n), np.where(strong, 10.0, 0.1)
-    growth = np.where(strong, 0.5, 0.0) + np.where(strong, 0.02, 0.5) * rng.standard_normal(n)
+    growth = np.where(strong, 0.5, 0.0) + 0.02 * rng.standard_normal(n)
     contacts = _Hardening(excess, growth, size)
     learned, errors = learn_energy(contacts, np.arange(n), np.arange(n), lambda count: None)
     assert errors.part == 1.0
-    # The weak ones have a tenth of a per cent of the squares, and a per cent of the weight.
-    assert learned.growth == pytest.approx(0.5, abs=0.03)
+    assert learned.growth == pytest.approx(0.5, abs=0.02)
 
 
 def test_one_state_does_not_tell_how_the_strain_counts(contacts, monkeypatch):
@@ -278,4 +280,4 @@ def test_the_same_is_learned_on_several_cores(contacts):
     # single precision.
     np.testing.assert_allclose(learned.values, alone[0].values, rtol=1e-3, atol=1e-4)
     assert errors.samples == alone[1].samples
-    assert sum(counted) == 3 * len(samples) + (1 + 4) * len(samples)
+    assert sum(counted) == (1 + 3) * len(samples) + (1 + 4) * len(samples)
