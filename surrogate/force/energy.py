@@ -47,7 +47,7 @@ SAMPLES = 600
 _HUBER = 2.0
 # The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
 _RIDGE = 1e-3
-# Parts t of what was learned, of which the best on validation samples is kept.
+# Parts t of what was learned, of which one is kept, or none.
 _PARTS = (0.25, 0.5, 0.75, 1.0)
 
 

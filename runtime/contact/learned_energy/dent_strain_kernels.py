@@ -120,7 +120,8 @@ def _dense(starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[
 def strains_by(
     starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32], forces: Array
 ) -> Array:
-    """sum_j D_ij phi_j (m, s, n) by forces (m, dim, n), with the blocks (p, s, dim) of D that are not zero."""
+    """sum_j D_ij phi_j (m, s, n) by forces (m, dim, n), with the blocks (p, s, dim) of D that are not zero;
+    starts, others and pairs: as in `StrainAmong`."""
     m, dim, n = forces.shape
     size, most = blocks.shape[1], np.diff(starts).max() * dim
     strains = np.zeros((m, size, n))
@@ -147,7 +148,7 @@ def strains_by(
 def forces_by(
     starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32], by_strain: Array
 ) -> Array:
-    """sum_i D_ij^T y_i (m, dim) of y (m, s)."""
+    """sum_i D_ij^T y_i (m, dim) of y (m, s); the others as in `strains_by`."""
     m, dim = len(starts) - 1, blocks.shape[2]
     found = np.zeros((m, dim))
     for i in range(m):
