@@ -4,9 +4,9 @@
 
 Needs the truth of a library (`softprint generate`). Learned from displacement only, a correction has the energy of
 linear mechanics; the other rows learn the energy (`surrogate/force/energy.py`) from the generalised contact force on
-the handles, then also from the force on the collider, and from the energy itself. What of an energy is kept is chosen
-on validation shapes, by the labels of the row. A table in Markdown: errors sqrt(sum |r|^2 / sum |true|^2) of the three
-on shapes never seen, mean over the seeds, which draw other samples, and in brackets highest minus lowest.
+the handles, then also from the force on the collider, and from the energy itself. Whether an energy is
+kept is chosen by cross-validation, by the labels of the row. A table in Markdown: errors sqrt(sum |r|^2 / sum |true|^2)
+of the three on shapes never seen, mean over the seeds, which draw other samples, and in brackets highest minus lowest.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.force.entry import options as force_options
 from softprint.runtime.shapes import names
 from softprint.runtime.truth.truth_file import load_truth
+from softprint.surrogate.data.folds import folds_of
 from softprint.surrogate.data.training_data import TrainingData
-from softprint.surrogate.force.energy import contacts_of, learn_energy, with_forces
+from softprint.surrogate.force.energy import contacts_of, drawn, learn_energy, with_forces
 from softprint.surrogate.force.entry import contact_maker
 from softprint.surrogate.force.sampled_contacts import LABELS, SampledContacts
 
@@ -44,11 +45,6 @@ ROWS: dict[str, tuple[str, ...]] = {
 
 def ignore(count: int) -> None:
     """No progress is shown."""
-
-
-def drawn(rng: np.random.Generator, samples: IntArray, most: int) -> IntArray:
-    """Some of them, ascending."""
-    return np.sort(rng.permutation(samples)[:most])
 
 
 def cells(found: Sequence[dict[str, float]]) -> list[str]:
@@ -93,20 +89,16 @@ def main() -> None:
         contacts = contacts_of(data, contact_maker(data, spec, own))
         name = np.array(truth.header.colliders)[truth.contacts["collider"][truth.samples["contact"]]]
         unseen = np.flatnonzero(truth.usable & np.isin(name, names("test")))
-        rng = np.random.default_rng(context.seed)
-        judge = Judge(contacts, drawn(rng, with_forces(data, unseen), options.samples))
+        judge = Judge(contacts, drawn(with_forces(data, unseen), context.seed, options.samples))
         print(f"| learned from | {' | '.join(HEADS[kind] for kind in LABELS)} | CPU s |")
         print("| --- " * (2 + len(LABELS)) + "|")
         print(f"| displacement only | {' | '.join(cells([judge.of_mechanics]))} | |", flush=True)
         for row, labels in ROWS.items():
             started, errors = time.process_time(), []
             for seed in range(options.seeds):
-                draw = np.random.default_rng(seed)
-                train, held_out = (
-                    drawn(draw, with_forces(data, part), options.samples)
-                    for part in (data.split.train, data.held_out)
-                )
-                learned, _ = learn_energy(contacts, train, held_out, ignore, labels)
+                samples = drawn(with_forces(data, data.split.whole), seed, options.samples)
+                folds = folds_of(truth, samples, seed)
+                learned, _ = learn_energy(contacts, samples, folds, ignore, labels)
                 errors.append(judge.errors(learned))
             seconds = (time.process_time() - started) / options.seeds
             print(f"| {row} | {' | '.join(cells(errors))} | {seconds:.0f} |", flush=True)

@@ -19,13 +19,13 @@ def recognise(head: FileHead) -> bool:
 
 
 def summarise(path: Path, part: Part) -> Summary:
-    """Its parameters, its errors on validation samples beside those of linear mechanics, and what it was made of."""
+    """Its parameters, its errors by cross-validation beside those of linear mechanics, and what it was made of."""
     kept = json.loads(path.read_text(encoding="utf-8"))
     try:
         errors = kept["errors"]
         energy = LearnedEnergy.of_mechanics() if kept["energy"] is None else LearnedEnergy.of(kept["energy"])
         facts = {
-            "kept": errors["part"],
+            "converged": errors["converged"],
             "log of the scale of the compliance, by the strain": list(energy.scale.coefficients),
             "growth b": energy.growth,
         }

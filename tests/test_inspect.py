@@ -192,12 +192,12 @@ def test_a_correction_and_a_checkpoint_are_described(tmp_path, jelly2d_body) -> 
 
 
 def test_a_learned_energy_is_described(tmp_path) -> None:
-    errors = {"mechanics": {"handles": 0.2}, "learned": {"handles": 0.1}, "samples": 40, "part": 0.75}
+    errors = {"mechanics": {"handles": 0.2}, "learned": {"handles": 0.1}, "samples": 40, "converged": True}
     path = tmp_path / "energy_300.json"
     values = [*[0.1] * N_COEFFICIENTS, 0.5]
     keep(path, {"truth": "abc"}, {"energy": values, "errors": errors})
     told = facts(path)
-    assert (told["energy"]["growth b"], told["energy"]["kept"]) == (0.5, 0.75)
+    assert (told["energy"]["growth b"], told["energy"]["converged"]) == (0.5, True)
     assert told["RMS errors on held-out samples"]["handles, learned"] == 0.1
     assert told["made of"] == {"truth": "abc"}
     keep(path, {"truth": "abc"}, {"energy": None, "errors": errors})  # that of mechanics

@@ -32,11 +32,6 @@ class Gain(NamedTuple):
             return False
         return bool(self.mean > stdtrit(self.contacts - 1, 1.0 - _LEVEL) * self.standard_error)
 
-    @property
-    def borne_out(self) -> float:
-        """The mean less its standard error."""
-        return self.mean - self.standard_error
-
 
 def gain_of(learned: Sampled, mechanics: Sampled, samples: IntArray, labels: tuple[str, ...]) -> Gain:
     """Of an energy over mechanics, on those of the samples (n,) that both have."""

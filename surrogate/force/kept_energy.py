@@ -54,7 +54,7 @@ def _made_of(data: TrainingData, spec: ModelSpec, options: ForceModelOptions) ->
     law, experiment = options.law, data.context.experiment
     return {
         "truth": data.truth.content_hash,
-        "samples": content_hash({"train": data.split.train, "held_out": data.held_out}),
+        "samples": content_hash({"whole": data.split.whole}),
         "seed": data.context.seed,
         "mechanics": data.mechanics.get(spec.contact_nodes)[0].content_hash,
         "static_condensation": spec.static_condensation,

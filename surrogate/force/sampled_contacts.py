@@ -79,6 +79,19 @@ class Sampled:
         on_frames = np.array([one.on_frame for one in touching])
         return cls(samples, truth.samples["contact"][samples], of_truth, of_contact, slopes, on_frames)
 
+    @classmethod
+    def joined(cls, parts: Sequence[Sampled]) -> Sampled:
+        """All samples of some parts, of which there is at least one."""
+        of_truth, of_contact, slopes = (
+            {kind: np.concatenate([getattr(part, name)[kind] for part in parts]) for kind in LABELS}
+            for name in ("truth", "found", "slopes")
+        )
+        samples, contacts, on_frames = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("samples", "contacts", "on_frames")
+        )
+        return cls(samples, contacts, of_truth, of_contact, slopes, on_frames)
+
     def among(self, samples: IntArray) -> Sampled:
         """Those of some samples."""
         which = np.isin(self.samples, samples)

@@ -11,7 +11,7 @@ from softprint.surrogate.force.energy import EnergyErrors
 from softprint.surrogate.force.kept_energy import energy_path, kept_energy
 
 ENERGY = LearnedEnergy.of((*np.linspace(-0.3, 0.2, N_VALUES - 1), 0.5))
-ERRORS = EnergyErrors({"handles": 0.2}, {"handles": 0.1}, 40, 0.75)
+ERRORS = EnergyErrors({"handles": 0.2}, {"handles": 0.1}, 40)
 
 
 @pytest.fixture
@@ -24,8 +24,7 @@ def run(tmp_path):
     data = SimpleNamespace(
         context=context,
         truth=SimpleNamespace(content_hash="abc"),
-        split=SimpleNamespace(train=np.arange(5)),
-        held_out=np.arange(5, 8),
+        split=SimpleNamespace(whole=np.arange(8)),
         mechanics=SimpleNamespace(get=lambda nodes: (SimpleNamespace(content_hash=f"of {nodes}"), None)),
     )
     spec = SimpleNamespace(name="ours", contact_nodes=300, static_condensation=True, added_to="")
@@ -57,8 +56,7 @@ def test_a_truth_without_forces_leaves_no_file(run):
 
 CHANGES = {
     "truth": lambda run: setattr(run.data.truth, "content_hash", "other"),
-    "samples": lambda run: setattr(run.data.split, "train", np.arange(4)),
-    "held out": lambda run: setattr(run.data, "held_out", np.arange(4, 8)),
+    "samples": lambda run: setattr(run.data.split, "whole", np.arange(4)),
     "seed": lambda run: setattr(run.data.context, "seed", 8),
     "mechanics": lambda run: setattr(
         run.data.mechanics, "get", lambda nodes: (SimpleNamespace(content_hash="other"), None)

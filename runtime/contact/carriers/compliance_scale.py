@@ -5,11 +5,12 @@ compliance changes with the strain, too, is seen in forces on the handles, which
 strain. So with a scale s of the compliance at every point,
 
     u = A v,    phi = A^T f,    A = s R,    s = exp theta,    theta = R tanh(z / R),
-    z = c_1 (tr C / dim - 1) / 2 + c_2 (N . C N - 1) / 2 + c_3 (det F - 1),    C = F^T F,
+    z = c_1 (tr C / dim - 1) / 2 + c_2 (N . C N - 1) / 2,    C = F^T F,
 
-with N the surface normal at rest. theta depends on invariants of the strain alone: rotating the body changes nothing,
-at rest s is 1, and no collider is named. s is between e^-R and e^R whatever the coefficients are, so that the energy
-stays positive.
+with N the surface normal at rest: by how much the body is stretched, and by how much of it along the normal. To first
+order no other strain is the same in all directions of the surface. theta depends on invariants of the strain alone:
+rotating the body changes nothing, at rest s is 1, and no collider is named. s is between e^-R and e^R whatever the
+coefficients are, so that the energy stays positive.
 """
 
 from __future__ import annotations
@@ -21,13 +22,12 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.compiled import compiled
-from softprint.runtime.elasticity.invariants import cofactor
 from softprint.runtime.lazy import lazy
 
 # R.
 _BOUND = 1.0
 #: The number of coefficients c.
-N_COEFFICIENTS = 3
+N_COEFFICIENTS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class ComplianceScale:
         def curvature() -> Array:
             bend = (-2.0 / _BOUND * rate * bounded)[:, None, None] * slope
             crossed = bend[:, :, :, None, None] * slope[:, None, None]
-            return rate[:, None, None, None, None] * _curvature(c, F, normal) + crossed
+            return rate[:, None, None, None, None] * _curvature(c, normal) + crossed
 
         return ScaleDerivatives(np.exp(_BOUND * bounded), rate[:, None, None] * slope, curvature)
 
@@ -89,20 +89,16 @@ class ComplianceScale:
 
 
 def strain_measures(F: Array, normal: Array) -> Array:
-    """(m, N_COEFFICIENTS) the three strains of the module; zero where F is a rotation."""
-    dim = F.shape[1]
+    """(m, N_COEFFICIENTS) the two strains of the module; zero where F is a rotation."""
     along = (F @ normal[..., None])[..., 0]
-    trace = (F * F).sum(axis=(1, 2)) / dim
-    return np.stack(
-        [0.5 * (trace - 1.0), 0.5 * ((along**2).sum(axis=1) - 1.0), np.linalg.det(F) - 1.0],
-        axis=1,
-    )
+    trace = (F * F).sum(axis=(1, 2)) / F.shape[1]
+    return 0.5 * np.stack([trace - 1.0, (along**2).sum(axis=1) - 1.0], axis=1)
 
 
 def measure_slopes(F: Array, normal: Array) -> Array:
     """The derivatives of `strain_measures` by F (m, N_COEFFICIENTS, dim, dim)."""
     along = (F @ normal[..., None])[..., 0]
-    return np.stack([F / F.shape[1], along[:, :, None] * normal[:, None, :], cofactor(F)], axis=1)
+    return np.stack([F / F.shape[1], along[:, :, None] * normal[:, None, :]], axis=1)
 
 
 def _combined(F: Array, normal: Array, c: Array) -> tuple[Array, Array]:
@@ -115,7 +111,7 @@ def combined_strain(F: Array, normal: Array, c: Array) -> tuple[Array, Array]:
     m, dim = normal.shape
     z, slope = np.empty(m), np.empty((m, dim, dim))
     for j in range(m):
-        trace = stretch = volume = 0.0
+        trace = stretch = 0.0
         for a in range(dim):
             along = 0.0
             for b in range(dim):
@@ -123,33 +119,17 @@ def combined_strain(F: Array, normal: Array, c: Array) -> tuple[Array, Array]:
                 along += F[j, a, b] * normal[j, b]
             stretch += along * along
             for b in range(dim):
-                if dim == 2:
-                    cofactor = F[j, 1 - a, 1 - b] * (1.0 if a == b else -1.0)
-                else:
-                    # Row a is the cross product of the other two rows.
-                    p, q, k, n = (a + 1) % 3, (a + 2) % 3, (b + 1) % 3, (b + 2) % 3
-                    cofactor = F[j, p, k] * F[j, q, n] - F[j, p, n] * F[j, q, k]
-                volume += F[j, a, b] * cofactor / dim
-                slope[j, a, b] = c[0] * F[j, a, b] / dim + c[1] * along * normal[j, b] + c[2] * cofactor
-        z[j] = 0.5 * c[0] * (trace / dim - 1.0) + 0.5 * c[1] * (stretch - 1.0) + c[2] * (volume - 1.0)
+                slope[j, a, b] = c[0] * F[j, a, b] / dim + c[1] * along * normal[j, b]
+        z[j] = 0.5 * c[0] * (trace / dim - 1.0) + 0.5 * c[1] * (stretch - 1.0)
     return z, slope
 
 
-def _curvature(c: Array, F: Array, normal: Array) -> Array:
+def _curvature(c: Array, normal: Array) -> Array:
     """d2z/dF2 (m, dim, dim, dim, dim)."""
-    dim = F.shape[1]
+    dim = normal.shape[1]
     by_normal = np.eye(dim)[:, None, :, None] * (normal[:, :, None] * normal[:, None])[:, None, :, None]
-    # det F is linear in F for every pair of its entries.
-    by_volume = (F.reshape(len(F), -1) @ _SECOND_3 if dim == 3 else _SECOND_2).reshape(-1, dim, dim, dim, dim)
-    return np.asarray(c[0] * _BY_TRACE[dim] + c[1] * by_normal + c[2] * by_volume)
+    return np.asarray(c[0] * _BY_TRACE[dim] + c[1] * by_normal)
 
 
-_PERMUTATION_2 = np.array([[0.0, 1.0], [-1.0, 0.0]])
-_PERMUTATION_3 = np.zeros((3, 3, 3))
-for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _PERMUTATION_3[_a, _b, _c], _PERMUTATION_3[_a, _c, _b] = 1.0, -1.0
 # d2 (tr C / dim) / 2 dF_ab dF_cd.
 _BY_TRACE = {dim: np.einsum("ac,bd->abcd", np.eye(dim), np.eye(dim)) / dim for dim in (2, 3)}
-# d2 det F / dF_ab dF_cd: in 2D, and in 3D by the entries of F (9, 81).
-_SECOND_2 = np.einsum("ac,bd->abcd", _PERMUTATION_2, _PERMUTATION_2)
-_SECOND_3 = np.einsum("ace,bdf->efabcd", _PERMUTATION_3, _PERMUTATION_3).reshape(9, 81)

@@ -27,7 +27,7 @@ STIFFNESS = 1e10  # N/m^4
 RADIUS = 0.02
 DRAG = {2: 20.0, 3: 0.5}  # N on each node, which displaces points by a millimetre
 # Larger than what is learned on the Jelly.
-LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8, -0.8)), 1.0)
+LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8)), 1.0)
 
 
 def doubled(mechanics):

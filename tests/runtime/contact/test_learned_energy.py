@@ -18,7 +18,7 @@ EXCESSES = np.linspace(-0.9, 5.0, 13)
 
 @pytest.fixture(params=[0.7, -0.18, 0.0], ids=["hardening", "softening", "proportional"])
 def learned(request):
-    return LearnedEnergy.of((0.4, -0.9, -0.4, request.param))
+    return LearnedEnergy.of((0.4, -0.9, request.param))
 
 
 def test_derivatives(learned):
@@ -47,14 +47,14 @@ def test_energy_is_proportional_to_that_of_mechanics(learned):
 @pytest.mark.parametrize("growth", [LEAST, MOST])
 def test_energy_grows_with_the_dent_up_to_the_bounds(growth):
     """W is proportional to the square of the strain of a dent at least, that of the body to its twelfth at most."""
-    learned = LearnedEnergy.of((0.0, 0.0, 0.0, growth))
+    learned = LearnedEnergy.of((0.0, 0.0, growth))
     strain = np.linspace(0.01, 50.0, 500)
     energies = [learned.terms(ENERGY * s**2, np.log(1.0 + s**10)).value for s in strain]
     assert (np.diff(energies) > 0.0).all()
 
 
 def test_nothing_learned_is_mechanics():
-    same = LearnedEnergy.of((0.0, 0.0, 0.0, 0.0))
+    same = LearnedEnergy.of((0.0, 0.0, 0.0))
     assert same == LearnedEnergy.of_mechanics()
     for chi in EXCESSES:
         terms = same.terms(ENERGY, chi)
