@@ -208,4 +208,4 @@ class _Fit:
         change[self.free] = np.linalg.solve((normal + ridge)[np.ix_(self.free, self.free)], right[self.free])
         *coefficients, growth = np.array(learned.values) + change
         after = LearnedEnergy.of((*map(float, coefficients), float(np.clip(growth, LEAST, MOST))))
-        return _Iteration(after, float(right @ change) / max(total, np.finfo(np.float64).tiny))
+        return _Iteration(after, float(right @ change) / max(total, 1e-300))

@@ -242,7 +242,7 @@ class _Hardening:
 
 
 def test_what_other_samples_do_not_bear_out_is_not_kept():
-    """One half of the contacts softens as much as the other hardens: what is learned from one is wrong for the other."""
+    """One half of the contacts softens as the other hardens: what is learned from one is wrong for the other."""
     rng, n = np.random.default_rng(5), 120
     excess, size = rng.uniform(0.2, 1.0, n), rng.uniform(1.0, 3.0, n)
     growth = np.repeat([0.4, -0.4], n // 2) + 0.02 * rng.standard_normal(n)
