@@ -265,6 +265,19 @@ def test_folds_judge_by_what_they_have_not_learned_from():
     assert errors.learned["energy"] > 1.7 * of_all["energy"]
 
 
+def test_an_energy_that_has_not_converged_says_so(monkeypatch):
+    """One iteration from b = 0.3 is not enough for 0.9."""
+    rng, n = np.random.default_rng(5), 60
+    excess, size = rng.uniform(0.2, 3.0, n), rng.uniform(1.0, 3.0, n)
+    contacts = _Hardening(excess, np.full(n, 0.9), size)
+    learned, errors = learn_energy(contacts, np.arange(n), halves(n), ignore)
+    assert errors.converged
+    assert learned.growth == pytest.approx(0.9, abs=0.01)  # the ridge
+    monkeypatch.setattr("softprint.surrogate.force.energy.ITERATIONS", 1)
+    learned, errors = learn_energy(contacts, np.arange(n), halves(n), ignore)
+    assert not errors.converged
+
+
 def test_strong_contacts_count_most():
     """Weak ones, of which there are ten times as many, do not harden at all. What a fit to single relative errors finds
     is nearer to these."""
