@@ -337,7 +337,7 @@ INPUTS = {
         "longest_edges": lambda rng, dim: (rng.normal(size=(M, dim)), rng.integers(0, M, (9, dim))),
     },
     "contact.carriers.compliance_scale": {
-        "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=3)),
+        "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=2)),
     },
     "contact.carriers.rotation_kernels": {
         "stretches": lambda rng, dim: (rotations(rng, dim, M), near_identity(rng, dim), 0.1),
