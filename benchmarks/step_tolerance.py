@@ -26,6 +26,7 @@ from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.run_body import body_of_run
 from softprint.runtime.cli.script import run_script
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment
 from softprint.runtime.experiment.schema.scene import SceneSpec
 from softprint.runtime.scenes.motion_file import load_motion
@@ -48,6 +49,15 @@ class Played(NamedTuple):
     iterations: Array
     converged: BoolArray
     in_contact: BoolArray
+
+
+def made(
+    experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str, stand_in: Path | None
+) -> SceneModel:
+    """A model of the run directory, or of a stand-in's file."""
+    if stand_in is not None:
+        return model_of_file(experiment, body, scene, stand_in)
+    return build_model(experiment, body, scene, out, name)
 
 
 def played(model: SceneModel, n_steps: int) -> Played:
@@ -124,6 +134,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return played(model, scene_steps(experiment, scene))
 
     tight = to(options.tight)
+    if not tight.in_contact.any():
+        raise SoftprintError(f"{options.experiment}: scene {scene.name!r}: nothing is touched in it")
     print(f"{machine()['processor']}, scene {scene.name}, {options.model}")
     print(f"| {' | '.join(HEADS)} |")
     print("| --- " * len(HEADS) + "|")
@@ -133,15 +145,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     full = context.out_dir / "motions" / f"{scene.name}_full.h5"
     if full.is_file():
         print(from_full_space(full, tight))
-
-
-def made(
-    experiment: Experiment, body: ReducedBody, scene: SceneSpec, out: Path, name: str, stand_in: Path | None
-) -> SceneModel:
-    """A model of the run directory, or of a stand-in's file."""
-    if stand_in is not None:
-        return model_of_file(experiment, body, scene, stand_in)
-    return build_model(experiment, body, scene, out, name)
 
 
 if __name__ == "__main__":

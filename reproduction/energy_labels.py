@@ -4,9 +4,10 @@
 
 Needs the truth of a library (`softprint generate`). Learned from displacement only, a correction has the energy of
 linear mechanics; the other rows learn the energy (`surrogate/force/energy.py`) from the generalised contact force on
-the handles, then also from the force on the collider, and from the energy itself. Whether an energy is
-kept is chosen by cross-validation, by the labels of the row. A table in Markdown: errors sqrt(sum |r|^2 / sum |true|^2)
-of the three on shapes never seen, mean over the seeds, which draw other samples, and in brackets highest minus lowest.
+the handles, then also from the force on the collider, and from the energy itself. Whether an
+energy is kept is decided by cross-validation, by the labels of the row. A table in Markdown: errors sqrt(sum |r|^2 /
+sum |true|^2) of the three on shapes never seen, mean over the seeds, which draw other samples, and in brackets highest
+minus lowest.
 """
 
 from __future__ import annotations

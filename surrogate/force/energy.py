@@ -43,8 +43,8 @@ from softprint.surrogate.force.energy_gain import gain_of
 from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled, SampledContacts
 from softprint.surrogate.force.shared_contacts import SharedContacts
 
-# At most so many iterations, from this b: most bodies have 0.2 to 0.4. Converged is what another iteration would
-# change the sum of squares of by less than this share.
+# At most so many iterations, from this b: most bodies have 0.2 to 0.4. They have converged where another one would
+# lower the sum of squares by less than this share.
 ITERATIONS = 8
 _START = 0.3
 _CONVERGED = 1e-3
@@ -185,11 +185,12 @@ class _Fit:
         for left in reversed(range(ITERATIONS)):
             found = contacts.at(samples, learned, progress)
             after = self.iteration(found, learned)
-            if after.gain < _CONVERGED or not left:
-                progress(left * len(samples))
-                return learned, found, after.gain < _CONVERGED
+            converged = after.gain < _CONVERGED
+            if converged or not left:
+                break
             learned = after.energy
-        raise AssertionError("the last iteration returns")
+        progress(left * len(samples))
+        return learned, found, converged
 
     def iteration(self, sampled: Sampled, learned: LearnedEnergy) -> _Iteration:
         """From an energy and samples under it."""
