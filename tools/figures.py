@@ -365,15 +365,6 @@ FIGURES: Mapping[str, Figure] = {
         (FORCES,),
         ("jelly_library_small",),
     ),
-    "step_tolerance": Figure(
-        (
-            f"python -m benchmarks.step_tolerance {_SMALL} pointy",
-            "python -m benchmarks.step_tolerance examples/finger_small.toml read",
-            "python -m benchmarks.step_tolerance examples/ball_small.toml bars",
-        ),
-        (RESULTS,),
-        ("jelly_library_small", "ball_small", "finger_small"),
-    ),
     "handle_forces": Figure(
         (f"python -m benchmarks.handle_forces {_SMALL}",), (FORCES,), ("jelly_library_small",)
     ),
@@ -541,6 +532,15 @@ FIGURES: Mapping[str, Figure] = {
         (BODIES,),
     ),
     "finger_small": _whole("finger_small", "read", BODIES),
+    "step_tolerance": Figure(
+        (
+            f"python -m benchmarks.step_tolerance {_SMALL} pointy",
+            "python -m benchmarks.step_tolerance examples/finger_small.toml read",
+            "python -m benchmarks.step_tolerance examples/ball_small.toml bars",
+        ),
+        (RESULTS,),
+        ("jelly_library_small", "ball_small", "finger_small"),
+    ),
     "thesis5_whole": Figure(
         (
             f"softprint generate {_WHOLE}",
