@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.bodies_speed import correction_file
+from benchmarks.motions_alone import rms
 from softprint.runtime.arrays import Array, BoolArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.cli.context import Context
@@ -73,11 +74,6 @@ def played(model: SceneModel, n_steps: int) -> Played:
         position = np.asarray(model.positions(state), dtype=np.float32)
         rows.append((position, forces, seconds, result.iterations, result.converged, result.in_contact))
     return Played(*(np.array(column) for column in zip(*rows, strict=True)))
-
-
-def rms(vectors: Array) -> float:
-    """sqrt(mean |v|^2) of vectors (..., dim)."""
-    return float(np.sqrt(np.square(vectors).sum(axis=-1).mean()))
 
 
 def line(name: str, own: Played, tight: Played) -> str:
