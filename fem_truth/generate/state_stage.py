@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softprint.fem_truth.generate.farm import Groups, on_first_rank, share_units
+from softprint.fem_truth.generate.farm import Groups, on_first_rank, share_units, wait_idly
 from softprint.fem_truth.generate.shards import Column, Tables, is_whole, read_shard, write_shard
 from softprint.fem_truth.sampling.forced_states import forced_states
 from softprint.fem_truth.sampling.recorded_states import (
@@ -50,7 +50,8 @@ def find_states(
     """Columns of the tables `states` (as many rows as the experiment asks for) and `refused`. Collective.
     progress(total, unit, desc): makes progress bars.
 
-    Recording and candidates are kept as shards in ``folder``: a resumed run reads them.
+    Recording and candidates are kept as shards in ``folder``: a resumed run reads them. When this returns, all ranks
+    have read them.
     """
     wanted = experiment.sampling.states
     on_first_rank(
@@ -78,6 +79,7 @@ def find_states(
         for candidate in batch:
             tables = read_shard(_candidate_path(folder, candidate))
             (accepted if "states" in tables else refused).append(next(iter(tables.values())))
+    wait_idly(groups.world)  # so that rank 0 cannot remove a shard that another rank has yet to read
     return _stacked(accepted), _stacked(refused) if refused else _no_refused(problem.body)
 
 

@@ -444,3 +444,39 @@ def test_without_colliders_the_truth_is_of_states_alone(experiment, record, tmp_
     again = generate(path, "--out", out)
     assert again.returncode == 0, again.stderr
     assert content(out) == before
+
+
+# `softprint generate`, in which rank 1 is slow to read each shard.
+SLOW_READER = """
+import sys, time
+import h5py
+from mpi4py import MPI
+from softprint.fem_truth.generate import state_stage
+from softprint.runtime.cli.main import main
+
+read_shard = state_stage.read_shard
+
+def read_slowly(path):
+    time.sleep(0.1 * MPI.COMM_WORLD.rank)
+    return read_shard(path)
+
+state_stage.read_shard = read_slowly
+sys.exit(main(["generate", *sys.argv[1:]]))
+"""
+
+
+def test_shards_are_kept_until_every_rank_has_read_them(experiment, tmp_path):
+    """Without colliders nothing but reading the states comes before the truth file is written and shards removed."""
+    path = experiment.parent / "states_slow.toml"
+    path.write_text(WITHOUT_COLLIDERS.replace("RECORD", "forces"))
+    launcher = ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-c", SLOW_READER]
+    finished = subprocess.run(
+        [*launcher, path, "--out", tmp_path / "states"],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert finished.returncode == 0, finished.stderr
+    assert "5 states without contact" in finished.stdout
